@@ -1,0 +1,1 @@
+"""Microphones to direction of arrival."""

@@ -1,0 +1,1 @@
+"""What the nodes of the rig share: lifecycle, diagnostics, parameters, angles and frames."""

@@ -1,0 +1,35 @@
+from pathlib import Path
+
+from generate_parameter_library_py.generate_python_module import run as generate_parameters
+from setuptools import find_packages, setup
+
+package_name = 'av_fusion'
+
+for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
+    generate_parameters(str(description.with_suffix('.py')), str(description), '')
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+        *((f'share/{package_name}/{folder}', [str(file) for file in folder.iterdir() if file.is_file()])
+          for folder in [Path('launch'), Path('config'), *Path('config').rglob('*/')]),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    maintainer='The av_rig maintainers',
+    maintainer_email='maintainers@example.com',
+    description='Bearings of sight and sound to one track and a pointing command; launch files, configuration and evaluation.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'fusion_node = av_fusion.nodes.fusion_node:main',
+            'pointing_node = av_fusion.nodes.pointing_node:main',
+            'monitor_node = av_fusion.nodes.monitor_node:main',
+            'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
+        ],
+    },
+)

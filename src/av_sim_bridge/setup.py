@@ -1,0 +1,30 @@
+from pathlib import Path
+
+from generate_parameter_library_py.generate_python_module import run as generate_parameters
+from setuptools import find_packages, setup
+
+package_name = 'av_sim_bridge'
+
+for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
+    generate_parameters(str(description.with_suffix('.py')), str(description), '')
+
+setup(
+    name=package_name,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
+        (f'share/{package_name}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=True,
+    maintainer='The av_rig maintainers',
+    maintainer_email='maintainers@example.com',
+    description='Physics simulator and bridge from simulators on UDP to the topics of the rig.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'bridge_node = av_sim_bridge.nodes.bridge_node:main',
+        ],
+    },
+)
