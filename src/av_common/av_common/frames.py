@@ -1,0 +1,50 @@
+"""Turns between the frames of aerospace (NED, FRD) and of ROS (ENU, FLU; REP-103), and the camera's optical frame.
+
+Quaternions are (w, x, y, z) unless a name says otherwise, as in transforms3d; messages of ROS hold (x, y, z, w).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from transforms3d.euler import euler2mat
+from transforms3d.quaternions import mat2quat, quat2mat
+
+from av_common.angles import wrap
+
+# Rows are the axes of the target frame in the source frame. Both are their own inverse.
+NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FRD_TO_FLU = np.diag([1.0, -1.0, -1.0])
+# Camera body (x forward, y left, z up) to optical (x right, y down, z forward), REP-103.
+FLU_TO_OPTICAL = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+
+def ned_to_enu(vector: ArrayLike) -> NDArray:
+    """World vectors (..., 3) from north-east-down to east-north-up, or back."""
+    return np.asarray(vector, float) @ NED_TO_ENU.T
+
+
+def frd_to_flu(vector: ArrayLike) -> NDArray:
+    """Body vectors (..., 3) from forward-right-down to forward-left-up, or back."""
+    return np.asarray(vector, float) @ FRD_TO_FLU.T
+
+
+def attitude_ned_to_enu(quaternion: ArrayLike) -> NDArray:
+    """Attitude (w, x, y, z) of an FRD body in NED to that of the same body as FLU in ENU, or back."""
+    return mat2quat(NED_TO_ENU @ quat2mat(np.asarray(quaternion, float)) @ FRD_TO_FLU)
+
+
+def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
+    """Heading (clockwise from north) to yaw (counter-clockwise from east), or back."""
+    return wrap(np.pi / 2.0 - np.asarray(yaw_rad, float))
+
+
+def yaw_of(quaternion: ArrayLike) -> float:
+    """Yaw in rad of an attitude (w, x, y, z): the direction of the body's x axis seen from above."""
+    forward = quat2mat(np.asarray(quaternion, float))[:, 0]
+    return float(np.arctan2(forward[1], forward[0]))
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray:
+    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw in rad (REP-103), from the turned frame to its parent."""
+    return euler2mat(roll, pitch, yaw, 'sxyz')

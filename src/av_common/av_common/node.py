@@ -1,0 +1,178 @@
+"""The base of every node of the rig: lifecycle, start by itself, diagnostics, and a clean end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper, Updater
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+RETRY_S = 2.0
+# What a node may meet while it starts and can hope to be rid of later: wrong values, missing files, absent devices.
+EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
+
+
+class RigNode(LifecycleNode):
+    """A lifecycle node that starts by itself and says in /diagnostics how it is.
+
+    A subclass overrides `configure` (build the algorithm, open publishers), `activate` (open the source, subscribe),
+    `deactivate` and `cleanup` (the reverse), and `diagnose`. When `configure` or `activate` raises one of
+    EXPECTED_ERRORS the node stays alive, reports the message and, with `autostart`, tries again every two seconds.
+    Subscriptions and timers made through `while_active` live from activation to deactivation.
+    """
+
+    def __init__(self, name: str, parameters: ModuleType | None = None, **kwargs: Any) -> None:
+        """Declare the parameters that `parameters` (a module generated from YAML) describes and set up the lifecycle."""
+        super().__init__(name, **kwargs)
+        self._problem = ''
+        self._active = False
+        self._entities: list[tuple[Callable[[Any], Any], Any]] = []
+        self._parameters = parameters.ParamListener(self) if parameters else None
+        autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
+            description='Configure and activate without a lifecycle manager, and try again when that fails.',
+            read_only=True)).value
+        self.declare_parameter('diagnostic_updater.use_fqn', True)
+        self._updater = Updater(self)
+        self._updater.setHardwareID('none')
+        self._updater.add('status', self._diagnose)
+        if autostart:
+            self._autostart_timer = self.create_timer(0.0, self._autostart, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def settings(self) -> Any:
+        """The parameters as they are now, as the generated typed struct."""
+        return self._parameters.get_params()
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the node is in the active state."""
+        return self._active
+
+    def configure(self) -> None:
+        """Build what the parameters describe."""
+
+    def activate(self) -> None:
+        """Begin to work."""
+
+    def deactivate(self) -> None:
+        """Stop working; `activate` may follow."""
+
+    def cleanup(self) -> None:
+        """Drop what `configure` built; `configure` may follow."""
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Add what is worth knowing while active; `status.mergeSummary` what is wrong."""
+
+    def while_active(self, create: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """Call `create` (`self.create_subscription`, `self.create_timer`, ...) and undo it on deactivation."""
+        entity = create(*args, **kwargs)
+        destroy = {self.create_subscription: self.destroy_subscription, self.create_timer: self.destroy_timer,
+                   self.create_service: self.destroy_service, self.create_publisher: self.destroy_publisher}[create]
+        self._entities.append((destroy, entity))
+        return entity
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        return self._attempt(self.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        result = self._attempt(self.activate)
+        self._active = result == TransitionCallbackReturn.SUCCESS
+        if not self._active:
+            self._release()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        self._active = False
+        self._release()
+        return self._attempt(self.deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        return self._attempt(self.cleanup)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        self.close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def close(self) -> None:
+        """Stop working before the process ends, whatever the state."""
+        if self._active:
+            self._active = False
+            self._release()
+            self._attempt(self.deactivate)
+
+    def _release(self) -> None:
+        while self._entities:
+            destroy, entity = self._entities.pop()
+            destroy(entity)
+
+    def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            step()
+        except EXPECTED_ERRORS as error:
+            problem = f'{step.__name__} failed: {error}'
+            if problem != self._problem:
+                self.get_logger().error(problem)
+            self._problem = problem
+            return TransitionCallbackReturn.FAILURE
+        self._problem = ''
+        return TransitionCallbackReturn.SUCCESS
+
+    def _autostart(self) -> None:
+        self._autostart_timer.cancel()
+        self.destroy_timer(self._autostart_timer)
+        if (self.trigger_configure() == TransitionCallbackReturn.SUCCESS
+                and self.trigger_activate() != TransitionCallbackReturn.SUCCESS):
+            self.trigger_cleanup_keeping_problem()
+        if not self._active:
+            self._autostart_timer = self.create_timer(RETRY_S, self._autostart,
+                                                      clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def trigger_cleanup_keeping_problem(self) -> None:
+        """Return to unconfigured after a failed activation, so that the next attempt reads the parameters anew."""
+        problem = self._problem
+        self.trigger_cleanup()
+        self._problem = problem
+
+    def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
+        if self._problem:
+            status.summary(DiagnosticStatus.ERROR, self._problem)
+        elif not self._active:
+            status.summary(DiagnosticStatus.WARN, 'not active')
+        else:
+            status.summary(DiagnosticStatus.OK, 'active')
+            self.diagnose(status)
+        return status
+
+
+def run(node_class: Callable[[], RigNode]) -> None:
+    """Run a node until it is interrupted: the body of each node's `main`. Exits with 1 on parameters out of bounds."""
+    rclpy.init()
+    try:
+        node = node_class()
+    except (InvalidParameterValueException, InvalidParameterTypeException) as error:
+        rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
+        rclpy.try_shutdown()
+        sys.exit(1)
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,44 @@
+"""How often something happens, and how long ago it last did."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+
+
+class RateMeter:
+    """Counts events; tells their rate over the last few seconds and the age of the newest.
+
+    Ages are by arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look fresh.
+    """
+
+    def __init__(self, window_s: float = 5.0, now: Callable[[], float] = time.monotonic) -> None:
+        self.count = 0
+        self._window_s = window_s
+        self._now = now
+        self._arrivals: deque[float] = deque()
+
+    def tick(self) -> None:
+        """An event happened now."""
+        self.count += 1
+        self._arrivals.append(self._now())
+        self._forget()
+
+    @property
+    def rate(self) -> float:
+        """Events per second over the window, 0 before the second event."""
+        self._forget()
+        if len(self._arrivals) < 2:
+            return 0.0
+        return (len(self._arrivals) - 1) / max(self._arrivals[-1] - self._arrivals[0], 1e-9)
+
+    @property
+    def age(self) -> float:
+        """Seconds since the newest event, inf before the first."""
+        return self._now() - self._arrivals[-1] if self._arrivals else math.inf
+
+    def _forget(self) -> None:
+        while len(self._arrivals) > 1 and self._arrivals[0] < self._arrivals[-1] - self._window_s:
+            self._arrivals.popleft()
