@@ -1,0 +1,189 @@
+"""Where the microphones are, and which directions they can tell apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike, NDArray
+
+# Microphones that deviate from a line or plane by less than this count as lying on it.
+FLATNESS_M = 1e-3
+MINIMUM_SPACING_M = 1e-3
+
+
+@dataclass(frozen=True)
+class DelayCurve:
+    """What a body between two microphones does to their delay.
+
+    `cosine` (k,) are cosines of the angle to the array's axis, `measured` (k,) what the delay makes of them (c tau / d
+    of the straight line is the cosine itself). Both rise strictly. Raises ValueError otherwise.
+    """
+
+    cosine: NDArray
+    measured: NDArray
+
+    def __post_init__(self) -> None:
+        cosine, measured = (np.asarray(values, dtype=float) for values in (self.cosine, self.measured))
+        if cosine.shape != measured.shape or cosine.ndim != 1 or cosine.size < 2:
+            raise ValueError(f'delay_curve: cosine and measured must be lists of one length of at least 2, '
+                             f'not {cosine.shape} and {measured.shape}')
+        if not (np.all(np.diff(cosine) > 0.0) and np.all(np.diff(measured) > 0.0)):
+            raise ValueError('delay_curve: cosine and measured must rise strictly and hold no NaN')
+        object.__setattr__(self, 'cosine', cosine)
+        object.__setattr__(self, 'measured', measured)
+
+    def true_cosine(self, measured: ArrayLike) -> NDArray:
+        """Cosines that belong to measured ones, extended by the curve's end slopes."""
+        return _interpolate(np.asarray(measured, dtype=float), self.measured, self.cosine)
+
+    def measured_cosine(self, cosine: ArrayLike) -> NDArray:
+        """What will be measured for true cosines: the inverse of `true_cosine`."""
+        return _interpolate(np.asarray(cosine, dtype=float), self.cosine, self.measured)
+
+
+@dataclass(frozen=True)
+class MicrophoneArray:
+    """Positions of m microphones (m, 3) in metres, x forward, y left, z up, in the order of the channels.
+
+    Far away sources at the unit vector u reach a pair (i, j) with the delay (arrival at j minus arrival at i)
+    tau = (r_i - r_j) . u / c. Only the part of u inside the array's span shows in delays: `basis` (3, rank) spans it,
+    and q = basis^T u is what an estimator can find. Raises ValueError when the geometry is unusable.
+    """
+
+    positions: NDArray
+    name: str = 'array'
+    delay_curve: DelayCurve | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        positions = np.asarray(self.positions, dtype=float)
+        if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 2:
+            raise ValueError(f'microphones: expected at least two positions [x, y, z] in metres, got shape {positions.shape}')
+        if not np.all(np.isfinite(positions)):
+            raise ValueError('microphones: positions must be finite numbers in metres')
+        if np.max(np.abs(positions)) > 100.0:
+            raise ValueError(f'microphones: {np.max(np.abs(positions)):g} m from the origin; positions are metres, not millimetres')
+        object.__setattr__(self, 'positions', positions)
+        for i, j in combinations(range(len(positions)), 2):
+            if np.linalg.norm(positions[i] - positions[j]) < MINIMUM_SPACING_M:
+                raise ValueError(f'microphones: {i} and {j} are at the same place {positions[i].tolist()}')
+        if self.rank == 1 and np.linalg.norm(self.basis[:2, 0]) < 0.1:
+            raise ValueError('microphones: a vertical line cannot tell azimuth; turn it or add a microphone')
+        if self.delay_curve is not None and len(positions) != 2:
+            raise ValueError(f'delay_curve: belongs to two microphones, not to {len(positions)}')
+
+    @classmethod
+    def load(cls, path: str | Path) -> MicrophoneArray:
+        """Read an array file. Raises OSError or ValueError that name the file and what is wrong with it."""
+        text = Path(path).expanduser().read_text(encoding='utf-8')
+        try:
+            content = yaml.safe_load(text)
+            if not isinstance(content, dict) or 'microphones' not in content:
+                raise ValueError('expected a list "microphones: [[x, y, z], ...]" in metres')
+            unknown = set(content) - {'name', 'microphones', 'delay_curve'}
+            if unknown:
+                raise ValueError(f'unknown keys {sorted(unknown)}; known are name, microphones, delay_curve')
+            curve = content.get('delay_curve')
+            if curve is not None:
+                if not isinstance(curve, dict) or set(curve) != {'cosine', 'measured'}:
+                    raise ValueError('delay_curve: expected the lists cosine and measured')
+                curve = DelayCurve(curve['cosine'], curve['measured'])
+            return cls(content['microphones'], str(content.get('name', Path(path).stem)), curve)
+        except (yaml.YAMLError, TypeError, ValueError) as error:
+            raise ValueError(f'array file {path}: {error}') from error
+
+    def save(self, path: str | Path, comment: str = '') -> None:
+        """Write an array file that `load` reads."""
+        content = {'name': self.name, 'microphones': np.round(self.positions, 6).tolist()}
+        if self.delay_curve is not None:
+            content['delay_curve'] = {'cosine': np.round(self.delay_curve.cosine, 6).tolist(),
+                                      'measured': np.round(self.delay_curve.measured, 6).tolist()}
+        lines = ''.join(f'# {line}\n' for line in comment.splitlines())
+        Path(path).expanduser().write_text(lines + yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
+                                           encoding='utf-8')
+
+    @property
+    def channels(self) -> int:
+        """Number of microphones."""
+        return len(self.positions)
+
+    @cached_property
+    def pairs(self) -> NDArray:
+        """Every pair of microphones (p, 2), first index smaller."""
+        return np.array(list(combinations(range(self.channels), 2)))
+
+    @cached_property
+    def baselines(self) -> NDArray:
+        """r_i - r_j of every pair (p, 3), in metres."""
+        return self.positions[self.pairs[:, 0]] - self.positions[self.pairs[:, 1]]
+
+    @cached_property
+    def aperture(self) -> float:
+        """Largest distance between two microphones in metres."""
+        return float(np.max(np.linalg.norm(self.baselines, axis=1)))
+
+    @cached_property
+    def basis(self) -> NDArray:
+        """Orthonormal axes (3, rank) of the line, plane or space that the microphones span.
+
+        The line points from the last to the first microphone, so that q rises with the delay; a horizontal plane gets
+        x and y.
+        """
+        if self.channels == 2:
+            return (self.baselines[0] / np.linalg.norm(self.baselines[0]))[:, None]
+        _, _, axes = np.linalg.svd(self.positions - self.positions.mean(axis=0))
+        spread = np.ptp(self.positions @ axes.T, axis=0)
+        rank = int(np.sum(spread > FLATNESS_M))
+        if rank == 1:
+            axis = axes[0] * np.sign(axes[0] @ (self.positions[0] - self.positions[-1]))
+            return axis[:, None]
+        if rank == 2 and abs(axes[2, 2]) > 1.0 - 1e-9:
+            return np.eye(3)[:, :2]
+        return np.eye(3) if rank == 3 else axes[:2].T
+
+    @property
+    def rank(self) -> int:
+        """1 for a line, 2 for a plane, 3 for a space of microphones."""
+        return self.basis.shape[1]
+
+    def delays(self, directions: ArrayLike, speed_of_sound: float) -> NDArray:
+        """Delays (n, p) in s of every pair for unit vectors (n, 3) towards far sources, the delay curve included."""
+        projections = np.atleast_2d(np.asarray(directions, dtype=float)) @ self.baselines.T
+        if self.delay_curve is not None:
+            projections = self.aperture * self.delay_curve.measured_cosine(projections / self.aperture)
+        return projections / speed_of_sound
+
+    def hypotheses(self, q: ArrayLike) -> NDArray:
+        """Unit vectors (k, 3) whose projection on the basis is q (rank,): the mirror images of one sound.
+
+        A line yields the two horizontal directions on its cone (one where they coincide at end-fire), a plane the
+        directions on both of its sides, a space of microphones just one. q outside of the unit ball is moved onto it.
+        """
+        q = np.atleast_1d(np.asarray(q, dtype=float))
+        q = q / max(1.0, float(np.linalg.norm(q)))
+        if self.rank == 1:
+            axis = self.basis[:, 0]
+            level = np.hypot(axis[0], axis[1])
+            turn = np.arctan2(axis[1], axis[0])
+            spread = np.arccos(np.clip(q[0] / level, -1.0, 1.0))
+            azimuth = turn + np.array([-spread, spread])
+            # the forward hypothesis first
+            azimuth = azimuth[np.argsort(-np.cos(azimuth), kind='stable')]
+            return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(2)], axis=1)
+        inside = self.basis @ q
+        if self.rank == 3:
+            return (inside / max(float(np.linalg.norm(inside)), 1e-12))[None]
+        normal = np.cross(self.basis[:, 0], self.basis[:, 1])
+        normal = normal * (1.0 if normal[2] >= 0.0 else -1.0)
+        height = np.sqrt(max(0.0, 1.0 - float(q @ q)))
+        return np.stack([inside + height * normal, inside - height * normal])
+
+
+def _interpolate(x: NDArray, xp: NDArray, fp: NDArray) -> NDArray:
+    """Piecewise linear interpolation, extended beyond both ends by the end slopes."""
+    k = np.clip(np.searchsorted(xp, x) - 1, 0, len(xp) - 2)
+    return fp[k] + (x - xp[k]) * (fp[k + 1] - fp[k]) / (xp[k + 1] - xp[k])
