@@ -1,0 +1,67 @@
+"""From boxes in the image to bearings with variances in the frame of the camera's body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from av_common.angles import direction_to_angles
+from av_common.frames import FLU_TO_OPTICAL
+from numpy.typing import ArrayLike, NDArray
+
+from av_vision.camera import PinholeCamera
+
+
+@dataclass(frozen=True)
+class BearingModel:
+    """How far a box's centre may lie from the target's, as standard deviations.
+
+    box_fraction: of the box's side, for detectors place the centre less surely the larger the object; pixel_sigma: of a
+    vanishing box, in pixels; calibration_sigma_rad: of the camera's intrinsics and mounting. A detection of low score is
+    placed worse: its variance in pixels grows by 1/score.
+    """
+
+    box_fraction: float = 0.08
+    pixel_sigma: float = 1.0
+    calibration_sigma_rad: float = 0.003
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f'{name} is {value}, expected a standard deviation of 0 or more')
+
+    def pixel_variance(self, sizes: ArrayLike, scores: ArrayLike) -> NDArray[np.float64]:
+        """Variances (n, 2) in square pixels of the centres of boxes of sizes (n, 2) and scores (n,)."""
+        sizes = np.asarray(sizes, float).reshape(-1, 2)
+        scores = np.clip(np.asarray(scores, float).reshape(-1, 1), 0.05, 1.0)
+        return (self.pixel_sigma**2 + (self.box_fraction * sizes) ** 2) / scores
+
+
+@dataclass(frozen=True)
+class Bearings:
+    """Azimuth and elevation in rad in the camera's body frame (x forward, y left, z up), variances in rad squared, each (n,)."""
+
+    azimuth: NDArray[np.float64]
+    elevation: NDArray[np.float64]
+    azimuth_variance: NDArray[np.float64]
+    elevation_variance: NDArray[np.float64]
+
+
+def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
+                      model: BearingModel = BearingModel()) -> Bearings:
+    """Bearings of boxes with centres and sizes (n, 2) in pixels and scores (n,).
+
+    First-order error propagation: the variance in pixels goes through the numeric Jacobian of the camera model (so distortion
+    and the stretch of the pinhole towards the edges are in it), and the calibration's variance is added.
+    """
+    centres = np.asarray(centres, float).reshape(-1, 2)
+    steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+    rays = camera.rays((centres[None] + steps[:, None]).reshape(-1, 2)).reshape(5, -1, 3)
+    azimuth, elevation = direction_to_angles(rays @ FLU_TO_OPTICAL)
+    across = np.stack([azimuth[1] - azimuth[2], azimuth[3] - azimuth[4]], -1)
+    across = (across + np.pi) % (2.0 * np.pi) - np.pi
+    along = np.stack([elevation[1] - elevation[2], elevation[3] - elevation[4]], -1)
+    variance = model.pixel_variance(sizes, scores)
+    calibration = model.calibration_sigma_rad**2
+    return Bearings(azimuth[0], elevation[0],
+                    np.sum(across**2 * variance, -1) + calibration, np.sum(along**2 * variance, -1) + calibration)

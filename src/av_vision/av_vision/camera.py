@@ -1,0 +1,100 @@
+"""Pinhole camera with the lens distortion of ROS (plumb_bob, rational_polynomial)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+UNDISTORTION = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """Image size in pixels, focal lengths and principal point in pixels, distortion k1 k2 p1 p2 [k3 [k4 k5 k6 …]].
+
+    Points are in the optical frame (REP-103: x right, y down, z forward); pixel (0, 0) is the centre of the top-left pixel.
+    Raises ValueError naming the parameter that no camera can have.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ('width', 'height', 'fx', 'fy'):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f'{name} is {value}, expected a positive number of pixels')
+        for name in ('cx', 'cy'):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f'{name} is {getattr(self, name)}, expected a position in pixels')
+        object.__setattr__(self, 'distortion', tuple(float(k) for k in self.distortion))
+        if len(self.distortion) not in DISTORTION_LENGTHS or not np.all(np.isfinite(self.distortion)):
+            raise ValueError(f'distortion is {self.distortion}, expected one of {DISTORTION_LENGTHS} finite coefficients')
+
+    @classmethod
+    def from_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> PinholeCamera:
+        """An ideal camera of square pixels that looks along the image's centre."""
+        if not 0.0 < horizontal_fov_rad < math.pi:
+            raise ValueError(f'horizontal_fov_rad is {horizontal_fov_rad}, expected an angle between 0 and pi')
+        focal = 0.5 * width / math.tan(0.5 * horizontal_fov_rad)
+        return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @classmethod
+    def from_camera_info(cls, info: object) -> PinholeCamera:
+        """The camera of a `sensor_msgs/CameraInfo` or anything with its `width`, `height`, `k` (9) and `d`.
+
+        Raises ValueError for an uncalibrated one (k[0] is 0, as the message defines) and for other lens models.
+        """
+        k = np.asarray(info.k, float).reshape(-1)
+        model = getattr(info, 'distortion_model', '') or 'plumb_bob'
+        if k.size != 9 or k[0] == 0.0:
+            raise ValueError(f'k of the camera info is {k.tolist()}: the camera is not calibrated')
+        if model not in ('plumb_bob', 'rational_polynomial'):
+            raise ValueError(f'distortion_model is {model!r}, expected plumb_bob or rational_polynomial')
+        distortion = np.asarray(info.d, float)
+        return cls(int(info.width), int(info.height), k[0], k[4], k[2], k[5], tuple(distortion if distortion.any() else ()))
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """Intrinsic matrix K (3, 3)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def horizontal_fov_rad(self) -> float:
+        """Angle between the left and the right edge of the image, distortion ignored."""
+        return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
+
+    def scaled(self, width: int, height: int) -> PinholeCamera:
+        """The same lens seen through an image resized to width x height."""
+        sx, sy = width / self.width, height / self.height
+        return PinholeCamera(width, height, self.fx * sx, self.fy * sy,
+                             (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.distortion)
+
+    def project(self, points_optical: ArrayLike) -> NDArray[np.float64]:
+        """Pixels (n, 2) of points (n, 3) in metres; nan for points at or behind the lens."""
+        points = np.asarray(points_optical, float).reshape(-1, 3)
+        pixels = np.full((len(points), 2), np.nan)
+        ahead = points[:, 2] > 0.0
+        if ahead.any():
+            zero = np.zeros(3)
+            pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, np.array(self.distortion))[0][:, 0]
+        return pixels
+
+    def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Unit vectors (n, 3) in the optical frame towards pixels (n, 2), with the distortion taken out."""
+        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
+        if not len(pixels):
+            return np.empty((0, 3))
+        plane = cv2.undistortPointsIter(pixels, self.matrix, np.array(self.distortion), None, None, UNDISTORTION)[:, 0]
+        rays = np.column_stack([plane, np.ones(len(plane))])
+        return rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -1,0 +1,45 @@
+"""What a detector saw in one picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Detections:
+    """Boxes (n, 4) as x1, y1, x2, y2 in pixels of the picture, scores (n,) in 0-1 in falling order, n class names."""
+
+    boxes: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 4), np.float32))
+    scores: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    class_names: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @property
+    def centres(self) -> NDArray[np.float32]:
+        """Centres (n, 2) in pixels."""
+        return 0.5 * (self.boxes[:, :2] + self.boxes[:, 2:])
+
+    @property
+    def sizes(self) -> NDArray[np.float32]:
+        """Widths and heights (n, 2) in pixels."""
+        return self.boxes[:, 2:] - self.boxes[:, :2]
+
+
+def suppress(boxes: NDArray, scores: NDArray, classes: NDArray, iou: float, limit: int) -> NDArray[np.intp]:
+    """Indices of the boxes that survive non-maximum suppression within each class, by falling score, at most `limit`.
+
+    Boxes are (n, 4) x1, y1, x2, y2. Classes are kept apart by moving each onto its own place in the plane.
+    """
+    if not len(boxes):
+        return np.empty(0, np.intp)
+    corners = boxes - boxes.min(axis=0)[[0, 1, 0, 1]]
+    corners = corners + (classes * (corners.max() + 1.0))[:, None]
+    xywh = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1).astype(np.float64)
+    kept = cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou, top_k=limit)
+    return np.asarray(kept, np.intp).reshape(-1)

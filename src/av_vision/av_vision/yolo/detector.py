@@ -1,0 +1,91 @@
+"""A picture in, detections out: the one way in which every node and program of this package looks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_vision.image import to_bgr8
+from av_vision.yolo.detections import Detections, suppress
+from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
+from av_vision.yolo.model import Model, ModelError
+
+
+@dataclass(frozen=True)
+class DetectorSettings:
+    """Options of a detector.
+
+    score_threshold 0 takes the model's own (metadata `score_threshold`) or 0.25. Classes named in `rename` are reported
+    under another name; of the names after that, only those in `keep` are reported (all when empty). `slices` cuts the
+    picture into overlapping tiles of `slice_size` pixels that are looked at besides the whole, for small far targets.
+    """
+
+    score_threshold: float = 0.0
+    nms_iou: float = 0.5
+    max_detections: int = 50
+    keep: tuple[str, ...] = ()
+    rename: dict[str, str] = field(default_factory=dict)
+    layout: str = 'auto'
+    class_names: tuple[str, ...] = ()
+    input_size: int = 0
+    providers: tuple[str, ...] = ('CPUExecutionProvider',)
+    threads: int = 0
+    slice_size: int = 0
+    slice_overlap: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, low, high in (('score_threshold', 0.0, 1.0), ('nms_iou', 0.0, 1.0), ('slice_overlap', 0.0, 0.9)):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
+        for name in ('max_detections', 'slice_size'):
+            if getattr(self, name) < (1 if name == 'max_detections' else 0):
+                raise ValueError(f'{name} is {getattr(self, name)}, expected a positive number')
+
+
+class Detector:
+    """A YOLO model with its settings. Raises ModelError when the model cannot be used."""
+
+    def __init__(self, model_path: str | Path, settings: DetectorSettings = DetectorSettings()) -> None:
+        self.settings = settings
+        self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
+                           settings.input_size)
+        self.threshold = settings.score_threshold or float(self.model.metadata.get('score_threshold', 0.25))
+        names = [settings.rename.get(name, name) for name in self.model.class_names]
+        if settings.keep and not set(settings.keep) & set(names):
+            raise ModelError(f'keep is {list(settings.keep)}, but {model_path} knows only {sorted(set(names))}')
+        # Classes that share a name share a number, so that one object seen as a bird and as a kite is one drone.
+        self._names = list(dict.fromkeys(names))
+        self._number = np.array([self._names.index(name) for name in names], np.intp)
+        self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
+
+    def detect(self, image: NDArray) -> Detections:
+        """Detections in a picture: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for what is no picture."""
+        image = to_bgr8(image)
+        boxes, scores, classes = self._look(image)
+        if not len(scores):
+            return Detections()
+        if self.model.layout.needs_nms:
+            chosen = suppress(boxes, scores, classes, self.settings.nms_iou, self.settings.max_detections)
+        else:
+            chosen = np.argsort(-scores)[:self.settings.max_detections]
+        limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
+        return Detections(np.clip(boxes[chosen], 0.0, limit).astype(np.float32), scores[chosen].astype(np.float32),
+                          tuple(self._names[i] for i in classes[chosen]))
+
+    def _look(self, image: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
+        """Boxes in pixels of the picture, scores and numbers of names, before suppression."""
+        model, layout = self.model, self.model.layout
+        size = fitting_size(*image.shape[:2], model.longest) if model.dynamic_size else model.size
+        fitted, scale = letterbox(image, *size)
+        output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
+        boxes, scores, classes = layout.decode(output, size, self.threshold)
+        return self._named(boxes / scale, scores, classes)
+
+    def _named(self, boxes: NDArray, scores: NDArray, classes: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        inside = classes < len(self._number)
+        boxes, scores, numbers = boxes[inside], scores[inside], self._number[classes[inside]]
+        good = self._kept[numbers] & np.isfinite(boxes).all(axis=1)
+        return boxes[good], scores[good], numbers[good]

@@ -1,0 +1,130 @@
+"""The layouts of YOLO exports: how each is recognised and turned into boxes.
+
+Sources: YOLOX (Ge et al. 2021, arXiv:2107.08430) and the documented outputs of the YOLOv5, v8 and v10 exports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Candidates = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.intp]]
+
+
+class LayoutError(ValueError):
+    """An output that no known YOLO export has."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How an export wants its input and what its output (rows or columns of one picture) means."""
+
+    name: str
+    rgb: bool
+    scale: float
+    class_count: Callable[[tuple[int, int]], int]
+    decode: Callable[[NDArray, tuple[int, int], float], Candidates]
+    needs_nms: bool = True
+
+
+@lru_cache(maxsize=16)
+def grid(size: tuple[int, int], strides: tuple[int, ...] = (8, 16, 32)) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Cell corners (n, 2) in cells and strides (n, 1) of all cells of an input (height, width), row by row, fine to coarse."""
+    cells, steps = [], []
+    for stride in strides:
+        y, x = np.mgrid[:size[0] // stride, :size[1] // stride]
+        cells.append(np.stack([x, y], -1).reshape(-1, 2))
+        steps.append(np.full((y.size, 1), stride))
+    return np.concatenate(cells).astype(np.float32), np.concatenate(steps).astype(np.float32)
+
+
+def cell_counts(size: tuple[int, int]) -> tuple[int, int]:
+    """Numbers of cells with strides 8, 16, 32 and, for the larger variants, 8 to 64."""
+    count = [(size[0] // stride) * (size[1] // stride) for stride in (8, 16, 32, 64)]
+    return sum(count[:3]), sum(count)
+
+
+def corners(centre: NDArray, size: NDArray) -> NDArray[np.float32]:
+    """Boxes (n, 4) x1, y1, x2, y2 from centres and sizes (n, 2)."""
+    return np.concatenate([centre - 0.5 * size, centre + 0.5 * size], axis=1)
+
+
+def best_of(rows: NDArray, threshold: float) -> tuple[NDArray, NDArray, NDArray]:
+    """Rows (n, 5+C) whose objectness x best class passes, with these scores and classes."""
+    rows = rows[rows[:, 4] > threshold]  # a class probability is at most 1: cheap and exact
+    scores = rows[:, 5:] * rows[:, 4:5]
+    classes = scores.argmax(axis=1) if len(scores) else np.empty(0, np.intp)
+    scores = scores[np.arange(len(rows)), classes]
+    passed = scores > threshold
+    return rows[passed], scores[passed], classes[passed]
+
+
+def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+    """YOLOv5, YOLOv7 and decoded YOLOX: cx, cy, w, h in input pixels, objectness, classes."""
+    rows, scores, classes = best_of(rows, threshold)
+    return corners(rows[:, :2], rows[:, 2:4]), scores, classes
+
+
+def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+    """YOLOX as trained: offsets from the cell in cells, logarithms of the size in cells, objectness, classes."""
+    cells, strides = grid(size)
+    passed = rows[:, 4] > threshold
+    rows, cells, strides = rows[passed], cells[passed], strides[passed]
+    rows = np.concatenate([(rows[:, :2] + cells) * strides, np.exp(rows[:, 2:4]) * strides, rows[:, 4:]], axis=1)
+    return decode_centred(rows, size, threshold)
+
+
+def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+    """YOLOv8, 9, 11, 12: (4+C, n), cx, cy, w, h in input pixels and one probability for each class."""
+    scores = columns[4:].max(axis=0)
+    passed = np.flatnonzero(scores > threshold)
+    columns = columns[:, passed]
+    classes = columns[4:].argmax(axis=0) if passed.size else np.empty(0, np.intp)
+    return corners(columns[:2].T, columns[2:4].T), scores[passed], classes
+
+
+def decode_end_to_end(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+    """YOLOv10 and 26: x1, y1, x2, y2 in input pixels, score, class; duplicates are already gone."""
+    rows = rows[rows[:, 4] > threshold]
+    return rows[:, :4], rows[:, 4], rows[:, 5].astype(np.intp)
+
+
+LAYOUTS = {layout.name: layout for layout in (
+    Layout('yolox_raw', False, 1.0, lambda shape: shape[1] - 5, decode_yolox_raw),
+    Layout('yolox', False, 1.0, lambda shape: shape[1] - 5, decode_centred),
+    Layout('v8', True, 1.0 / 255.0, lambda shape: shape[0] - 4, decode_columns),
+    Layout('v5', True, 1.0 / 255.0, lambda shape: shape[1] - 5, decode_centred),
+    Layout('end_to_end', True, 1.0 / 255.0, lambda shape: 0, decode_end_to_end, needs_nms=False),
+)}
+
+
+def recognise(output: NDArray, size: tuple[int, int]) -> Layout:
+    """The layout of a model from what it answers, (1, a, b), to any picture of an input size (height, width).
+
+    The number of rows tells the family, for it is the number of cells (v8, YOLOX), three times it (v5), or neither
+    (end to end). Decoded and undecoded YOLOX differ in values alone: decoded centres follow the grid.
+    Raises LayoutError that tells what was met and what would be right.
+    """
+    if output.ndim != 3 or output.shape[0] != 1:
+        raise LayoutError(f'the output has shape {output.shape}, expected (1, rows, columns) of a YOLO detector')
+    _, a, b = output.shape
+    counts = cell_counts(size)
+    if a in counts and b > 5:
+        cells, strides = grid(size, (8, 16, 32) if a == counts[0] else (8, 16, 32, 64))
+        decoded = np.median(np.abs(output[0, :, :2] - (cells + 0.5) * strides) / strides) < 4.0
+        if not decoded and a != counts[0]:
+            raise LayoutError('undecoded YOLOX with a stride of 64 is not known')
+        return LAYOUTS['yolox' if decoded else 'yolox_raw']
+    if b in counts and a > 4:
+        return LAYOUTS['v8']
+    if a in [3 * count for count in counts] and b > 5:
+        return LAYOUTS['v5']
+    if b == 6 and a <= 2000:
+        return LAYOUTS['end_to_end']
+    raise LayoutError(
+        f'the output (1, {a}, {b}) at input {size[0]}x{size[1]} is of no known YOLO export: YOLOX has (1, {counts[0]}, 5+C), '
+        f'v8/9/11/12 (1, 4+C, {counts[0]}), v5/v7 (1, {3 * counts[0]}, 5+C), end-to-end (1, N, 6)')

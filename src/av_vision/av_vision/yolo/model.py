@@ -1,0 +1,144 @@
+"""A YOLO network in an ONNX file, opened and understood."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from av_vision.yolo.coco import COCO
+from av_vision.yolo.layout import LAYOUTS, Layout, LayoutError, recognise
+from av_vision.yolo.letterbox import PADDING
+
+FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
+
+
+class ModelError(ValueError):
+    """A model that cannot be used, with the reason."""
+
+
+class Model:
+    """An onnxruntime session with its input's size, its output's layout and its class names.
+
+    The layout is recognised from the answer to one grey picture, which also warms the session up; `layout` other than
+    'auto' decides it. `input_size` is the longer side in pixels for models with dynamic input, 0 for the model's own.
+    Raises ModelError for a file that is missing, damaged or no YOLO detector, and for a provider that is not installed.
+    """
+
+    def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
+                 layout: str = 'auto', class_names: Sequence[str] = (), input_size: int = 0) -> None:
+        self.path = Path(path)
+        self.session = open_session(self.path, providers, threads)
+        self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
+        self._input = self._check_input()
+        self.dtype = FLOATS[self._input.type]
+        batch, _, *size = self._input.shape
+        self.dynamic_batch = not isinstance(batch, int)
+        self.dynamic_size = not all(isinstance(side, int) for side in size)
+        self.longest = self._longest(input_size, size)
+        self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
+        self._output_name = self.session.get_outputs()[0].name
+        output = self._probe()
+        self.layout = self._layout(layout, output)
+        self.class_names = self._class_names(tuple(class_names), self.layout.class_count(output.shape[1:]))
+
+    def run(self, tensor: NDArray) -> NDArray[np.float32]:
+        """Output (n, a, b) of a batch (n, 3, height, width); one by one where the model takes no batches."""
+        if len(tensor) > 1 and not self.dynamic_batch:
+            return np.concatenate([self.run(one[None]) for one in tensor])
+        return self.session.run([self._output_name], {self._input.name: tensor})[0].astype(np.float32, copy=False)
+
+    def _check_input(self) -> onnxruntime.NodeArg:
+        inputs, outputs = self.session.get_inputs(), self.session.get_outputs()
+        if self.metadata.get('task', 'detect') != 'detect':
+            raise ModelError(f'{self.path} is a model for the task {self.metadata["task"]!r}, expected detect')
+        if len(inputs) != 1 or len(outputs) != 1:
+            raise ModelError(f'{self.path} has {len(inputs)} inputs and {len(outputs)} outputs, '
+                             'expected one picture in and one table out, as YOLO detectors have')
+        one = inputs[0]
+        if one.type not in FLOATS:
+            raise ModelError(f'{self.path} takes {one.type}, expected float or float16 pictures')
+        if len(one.shape) != 4 or (isinstance(one.shape[1], int) and one.shape[1] != 3):
+            raise ModelError(f'{self.path} takes input of shape {one.shape}, expected (batch, 3, height, width)')
+        if isinstance(one.shape[0], int) and one.shape[0] != 1:
+            raise ModelError(f'{self.path} takes batches of {one.shape[0]}, expected 1 or a dynamic batch')
+        return one
+
+    def _longest(self, wanted: int, size: list[int | str | None]) -> int:
+        if not self.dynamic_size:
+            if wanted not in (0, max(size)):
+                raise ModelError(f'input_size is {wanted}, but {self.path} has the fixed input {size[0]}x{size[1]}')
+            return max(size)
+        if wanted == 0:
+            stated = parsed(self.metadata.get('imgsz', '640'))
+            wanted = max(stated) if isinstance(stated, (list, tuple)) else int(stated)
+        if wanted < 32 or wanted % 32:
+            raise ModelError(f'input_size is {wanted}, expected a multiple of 32')
+        return wanted
+
+    def _probe(self) -> NDArray[np.float32]:
+        grey = np.full((1, 3, *self.size), PADDING / 255.0, self.dtype)
+        try:
+            return self.run(grey)
+        except Exception as error:  # onnxruntime's exceptions have no common base
+            raise ModelError(f'{self.path} does not run on a picture of {self.size[0]}x{self.size[1]}: {error}') from error
+
+    def _layout(self, name: str, output: NDArray) -> Layout:
+        if name not in ('auto', *LAYOUTS):
+            raise ModelError(f'layout is {name!r}, expected auto or one of {", ".join(LAYOUTS)}')
+        try:
+            return recognise(output, self.size) if name == 'auto' else LAYOUTS[name]
+        except LayoutError as error:
+            raise ModelError(f'{self.path}: {error}') from error
+
+    def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
+        names = COCO if given == ('coco',) else given or names_of(self.metadata)
+        if names and count and len(names) != count:
+            raise ModelError(f'{self.path} tells {count} classes apart, but {len(names)} class names are given: {names}')
+        # An end-to-end export does not show how many classes it knows.
+        return names or tuple(f'class_{i}' for i in range(count or 1000))
+
+
+def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxruntime.InferenceSession:
+    """An onnxruntime session; raises ModelError that says what is wrong with the file or which provider is missing."""
+    installed = onnxruntime.get_available_providers()
+    missing = [provider for provider in providers if provider not in installed]
+    if missing or not providers:
+        raise ModelError(f'providers are {list(providers)}, but onnxruntime has {installed} here; install the onnxruntime '
+                         'package of the accelerator (onnxruntime-gpu, onnxruntime-openvino) or choose among these')
+    if not path.is_file():
+        raise ModelError(f'model {path} does not exist')
+    if path.stat().st_size == 0:
+        raise ModelError(f'model {path} is empty (0 bytes)')
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 3
+    # Idle threads that spin would take the cores from the nodes beside this one.
+    options.add_session_config_entry('session.intra_op.allow_spinning', '0')
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
+    except Exception as error:  # onnxruntime's exceptions have no common base
+        raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {error}') from error
+
+
+def names_of(metadata: dict[str, str]) -> tuple[str, ...]:
+    """Class names from the metadata's `names`, a dictionary or a list in Python's or JSON's spelling; empty without."""
+    names = parsed(metadata.get('names', '[]'))
+    if isinstance(names, dict):
+        names = [names[key] for key in sorted(names, key=int)]
+    return tuple(str(name) for name in names) if isinstance(names, (list, tuple)) else ()
+
+
+def parsed(text: str) -> object:
+    """A literal written by Python or JSON, None when it is neither."""
+    for parse in (ast.literal_eval, json.loads):
+        try:
+            return parse(text)
+        except (ValueError, SyntaxError):
+            continue
+    return None
