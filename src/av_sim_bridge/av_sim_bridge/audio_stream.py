@@ -1,0 +1,211 @@
+"""From audio datagrams to gapless numbered blocks: order, loss and alignment of the channels.
+
+With a header, sequence numbers tell loss and order exactly. Without, only the clock can: a datagram can be late but
+never early, so that after a loss every following one arrives early by a multiple of a datagram's length.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, decode_header, payload_of
+from av_sim_bridge.wire.error import WireError
+
+
+@dataclass(frozen=True)
+class AudioBlock:
+    """Samples (n, channels) float32; first_sample counts from the stream's start and jumps over what was lost.
+
+    time: capture of the first sample in s of the sender's clock, None in a bare stream.
+    arrival: s, when the block's last sample was received.
+    """
+
+    first_sample: int
+    samples: np.ndarray
+    arrival: float
+    time: float | None = None
+
+
+@dataclass
+class AudioCounts:
+    """Datagrams taken, lost and out of order; frames lost; streams that began anew."""
+
+    received: int = 0
+    lost: int = 0
+    lost_frames: int = 0
+    reordered: int = 0
+    restarts: int = 0
+
+
+class AudioDecoder:
+    """Decodes either kind of stream; the header is recognised by its magic number."""
+
+    def __init__(self, layout: AudioFormat):
+        self.layout = layout
+        self.counts = AudioCounts()
+        self._stream: _NumberedStream | _BareStream | None = None
+
+    def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
+        """Blocks that became complete with this datagram, in order. arrival: s. Raises WireError."""
+        if not datagram:
+            raise WireError('audio: empty datagram')
+        header = decode_header(self.layout, datagram)
+        kind = _BareStream if header is None else _NumberedStream
+        if not isinstance(self._stream, kind):
+            self._change(kind, arrival)
+        blocks = self._stream.decode(header, datagram, arrival)
+        self.counts.received += 1
+        return blocks
+
+    def _change(self, kind: type, arrival: float) -> None:
+        first_sample = 0
+        if self._stream is not None:
+            if kind is _BareStream and self._stream.alive(arrival):
+                raise WireError('audio: header missing in a stream that has one')
+            first_sample = self._stream.next_sample
+            self.counts.restarts += 1
+        self._stream = kind(self.layout, self.counts, first_sample)
+
+
+class _NumberedStream:
+    """Datagrams with sequence numbers. A missing one is waited for during `PATIENCE` later ones."""
+
+    PATIENCE = 2
+    SILENCE = 1.0      # s without a datagram after which the stream may change its kind
+    RESTART = 64       # a sequence number that falls back further than this begins a new stream
+
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
+        self.layout, self.counts, self.next_sample = layout, counts, next_sample
+        self._expected: int | None = None
+        self._early: dict[int, AudioBlock] = {}
+        self._last_arrival = -np.inf
+
+    def alive(self, arrival: float) -> bool:
+        return arrival - self._last_arrival < self.SILENCE
+
+    def decode(self, header: AudioHeader, datagram: bytes, arrival: float) -> list[AudioBlock]:
+        samples = self.layout.decode(payload_of(datagram))
+        self._last_arrival = arrival
+        if self._expected is None:
+            self._expected = header.sequence
+        elif header.sequence < self._expected:
+            if self._expected - header.sequence < self.RESTART and header.sequence > 0:
+                self.counts.reordered += 1     # its gap was already declared lost, or it is a repetition
+                return []
+            self.counts.restarts += 1
+            self._early.clear()
+            self._expected = header.sequence
+        self.counts.reordered += any(sequence > header.sequence for sequence in self._early)
+        self._early[header.sequence] = AudioBlock(0, samples, arrival, header.time)
+        blocks = self._in_order()
+        if len(self._early) > self.PATIENCE:
+            missing = min(self._early) - self._expected
+            frames = missing * len(samples)
+            self.counts.lost += missing
+            self.counts.lost_frames += frames
+            self.next_sample += frames
+            self._expected += missing
+            blocks += self._in_order()
+        return blocks
+
+    def _in_order(self) -> list[AudioBlock]:
+        blocks = []
+        while (block := self._early.pop(self._expected, None)) is not None:
+            blocks.append(AudioBlock(self.next_sample, block.samples, block.arrival, block.time))
+            self.next_sample += len(block.samples)
+            self._expected += 1
+        return blocks
+
+
+class _BareStream:
+    """A stream of bytes cut anywhere. Positions are counted in bytes, so that alignment survives a loss.
+
+    A datagram that lags behind the clock by more than half a datagram is held back, until a later one shows that it
+    was merely late (the lag vanishes), or `AGREEING` ones in a row agree that bytes are missing. One that comes
+    early holds samples of the future: it is not from this stream.
+    """
+
+    AGREEING = 6
+    MOST_HELD = 60
+    SETTLING = 30      # datagrams before the earliest arrival counts as known
+    MOST_EARLY = 15    # early datagrams in a row after which the clock itself must have jumped
+    DRIFT = 200e-6     # the sender's clock may be off by this much
+
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
+        self.layout, self.counts = layout, counts
+        self._rate = layout.frame_bytes * layout.sample_rate   # bytes per second
+        self._position = next_sample * layout.frame_bytes      # of the next byte to be released
+        self._partial = b''
+        self._held: list[tuple[bytes, float]] = []
+        self._offset: float | None = None                      # smallest arrival - position / rate
+        self._updated = 0.0
+        self._length = 0.0                                     # mean of a datagram, bytes
+        self._taken = self._early = 0
+
+    @property
+    def next_sample(self) -> int:
+        return self._position // self.layout.frame_bytes
+
+    def decode(self, _header: None, datagram: bytes, arrival: float) -> list[AudioBlock]:
+        self._length += (len(datagram) - self._length) / min(self._taken + 1, 32)
+        half = self._length / self._rate / 2
+        lag = self._lag(datagram, arrival, half)
+        self._held.append((datagram, arrival))
+        self._taken += 1
+        if lag > half and len(self._held) < self.MOST_HELD:
+            recent = self._lags()[-self.AGREEING:]
+            if len(recent) < self.AGREEING or np.ptp(recent) > half:
+                return []
+        return self._release()
+
+    def _lag(self, datagram: bytes, arrival: float, half: float) -> float:
+        """Seconds by which a datagram's last byte comes later than the earliest ones came."""
+        end = self._position + sum(len(held) for held, _ in self._held) + len(datagram)
+        offset = arrival - end / self._rate
+        if self._offset is not None:
+            earliest = self._offset + self.DRIFT * max(arrival - self._updated, 0.0)
+            if offset < earliest - half and self._taken > self.SETTLING:
+                self._early += 1
+                if self._early < self.MOST_EARLY:
+                    raise WireError('audio: a datagram came before its samples can have been taken')
+                self.counts.restarts += 1
+                self._taken = 0
+            self._offset = min(earliest, offset)
+        else:
+            self._offset = offset
+        self._early = 0
+        self._updated = arrival
+        return offset - self._offset
+
+    def _lags(self) -> np.ndarray:
+        ends = self._position + np.cumsum([len(datagram) for datagram, _ in self._held])
+        return np.array([arrival for _, arrival in self._held]) - ends / self._rate - self._offset
+
+    def _release(self) -> list[AudioBlock]:
+        # What is still missing at the latest of all following datagrams was lost, in multiples of a datagram.
+        settled = np.minimum.accumulate(self._lags()[::-1])[::-1]
+        lost = np.rint(settled * self._rate / self._length).astype(int).clip(0)
+        held, self._held = self._held, []
+        blocks = []
+        for (datagram, arrival), new in zip(held, np.diff(lost, prepend=0), strict=True):
+            if new > 0:
+                datagram = self._skip(int(new), datagram)
+            data = self._partial + datagram
+            first = (self._position - len(self._partial)) // self.layout.frame_bytes
+            self._position += len(datagram)
+            whole = len(data) - len(data) % self.layout.frame_bytes
+            self._partial = data[whole:]
+            if whole:
+                blocks.append(AudioBlock(first, self.layout.decode(data[:whole]), arrival))
+        return blocks
+
+    def _skip(self, lost: int, datagram: bytes) -> bytes:
+        """Advance over lost datagrams; the rest of `datagram` from its next whole frame on."""
+        before = self._position // self.layout.frame_bytes
+        position = self._position + round(lost * self._length)
+        ahead = -position % self.layout.frame_bytes
+        self._partial = b''
+        self._position = position + ahead
+        self.counts.lost += lost
+        self.counts.lost_frames += self._position // self.layout.frame_bytes - before
+        return datagram[ahead:]

@@ -1,0 +1,74 @@
+"""When what a microphone hears now was emitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Position = Callable[[NDArray], NDArray]  # times (k,) in s -> positions (k, 3) in m, world ENU
+
+_INTERVAL = 32  # samples; delays are cubic in time within one
+_NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0
+_TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
+
+
+def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed_of_sound: float) -> NDArray:
+    """Travel times in s to `receivers` (..., k, 3) at `times` (k,), by the secant rule on c * delay = |receiver - source(t - delay)|.
+
+    The rule starts from the delay of a source at rest; below 0.3 c and beyond a metre it ends within 1e-12 s.
+    Returns (..., k). The emission distance is speed_of_sound times it.
+    """
+    shape = receivers.shape[:-1]
+
+    def travel(delay: NDArray) -> NDArray:
+        emitted = position(np.broadcast_to(times - delay, shape).ravel()).reshape(receivers.shape)
+        away = receivers - emitted
+        return np.sqrt((away * away).sum(axis=-1)) / speed_of_sound
+
+    earlier, travel_earlier = np.zeros(shape), travel(np.zeros(shape))
+    delay, slope = travel_earlier, np.zeros(shape)
+    for _ in range(3):
+        now = travel(delay)
+        change = delay - earlier
+        known = np.abs(change) > 1e-13  # else the source rests or the delay is found, and the slope no longer matters
+        slope = np.where(known, (now - travel_earlier) / np.where(known, change, 1.0), slope)
+        earlier, travel_earlier = delay, now
+        delay = delay + (now - delay) / (1.0 - np.clip(slope, -0.9, 0.9))
+    return delay
+
+
+class BlockGrid:
+    """The instants within a block at which delays are computed, and the cubic from them to every sample.
+
+    With microphones at rest the intervals are the same for every way to cut time into blocks. When they move, the
+    block's ends are added, because where the microphones will be after the block is not known.
+    """
+
+    def __init__(self, start: int, samples: int, moving: bool):
+        stop = start + samples
+        edges = np.arange(start // _INTERVAL, -(-stop // _INTERVAL) + 1) * float(_INTERVAL)
+        if moving:
+            edges = np.clip(edges, start, stop)
+        left, width = edges[:-1], np.diff(edges)
+        self.instants = left[:, None] + width[:, None] * _NODES  # (intervals, 4) in samples
+        index = np.arange(start, stop)
+        self._interval = index // _INTERVAL - start // _INTERVAL
+        self._place = (index - left[self._interval]) / width[self._interval]
+
+    def to_samples(self, values: NDArray) -> NDArray:
+        """Values (..., intervals, 4) at the instants to values (..., samples)."""
+        coefficients = np.einsum('cn,...in->c...i', _TO_COEFFICIENTS, values)
+        c0, c1, c2, c3 = np.take(coefficients, self._interval, axis=-1)
+        return c0 + self._place * (c1 + self._place * (c2 + self._place * c3))
+
+
+def along_block(positions: NDArray, start: int, samples: int, instants: NDArray) -> NDArray:
+    """Positions (k, m, 3) at evenly spaced instants of a block, linearly between them: (m, *instants.shape, 3)."""
+    pieces = len(positions) - 1
+    length = samples / pieces
+    piece = np.clip(((instants - start) / length).astype(int), 0, pieces - 1)
+    fraction = ((instants - (start + piece * length)) / length)[..., None, None]
+    between = positions[piece] + fraction * (positions[piece + 1] - positions[piece])
+    return np.moveaxis(between, -2, 0)

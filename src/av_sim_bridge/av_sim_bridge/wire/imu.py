@@ -1,0 +1,34 @@
+"""Inertial measurements of one vehicle."""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from av_sim_bridge.wire.error import check_finite, check_magic, unpack
+
+MAGIC = 1234567898
+_LAYOUT = struct.Struct('<2i1d6f')
+
+
+@dataclass(frozen=True)
+class ImuSample:
+    """Specific force in m/s^2 and turn rate in rad/s, both (3,) in FRD; time in s of the sender's clock."""
+
+    sequence: int
+    time: float
+    acceleration_frd: np.ndarray
+    rate_frd: np.ndarray
+
+
+def encode_imu(sample: ImuSample) -> bytes:
+    """The 40 bytes of one sample."""
+    return _LAYOUT.pack(MAGIC, sample.sequence, sample.time, *sample.acceleration_frd, *sample.rate_frd)
+
+
+def decode_imu(datagram: bytes) -> ImuSample:
+    """Decode one sample. Raises WireError."""
+    magic, sequence, time, *reals = unpack(_LAYOUT, datagram, 'imu')
+    check_magic(magic, MAGIC, 'imu')
+    check_finite([time, *reals], 'imu')
+    return ImuSample(sequence, time, np.array(reals[:3]), np.array(reals[3:]))

@@ -1,0 +1,45 @@
+"""Commands to the simulated rig: how fast to turn and where to point its gimbal. This project's own layout."""
+
+import struct
+from dataclasses import dataclass
+
+from av_sim_bridge.wire.error import WireError, check_finite, check_magic, unpack
+
+MAGIC = 1234567950
+VERSION = 1
+_LAYOUT = struct.Struct('<5i3f')
+_MOVE_BODY, _MOVE_GIMBAL = 1, 2
+
+
+@dataclass(frozen=True)
+class RigControl:
+    """One command, in the rig's frame (x forward, y left, z up).
+
+    mode: as in av_interfaces/PointingCommand.  yaw_rate: rad/s counter-clockwise, or None to leave the body alone.
+    pan, tilt: rad, counter-clockwise from x and up, or None to leave the gimbal alone.
+    """
+
+    sequence: int
+    mode: int
+    yaw_rate: float | None = None
+    pan: float | None = None
+    tilt: float | None = None
+
+
+def encode_rig_control(command: RigControl) -> bytes:
+    """The 32 bytes of one command."""
+    flags = (_MOVE_BODY * (command.yaw_rate is not None)
+             | _MOVE_GIMBAL * (command.pan is not None and command.tilt is not None))
+    return _LAYOUT.pack(MAGIC, VERSION, command.sequence, command.mode, flags,
+                        command.yaw_rate or 0.0, command.pan or 0.0, command.tilt or 0.0)
+
+
+def decode_rig_control(datagram: bytes) -> RigControl:
+    """Decode one command. Raises WireError."""
+    magic, version, sequence, mode, flags, yaw_rate, pan, tilt = unpack(_LAYOUT, datagram, 'rig control')
+    check_magic(magic, MAGIC, 'rig control')
+    if version != VERSION:
+        raise WireError(f'rig control: version {version}, {VERSION} expected')
+    check_finite([yaw_rate, pan, tilt], 'rig control')
+    body, gimbal = flags & _MOVE_BODY, flags & _MOVE_GIMBAL
+    return RigControl(sequence, mode, yaw_rate if body else None, pan if gimbal else None, tilt if gimbal else None)

@@ -1,0 +1,33 @@
+"""The simulator's clock, sent to a multicast group: relates the sender's seconds to Unix time."""
+
+import struct
+from dataclasses import dataclass
+
+from av_sim_bridge.wire.error import WireError, check_magic, unpack
+
+MAGIC = 123456789
+_LAYOUT = struct.Struct('<2i3q')
+
+
+@dataclass(frozen=True)
+class TimeSync:
+    """Unix time in ms at which the sender's clock was zero, Unix time in ms now, and a counter."""
+
+    copter_id: int
+    start_ms: int
+    now_ms: int
+    heartbeat: int
+
+
+def encode_time_sync(sync: TimeSync) -> bytes:
+    """The 32 bytes of one heartbeat."""
+    return _LAYOUT.pack(MAGIC, sync.copter_id, sync.start_ms, sync.now_ms, sync.heartbeat)
+
+
+def decode_time_sync(datagram: bytes) -> TimeSync:
+    """Decode one heartbeat. Raises WireError."""
+    magic, copter_id, start_ms, now_ms, heartbeat = unpack(_LAYOUT, datagram, 'time sync')
+    check_magic(magic, MAGIC, 'time sync')
+    if not 0 <= start_ms <= now_ms:
+        raise WireError(f'time sync: now {now_ms} ms lies before the start {start_ms} ms')
+    return TimeSync(copter_id, start_ms, now_ms, heartbeat)

@@ -1,0 +1,88 @@
+"""True state of one vehicle (RFlySim's `SOut2Simulator`), in the long and in the short layout."""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from av_sim_bridge.wire.error import WireError, check_finite, check_magic, unpack
+
+LONG_MAGIC = 123456789
+SHORT_MAGIC = 1234567891
+_LONG = struct.Struct('<4i24f7d')
+_SHORT = struct.Struct('<6i14f4d')
+_MOTORS = 8
+
+
+@dataclass(frozen=True)
+class VehicleTruth:
+    """State of one vehicle: position and velocity in NED, attitude as the rotation NED <- FRD.
+
+    time: s, sender's clock.  position_ned: m, (3,).  velocity_ned: m/s, (3,).
+    euler_rad: roll, pitch, yaw, (3,).  quaternion_wxyz: (4,).  motor_rpm: (8,).
+    acceleration_frd: m/s^2 and rate_frd: rad/s, (3,), None in the short layout.
+    gps: latitude deg, longitude deg, altitude m, (3,).
+    """
+
+    copter_id: int
+    vehicle_type: int
+    time: float
+    position_ned: np.ndarray
+    velocity_ned: np.ndarray
+    euler_rad: np.ndarray
+    quaternion_wxyz: np.ndarray
+    motor_rpm: np.ndarray
+    acceleration_frd: np.ndarray | None = None
+    rate_frd: np.ndarray | None = None
+    gps: np.ndarray | None = None
+
+
+def encode_truth(truth: VehicleTruth, short: bool = False) -> bytes:
+    """Bytes of one truth datagram: 168 in the long layout, 112 in the short one."""
+    gps = np.zeros(3) if truth.gps is None else np.asarray(truth.gps, float)
+    if short:
+        degrees_and_metres = np.round(gps * [1e7, 1e7, 1e3]).astype(int)
+        return _SHORT.pack(SHORT_MAGIC, truth.copter_id, truth.vehicle_type, *degrees_and_metres,
+                           *truth.motor_rpm, *truth.velocity_ned, *truth.euler_rad, *truth.position_ned, truth.time)
+    acceleration = np.zeros(3) if truth.acceleration_frd is None else truth.acceleration_frd
+    rate = np.zeros(3) if truth.rate_frd is None else truth.rate_frd
+    return _LONG.pack(LONG_MAGIC, truth.copter_id, truth.vehicle_type, 0, *truth.velocity_ned, *truth.euler_rad,
+                      *truth.quaternion_wxyz, *truth.motor_rpm, *acceleration, *rate, truth.time,
+                      *truth.position_ned, *gps)
+
+
+def decode_truth(datagram: bytes) -> VehicleTruth:
+    """Decode either layout, told apart by length and magic. Raises WireError."""
+    truth = _decode_short(datagram) if len(datagram) == _SHORT.size else _decode_long(datagram)
+    check_finite([truth.time, *truth.position_ned, *truth.velocity_ned, *truth.euler_rad, *truth.quaternion_wxyz],
+                 'truth')
+    norm = np.linalg.norm(truth.quaternion_wxyz)
+    if abs(norm - 1) > 0.05:
+        raise WireError(f'truth: quaternion of norm {norm:.3g}, 1 expected')
+    return truth
+
+
+def _decode_long(datagram: bytes) -> VehicleTruth:
+    fields = unpack(_LONG, datagram, 'truth')
+    check_magic(fields[0], LONG_MAGIC, 'truth')
+    reals = np.array(fields[4:28])
+    velocity, euler, quaternion, rpm, acceleration, rate = np.split(reals, np.cumsum([3, 3, 4, _MOTORS, 3]))
+    return VehicleTruth(fields[1], fields[2], fields[28], np.array(fields[29:32]), velocity, euler, quaternion, rpm,
+                        acceleration, rate, np.array(fields[32:35]))
+
+
+def _decode_short(datagram: bytes) -> VehicleTruth:
+    fields = unpack(_SHORT, datagram, 'truth')
+    check_magic(fields[0], SHORT_MAGIC, 'truth')
+    rpm, velocity, euler = np.split(np.array(fields[6:20]), [_MOTORS, _MOTORS + 3])
+    check_finite(euler, 'truth')
+    return VehicleTruth(fields[1], fields[2], fields[23], np.array(fields[20:23]), velocity, euler,
+                        _quaternion(*euler), rpm, gps=np.array(fields[3:6]) / [1e7, 1e7, 1e3])
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Quaternion w, x, y, z of aerospace angles (yaw, then pitch, then roll)."""
+    cr, cp, cy = np.cos(np.array([roll, pitch, yaw]) / 2)
+    sr, sp, sy = np.sin(np.array([roll, pitch, yaw]) / 2)
+    return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,
+                     cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy])

@@ -1,0 +1,178 @@
+"""The audio stream against a known sample sequence: loss, order, alignment, clock, garbage."""
+
+import numpy as np
+import pytest
+from av_sim_bridge.audio_stream import AudioDecoder
+from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
+
+RATE = 48_000
+FRAMES = 1600
+
+
+def ramp(frames, channels=2):
+    """Samples that tell their own index and channel: an exact int16 value for each."""
+    index = np.arange(frames)[:, np.newaxis]
+    return ((index * channels + np.arange(channels)) % 30_000) / 32768.0
+
+
+def datagrams(layout, count, frames=FRAMES, header=False):
+    samples = ramp(count * frames, layout.channels)
+    return [encode_audio(layout, samples[n * frames:(n + 1) * frames],
+                         AudioHeader(n, frames, n * frames / RATE) if header else None) for n in range(count)]
+
+
+def arrivals(count, jitter, rng):
+    """Arrival of each datagram: its last sample's time, a constant delay and a positive jitter."""
+    return 100.0 + (np.arange(count) + 1) * FRAMES / RATE + jitter * rng.random(count)
+
+
+def check(blocks, channels=2):
+    """Every block must hold exactly the samples that its index promises."""
+    expected = ramp(max(block.first_sample + len(block.samples) for block in blocks), channels)
+    for block in blocks:
+        np.testing.assert_array_equal(block.samples, expected[block.first_sample:][:len(block.samples)])
+
+
+def decode(decoder, stream):
+    return [block for datagram, arrival in stream for block in decoder.decode(datagram, arrival)]
+
+
+@pytest.mark.parametrize('sample_format', ['s16le', 'f32le'])
+@pytest.mark.parametrize('channels', [1, 2, 4])
+@pytest.mark.parametrize('header', [False, True])
+def test_all_samples_arrive_in_their_channels(rng, sample_format, channels, header):
+    layout = AudioFormat(sample_format, channels)
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, zip(datagrams(layout, 40, header=header), arrivals(40, 0.01, rng), strict=True))
+    check(blocks, channels)
+    assert sum(len(block.samples) for block in blocks) == 40 * FRAMES
+    assert decoder.counts.lost == 0
+
+
+def test_full_scale_survives_int16():
+    layout = AudioFormat('s16le', 1)
+    samples = layout.decode(layout.encode(np.array([[1.5], [1.0], [-1.0], [-2.0], [0.5]])))
+    np.testing.assert_allclose(samples[:, 0], [1 - 2**-15, 1 - 2**-15, -1, -1, 0.5])
+
+
+def test_partial_frames_are_carried_over(rng):
+    layout = AudioFormat()
+    data = layout.encode(ramp(20 * FRAMES))
+    cuts = np.cumsum(rng.integers(6390, 6411, 18))
+    pieces = [piece for piece in np.split(np.frombuffer(data, np.uint8), cuts) if len(piece)]
+    ends = np.cumsum([len(piece) for piece in pieces]) / (4 * RATE)
+    blocks = decode(AudioDecoder(layout), [(piece.tobytes(), 10 + end) for piece, end in zip(pieces, ends, strict=True)])
+    check(blocks)
+    assert sum(len(block.samples) for block in blocks) == 20 * FRAMES
+
+
+@pytest.mark.parametrize('lost', [[30], [30, 31, 32], [10, 50, 80]])
+@pytest.mark.parametrize('header', [False, True])
+@pytest.mark.parametrize('frames_bytes', [0, 2])
+def test_lost_datagrams_are_counted_and_never_swap_channels(rng, lost, header, frames_bytes):
+    layout = AudioFormat()
+    if header:
+        sent = datagrams(layout, 100, header=True)
+    else:   # with 2 bytes more, a datagram ends inside a frame
+        data = layout.encode(ramp(101 * FRAMES))
+        size = FRAMES * 4 + frames_bytes
+        sent = [data[n * size:(n + 1) * size] for n in range(100)]
+    times = 100.0 + np.cumsum([(len(d) - 24 * header) / (4 * RATE) for d in sent]) + 0.012 * rng.random(100)
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, [(d, t) for n, (d, t) in enumerate(zip(sent, times, strict=True)) if n not in lost])
+    check(blocks)
+    assert decoder.counts.lost == len(lost)
+    assert abs(decoder.counts.lost_frames - len(lost) * FRAMES) <= 2 * len(lost)
+    assert blocks[-1].first_sample + len(blocks[-1].samples) in (100 * FRAMES, 100 * FRAMES + 50)
+
+
+def test_a_late_burst_is_not_a_loss(rng):
+    layout = AudioFormat()
+    times = arrivals(120, 0.005, rng)
+    times[40:60] = times[60] + 1e-4 * np.arange(20)    # the network stalls for 0.7 s, then delivers all at once
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, zip(datagrams(layout, 120), times, strict=True))
+    check(blocks)
+    assert decoder.counts.lost == 0
+    assert sum(len(block.samples) for block in blocks) == 120 * FRAMES
+
+
+def test_reordered_datagrams_are_put_in_order():
+    layout = AudioFormat()
+    sent = datagrams(layout, 20, header=True)
+    sent[5], sent[6] = sent[6], sent[5]
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, zip(sent, range(20), strict=True))
+    check(blocks)
+    assert [block.first_sample for block in blocks] == [n * FRAMES for n in range(20)]
+    assert (decoder.counts.reordered, decoder.counts.lost) == (1, 0)
+
+
+def test_a_datagram_that_comes_too_late_is_counted_and_dropped():
+    layout = AudioFormat()
+    sent = datagrams(layout, 20, header=True)
+    late = sent.pop(5)
+    sent.insert(12, late)
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, zip(sent, range(20), strict=True))
+    check(blocks)
+    assert (decoder.counts.reordered, decoder.counts.lost) == (1, 1)
+    assert sum(len(block.samples) for block in blocks) == 19 * FRAMES
+
+
+def test_a_restarted_sender_continues_the_index():
+    layout = AudioFormat()
+    sent = datagrams(layout, 10, header=True)
+    decoder = AudioDecoder(layout)
+    blocks = decode(decoder, zip(sent + sent, range(20), strict=True))
+    assert [block.first_sample for block in blocks] == [n * FRAMES for n in range(20)]
+    assert decoder.counts.restarts == 1
+
+
+def test_samples_of_the_future_are_refused(rng):
+    layout = AudioFormat()
+    sent = list(zip(datagrams(layout, 100), arrivals(100, 0.002, rng), strict=True))
+    decoder = AudioDecoder(layout)
+    good = decode(decoder, sent[:60])
+    with pytest.raises(WireError, match='before its samples'):
+        decoder.decode(rng.bytes(6400), sent[59][1] + 0.005)
+    check(good + decode(decoder, sent[60:]))
+
+
+@pytest.mark.parametrize('sample_format', ['s16le', 'f32le'])
+def test_garbage_raises_nothing_but_wire_errors(rng, sample_format):
+    layout = AudioFormat(sample_format)
+    sent = datagrams(layout, 400, header=True)
+    decoder, refused = AudioDecoder(layout), 0
+    blocks = decode(decoder, [(sent[0], 0.0)])
+    for n in range(1, 400):
+        try:
+            decoder.decode(rng.bytes(int(rng.integers(0, 65_507))), n * 0.03)
+        except WireError:
+            refused += 1
+        blocks += decoder.decode(sent[n], n * 0.03 + 0.01)
+    check(blocks)
+    assert refused == 399
+
+
+def test_float_garbage_is_refused(rng):
+    with pytest.raises(WireError, match='float samples'):
+        AudioDecoder(AudioFormat('f32le')).decode(rng.bytes(8000), 0.0)
+
+
+def test_a_header_that_contradicts_its_datagram_is_named():
+    layout = AudioFormat()
+    datagram = encode_audio(layout, ramp(10), AudioHeader(0, 10, 0.0))
+    with pytest.raises(WireError, match='header says'):
+        AudioDecoder(layout).decode(datagram + b'\0\0', 0.0)
+
+
+def test_too_many_channels_for_a_datagram_are_an_error():
+    with pytest.raises(ValueError, match='do not fit'):
+        encode_audio(AudioFormat('f32le', 16), np.zeros((1600, 16)))
+
+
+def test_unknown_sample_format_is_named():
+    with pytest.raises(ValueError, match="'u8'.*s16le, f32le"):
+        AudioFormat('u8')

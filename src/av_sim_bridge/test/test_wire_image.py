@@ -1,0 +1,89 @@
+"""Image fragments: both headers, order, loss, bounded memory, garbage."""
+
+import struct
+
+import pytest
+from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment, encode_image
+
+
+def assemble(assembler, datagrams):
+    return [image for datagram in datagrams if (image := assembler.add(decode_fragment(datagram)))]
+
+
+@pytest.mark.parametrize(('frame_id', 'layout', 'magic'), [(None, '<4i1d', 1234567890), (9, '<6i1d', 1234567893)])
+def test_headers_follow_rflysim(rng, frame_id, layout, magic):
+    datagrams = encode_image(EncodedImage(2.5, rng.bytes(130_000), frame_id))
+    size = struct.calcsize(layout)
+    headers = [struct.unpack_from(layout, datagram) for datagram in datagrams]
+    assert [len(datagram) for datagram in datagrams] == [60_000 + size, 60_000 + size, 10_000 + size]
+    assert [header[:4] for header in headers] == [(magic, len(d), n, 3) for n, d in enumerate(datagrams)]
+    assert all(header[-1] == 2.5 for header in headers)
+
+
+@pytest.mark.parametrize('frame_id', [None, 4])
+def test_fragments_in_any_order_make_the_image(rng, frame_id):
+    image = EncodedImage(1.25, rng.bytes(250_000), frame_id)
+    datagrams = encode_image(image)
+    assembler = ImageAssembler()
+    assert assemble(assembler, [datagrams[n] for n in rng.permutation(len(datagrams))]) == [image]
+    assert assembler.incomplete == 0
+
+
+def test_a_lost_fragment_drops_one_image_and_is_counted(rng):
+    images = [EncodedImage(n / 15, rng.bytes(100_000)) for n in range(5)]
+    datagrams = [encode_image(image) for image in images]
+    del datagrams[2][1]
+    assembler = ImageAssembler()
+    assert assemble(assembler, sum(datagrams, [])) == images[:2] + images[3:]
+    assert assembler.incomplete == 1
+
+
+def test_repeated_fragments_do_not_repeat_the_image(rng):
+    image = EncodedImage(1.0, rng.bytes(100_000))
+    assembler = ImageAssembler()
+    assert assemble(assembler, encode_image(image) * 2) == [image]
+    assert assembler.duplicates == 2
+
+
+def test_memory_is_bounded_when_no_image_is_ever_complete(rng):
+    assembler = ImageAssembler(most_partial=4)
+    for n in range(1000):
+        assemble(assembler, encode_image(EncodedImage(float(n), rng.bytes(70_000)))[:1])
+    assert len(assembler._partial) == 4
+    assert assembler.incomplete == 996
+
+
+def test_contradicting_packet_counts_are_refused():
+    first = struct.pack('<4i1d', 1234567890, 28, 0, 3, 1.0) + bytes(4)
+    second = struct.pack('<4i1d', 1234567890, 28, 1, 2, 1.0) + bytes(4)
+    assembler = ImageAssembler()
+    assembler.add(decode_fragment(first))
+    with pytest.raises(WireError, match='2 packets'):
+        assembler.add(decode_fragment(second))
+
+
+@pytest.mark.parametrize(('fields', 'message'), [
+    ((1, 28, 0, 1, 0.0), 'magic 1'),
+    ((1234567890, 99, 0, 1, 0.0), 'header says 99'),
+    ((1234567890, 28, 3, 3, 0.0), 'packet 3 of 3'),
+    ((1234567890, 28, 0, 10**9, 0.0), 'packet 0 of 1000000000'),
+    ((1234567890, 28, 0, 1, float('nan')), 'time nan'),
+])
+def test_bad_headers_are_named(fields, message):
+    with pytest.raises(WireError, match=message):
+        decode_fragment(struct.pack('<4i1d', *fields) + bytes(4))
+
+
+def test_garbage_raises_nothing_but_wire_errors(rng):
+    assembler = ImageAssembler()
+    good = encode_image(EncodedImage(1.0, rng.bytes(100), 3))[0]
+    for n in range(2000):
+        datagram = bytearray(good if n % 2 else rng.bytes(int(rng.integers(0, 200))))
+        for position in rng.integers(0, 40, 3):
+            if position < len(datagram):
+                datagram[position] = rng.integers(256)
+        try:
+            assembler.add(decode_fragment(bytes(datagram)))
+        except WireError:
+            pass
