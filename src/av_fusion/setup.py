@@ -15,8 +15,9 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        *((f'share/{package_name}/{folder}', [str(file) for file in folder.iterdir() if file.is_file()])
-          for folder in [Path('launch'), Path('config'), *Path('config').rglob('*/')]),
+        *((f'share/{package_name}/{file.parent}', [str(file)])
+          for folder in ('launch', 'config') for file in Path(folder).rglob('*')
+          if file.is_file() and '__pycache__' not in file.parts),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
