@@ -53,7 +53,7 @@ class BlockGrid:
             edges = np.clip(edges, start, stop)
         left, width = edges[:-1], np.diff(edges)
         self.instants = left[:, None] + width[:, None] * _NODES  # (intervals, 4) in samples
-        index = np.arange(start, stop)
+        self.samples = index = np.arange(start, stop)
         self._interval = index // _INTERVAL - start // _INTERVAL
         self._place = (index - left[self._interval]) / width[self._interval]
 

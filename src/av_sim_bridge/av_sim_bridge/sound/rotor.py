@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,30 +12,31 @@ from scipy.signal import firwin
 
 from av_sim_bridge.sound.delays import Position
 from av_sim_bridge.sound.levels import db_to_ratio, spl_to_pascal
-from av_sim_bridge.sound.stream import CHUNK, Stream, band_power, filtered, generator, white_noise
+from av_sim_bridge.sound.stream import CHUNK, Stream, filtered, white_noise
 
-_TABLE = 8192  # points of one rotor turn
-_NODES = 128  # instants a chunk at which the rotors' speeds are evaluated
+_TABLE = 8192  # points of one turn of a rotor
+_STEPS = 128  # steps a chunk in which the rotors' speeds are integrated
 _JITTER_TERMS = 24
+_FASTEST = 1.6  # greatest speed relative to rotor_hz for which no harmonic is folded at half the sample rate
 
 
 @dataclass(frozen=True)
 class RotorVoice:
     """Several rotors. Levels are those of the whole vehicle at 1 m.
 
-    Each rotor repeats one waveform a turn: its orders are the multiples of `blades` at `harmonics_db` (beyond the list they
-    fall by `rolloff_db` each) and, from imbalance, all other orders `imbalance_db` below the first harmonic.
-    Turbulence makes each rotor's speed wander by `jitter` (relative, root mean square) with a Lorentz-like spectrum up to
-    `jitter_hz`. `speed` gives the rotors' speeds relative to `rotor_hz` at times (k,) as (k,) or (k, rotors), for manoeuvres.
-    The broadband part lies in `broadband_hz` and is modulated by the blade passing.
+    A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first (beyond the
+    list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the first harmonic at `imbalance_db`.
+    Turbulence makes each rotor's speed wander by `jitter` (relative, root mean square) at rates up to `jitter_hz`. `speed` gives the
+    speeds relative to `rotor_hz` at times (k,) as (k, rotors) or (k, 1), for manoeuvres.
+    The broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
     """
 
     rotor_hz: Sequence[float] = (92.0, 94.5, 90.5, 96.0)
     blades: int = 2
     tone_db_spl: float = 72.0
     harmonics_db: Sequence[float] = (0.0, -3.0, -6.0, -7.0, -9.0, -11.0)
-    rolloff_db: float = 1.5
-    orders: int = 30
+    rolloff_db: float = 1.0
+    harmonics: int = 30
     imbalance_db: float = -20.0
     jitter: float = 0.004
     jitter_hz: float = 12.0
@@ -47,31 +47,86 @@ class RotorVoice:
 
     def __post_init__(self) -> None:
         if not len(self.rotor_hz) or min(self.rotor_hz) <= 0.0:
-            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected one positive speed in turns per second for each rotor')
+            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed in turns per second for each rotor')
         if self.blades < 1:
             raise ValueError(f'blades is {self.blades}, expected 1 or more')
+        low, high = self.broadband_hz
+        if not 0.0 < low < high:
+            raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        return _RotorStream(self, sample_rate, key).stream
+        turns = _Turns(self, sample_rate, key)
+        waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
+        low, high = self.broadband_hz
+        shape = firwin(255, [low, min(high, 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
+        hiss = filtered(white_noise([*key, 2]), shape)
+        swell_power = 1.0 + self.modulation**2 / (2.0 * len(self.rotor_hz))
+        gain = spl_to_pascal(self.broadband_db_spl) / np.sqrt(np.sum(shape**2) * swell_power)
+
+        def make(index: int) -> NDArray:
+            turned = turns.chunk(index)
+            fraction = turned - np.floor(turned)
+            tone = sum(np.take(wave, (part * _TABLE).astype(int)) for wave, part in zip(waveforms, fraction))
+            swell = 1.0 + self.modulation * np.cos(2 * np.pi * self.blades * fraction).mean(axis=0)
+            return tone + gain * swell * hiss.read(index * CHUNK, (index + 1) * CHUNK)
+
+        return Stream(make)
+
+    def _waveforms(self, sample_rate: int, random: np.random.Generator) -> NDArray:
+        """One turn of each rotor, (rotors, _TABLE), in Pa at 1 m; the phases of the harmonics are drawn at random."""
+        rotors = len(self.rotor_hz)
+        listed = np.asarray(self.harmonics_db, float)[:self.harmonics]
+        beyond = listed[-1] - self.rolloff_db * np.arange(1, self.harmonics - len(listed) + 1)
+        amplitude = np.zeros(_TABLE // 2 + 1)
+        amplitude[1:self.blades] = db_to_ratio(self.imbalance_db)
+        amplitude[self.blades:self.blades * (self.harmonics + 1):self.blades] = 10.0 ** (np.concatenate([listed, beyond]) / 20.0)
+        amplitude[int(0.45 * sample_rate / (_FASTEST * max(self.rotor_hz))):] = 0.0
+        amplitude *= spl_to_pascal(self.tone_db_spl) * np.sqrt(2.0 / (rotors * np.sum(amplitude**2)))
+        phase = np.exp(2j * np.pi * random.random((rotors, len(amplitude))))
+        return np.fft.irfft(amplitude * phase, axis=-1) * _TABLE / 2.0
 
 
-class _RotorStream:
-    """State of one vehicle: the rotors' phases at the chunks' beginnings, counted from time zero both ways."""
+class _Turns:
+    """How often each rotor has turned: the integral of its speed from time zero, both ways, whatever is asked first."""
 
     def __init__(self, voice: RotorVoice, sample_rate: int, key: Sequence[int]):
-        self._voice, self._rate, self._key = voice, sample_rate, tuple(key)
-        self._rotor_hz = np.asarray(voice.rotor_hz, float)
-        random = np.random.default_rng([*self._key, 0])
-        rotors = len(self._rotor_hz)
-        self._start_phase = random.random(rotors)
-        # Jitter as a sum of sines (Shinozuka 1972), so that it is known at every instant without a history.
-        self._jitter_hz = voice.jitter_hz * random.uniform(0.02, 1.0, (_JITTER_TERMS, rotors)) ** 2
-        self._jitter_angle = random.uniform(0.0, 2 * np.pi, (_JITTER_TERMS, rotors))
-        self._turn_at = lru_cache(maxsize=None)(self._turn_at_chunk)
-        self._waveform = self._make_waveform(random)
-        half_taps = 128
-        shape = firwin(2 * half_taps + 1, self._band(), pass_zero=False, fs=sample_rate)
-        self._broadband = filtered(white_noise([*self._key, 1]), shape)
-        self._broadband_gain = spl_to_pascal(voice.broadband_db_spl) / np.sqrt(
-            np.sum(shape**2) * (1.0 + voice.modulation**2 / 2.0))
-        self.stream = Stream(self._make)
+        random = np.random.default_rng([*key, 0])
+        rotors = len(voice.rotor_hz)
+        self._voice, self._rate = voice, sample_rate
+        # Jitter as a sum of sines (Shinozuka 1972): known at every instant without a history.
+        self._jitter_hz = voice.jitter_hz * random.uniform(0.02, 1.0, (_JITTER_TERMS, 1, rotors)) ** 2
+        self._jitter_phase = random.uniform(0.0, 2 * np.pi, (_JITTER_TERMS, 1, rotors))
+        self._at_start = {0: random.random(rotors)}
+
+    def chunk(self, index: int) -> NDArray:
+        """Turns (rotors, CHUNK) at the samples of a chunk."""
+        places, speeds, turns = self._integrate(index)
+        turns = turns + self._start(index)
+        spline = CubicHermiteSpline(places[::2], turns, speeds[::2])
+        return spline(np.arange(CHUNK) / self._rate + places[0]).T
+
+    def _integrate(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Instants (2 * _STEPS + 1,), speeds there, and turns since the chunk's start after every second one (Simpson's rule)."""
+        places = (index + np.arange(2 * _STEPS + 1) / (2 * _STEPS)) * (CHUNK / self._rate)
+        speeds = self._speed(places)
+        step = CHUNK / self._rate / _STEPS
+        steps = (speeds[:-1:2] + 4.0 * speeds[1::2] + speeds[2::2]) * (step / 6.0)
+        return places, speeds, np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
+
+    def _start(self, index: int) -> NDArray:
+        way = 1 if index > 0 else -1
+        known = index
+        while known not in self._at_start:
+            known -= way
+        for passed in range(known, index, way):
+            turned = self._integrate(min(passed, passed + way))[2][-1]
+            self._at_start[passed + way] = self._at_start[passed] + way * turned
+        return self._at_start[index]
+
+    def _speed(self, times: NDArray) -> NDArray:
+        """Turns per second of each rotor at times (k,): (k, rotors)."""
+        voice = self._voice
+        sines = np.sin(2 * np.pi * self._jitter_hz * times[:, None] + self._jitter_phase)
+        wander = voice.jitter * np.sqrt(2.0 / _JITTER_TERMS) * sines.sum(axis=0)
+        manoeuvre = 1.0 if voice.speed is None else voice.speed(times)
+        return np.asarray(voice.rotor_hz) * (1.0 + wander) * manoeuvre

@@ -55,9 +55,9 @@ def filtered(source: Stream, response: NDArray) -> Stream:
 
 
 def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float], duration_s: float = 4.0) -> float:
-    """Mean power of the first seconds of a stream (samples,) inside a band, from its periodogram (Parseval)."""
+    """Mean power of the first seconds of a stream inside a band, averaged over channels, from the periodogram (Parseval)."""
     samples = stream.read(0, int(duration_s * sample_rate))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
-    frequencies = np.fft.rfftfreq(len(samples), 1.0 / sample_rate)
+    frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)
     inside = (frequencies >= band_hz[0]) & (frequencies < band_hz[1])
-    return float(2.0 * spectrum[inside].sum() / len(samples) ** 2)
+    return float(2.0 * spectrum[..., inside].sum(axis=-1).mean() / samples.shape[-1] ** 2)
