@@ -217,6 +217,8 @@ def install_packages(_: str) -> None:
     say('installing the packages')
     lines = [line for line in requirements() if not line.startswith(TREE_WHEEL)]
     pip('install', '--no-index', '--no-build-isolation', '--find-links', WHEELS, lines=lines)
+    subprocess.run([VENV / 'bin/python', '-m', 'pip', '-qq', 'install', '--no-deps', '--no-index', '--no-build-isolation',
+                    '--editable', PROJECT / 'tools/ros2launch'], check=True)
     mend_cmake_files()
 
 
