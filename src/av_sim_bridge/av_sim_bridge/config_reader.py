@@ -1,0 +1,143 @@
+"""Dataclasses from YAML: the type hints are the schema, and an error names file, key and value.
+
+A field may carry bounds in its metadata (`bounded`), a class checks what concerns several fields in `__post_init__`.
+`Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses, made by the mapping's key `kind`.
+File names are relative to the file that holds them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+import typing
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+class ConfigError(ValueError):
+    """A file that does not say what it should; the message is `file: key: what is wrong with which value`."""
+
+
+def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: float | None = None,
+            above: float | None = None, choices: Sequence[str] | None = None) -> Any:
+    """A dataclass field whose value, or each number in it, lies in [low, high], above `above`, or among `choices`."""
+    metadata = {'low': low, 'high': high, 'above': above, 'choices': choices}
+    return dataclasses.field(default=default, metadata={key: value for key, value in metadata.items()
+                                                        if value is not None})
+
+
+def load(cls: type, path: str | Path) -> Any:
+    """Read a YAML file as a dataclass. Raises ConfigError, OSError where there is no such file."""
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{path}: not YAML: {error}') from error
+    try:
+        return read(cls, content, folder=path.parent)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from error
+
+
+def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
+    """Build a dataclass from a mapping that stands at `key` of a file in `folder`. Raises ConfigError."""
+    if not isinstance(content, dict):
+        raise ConfigError(f'{key or "file"}: {content!r}, a mapping expected')
+    hints = typing.get_type_hints(cls, include_extras=True)
+    fields = {field.name: field for field in dataclasses.fields(cls) if not _is_callable(hints[field.name])}
+    for name in content:
+        if name not in fields:
+            raise ConfigError(f'{_join(key, name)}: unknown key, one of {", ".join(fields)} expected')
+    for name, field in fields.items():
+        if name not in content and field.default is field.default_factory is dataclasses.MISSING:
+            raise ConfigError(f'{_join(key, name)}: missing')
+    values = {name: _value(hints[name], value, _Place(_join(key, name), folder, fields[name].metadata))
+              for name, value in content.items()}
+    try:
+        return cls(**values)
+    except ConfigError:
+        raise
+    except (ValueError, OSError) as error:
+        raise ConfigError(f'{key}: {error}' if key else str(error)) from error
+
+
+@dataclasses.dataclass(frozen=True)
+class _Place:
+    """Where a value stands, and its bounds."""
+
+    key: str
+    folder: Path
+    bounds: typing.Mapping[str, Any]
+
+
+def _value(hint: Any, value: Any, place: _Place) -> Any:
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is typing.Annotated:
+        return _choice(arguments[1], value, place)
+    if origin in (typing.Union, types.UnionType):
+        if value is None and type(None) in arguments:
+            return None
+        return _value(Path if Path in arguments else arguments[0], value, place)
+    if origin in (tuple, list, Sequence):
+        return _sequence(arguments, value, place)
+    if dataclasses.is_dataclass(hint):
+        reader = getattr(hint, 'from_yaml', None)
+        return reader(value, place.key) if reader else read(hint, value, place.key, place.folder)
+    if hint is Path and isinstance(value, str):
+        return place.folder / Path(value).expanduser()
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
+        raise ConfigError(f'{place.key}: {value!r}, {_NAMES.get(hint, hint.__name__)} expected')
+    _check(value, place)
+    return value
+
+
+def _choice(kinds: dict[str, type], value: Any, place: _Place) -> Any:
+    kind = value.get('kind') if isinstance(value, dict) else None
+    if kind not in kinds:
+        raise ConfigError(f'{place.key}.kind: {kind!r}, one of {", ".join(kinds)} expected')
+    rest = {name: item for name, item in value.items() if name != 'kind'}
+    return read(kinds[kind], rest, place.key, place.folder)
+
+
+def _sequence(arguments: tuple, value: Any, place: _Place) -> tuple:
+    if not isinstance(value, list):
+        raise ConfigError(f'{place.key}: {value!r}, a list expected')
+    if len(arguments) == 1 or arguments[-1] is Ellipsis:
+        arguments = arguments[:1] * len(value)
+    if len(value) != len(arguments):
+        raise ConfigError(f'{place.key}: {value!r}, a list of {len(arguments)} expected')
+    return tuple(_value(hint, item, dataclasses.replace(place, key=f'{place.key}[{number}]'))
+                 for number, (hint, item) in enumerate(zip(arguments, value, strict=True)))
+
+
+_NAMES = {float: 'a number', int: 'a whole number', str: 'a text', bool: 'true or false', Path: 'a file name'}
+
+
+def _check(value: Any, place: _Place) -> None:
+    key, bounds = place.key, place.bounds
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f'{key}: {value}, a finite number expected')
+    if 'low' in bounds and value < bounds['low']:
+        raise ConfigError(f'{key}: {value} is below {bounds["low"]}')
+    if 'high' in bounds and value > bounds['high']:
+        raise ConfigError(f'{key}: {value} is beyond {bounds["high"]}')
+    if 'above' in bounds and value <= bounds['above']:
+        raise ConfigError(f'{key}: {value} must be more than {bounds["above"]}')
+    if 'choices' in bounds and value not in bounds['choices']:
+        raise ConfigError(f'{key}: {value!r}, one of {", ".join(bounds["choices"])} expected')
+
+
+def _is_callable(hint: Any) -> bool:
+    """Hints such as `Callable[...] | None` are for Python alone."""
+    candidates = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    return any(typing.get_origin(candidate) is typing.get_origin(typing.Callable[[], None]) for candidate in candidates)
+
+
+def _join(key: str, name: Any) -> str:
+    return f'{key}.{name}' if key else str(name)

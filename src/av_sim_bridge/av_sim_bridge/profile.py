@@ -1,0 +1,40 @@
+"""A quantity that changes with time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from av_sim_bridge.config_reader import ConfigError
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Piecewise linear through (times, values), constant before and after."""
+
+    times: tuple[float, ...] = (0.0,)
+    values: tuple[float, ...] = (0.0,)
+
+    def __call__(self, time: ArrayLike) -> NDArray | float:
+        """Value at a time in s."""
+        return np.interp(time, self.times, self.values)
+
+    @classmethod
+    def from_yaml(cls, content: object, key: str) -> Profile:
+        """A number, or a list of [time, value] with rising times. Raises ConfigError; values may not be negative."""
+        table = [[0.0, content]] if _is_number(content) else content
+        if not (isinstance(table, list) and table
+                and all(isinstance(row, list) and len(row) == 2 and all(map(_is_number, row)) for row in table)):
+            raise ConfigError(f'{key}: {content!r}, a number or a list of [time, value] expected')
+        times, values = zip(*table, strict=True)
+        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+            raise ConfigError(f'{key}: times {list(times)} must rise')
+        if min(values) < 0:
+            raise ConfigError(f'{key}: {min(values)} is below 0')
+        return cls(tuple(map(float, times)), tuple(map(float, values)))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
