@@ -1,0 +1,283 @@
+"""A Bayes filter on the circle: both mirror images of a sound live as modes of one posterior until evidence decides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from av_common.angles import wrap
+
+from av_fusion.machine import MachineSettings, StateMachine
+from av_fusion.measurements import Detection, Look, Sound, Source, State, Track
+from av_fusion.mode import Mode, gaussian, share_within
+from av_fusion.rig_motion import RigMotion
+from av_fusion.rotation import RotationPlanner, RotationSettings
+
+UNIFORM = 1.0 / (2.0 * math.pi)
+MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
+
+
+@dataclass(frozen=True)
+class BayesSettings:
+    """What the filter believes about targets and senses. Angles in rad, times in s.
+
+    `acceleration_density` (rad^2/s^3) and `rate_sigma` describe how targets move on the circle; `loss_rate` (1/s) how often
+    the target is replaced by another one elsewhere, which is what lets a wrong belief be found out. `recall` is the chance
+    that a visible target in view is detected. Errors of successive pictures are alike for `sight_correlation` s.
+    A track ends when its sigma passes `lost_sigma`. Front and back count as told apart from probability `decide` on, until
+    it falls below `doubt`.
+    """
+
+    acceleration_density: float = 0.02
+    elevation_density: float = 0.01
+    rate_sigma: float = 0.3
+    loss_rate: float = 0.002
+    sound_floor_sigma: float = math.radians(0.5)
+    recall: float = 0.9
+    sight_correlation: float = 0.3
+    lost_sigma: float = math.radians(30.0)
+    decide: float = 0.95
+    doubt: float = 0.8
+    assumed_visibility: float = 0.0
+    sound_delay: float = 0.0
+    sight_delay: float = 0.0
+    machine: MachineSettings = field(default_factory=MachineSettings)
+    rotation: RotationSettings = field(default_factory=RotationSettings)
+
+
+@dataclass(frozen=True)
+class Newborn:
+    """A direction in the world that may start a mode: `ratio` of the background's weight belongs to it."""
+
+    azimuth: float
+    variance: float
+    ratio: float
+    detection: Detection | None = None
+
+
+class BayesTracker:
+    """Mixture of `Mode`s plus a uniform background ("the target is elsewhere, or there is none").
+
+    Sound enters as the mixture of its mirror images and clutter, sight as detections or their absence. Measurements may
+    come late and in any order: each counts at its own capture time, turned by the rig's yaw of that time.
+    """
+
+    def __init__(self, settings: BayesSettings | None = None) -> None:
+        self.settings = settings or BayesSettings()
+        self.motion = RigMotion()
+        self.machine = StateMachine(self.settings.machine)
+        self.planner = RotationPlanner(self.settings.rotation)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the target, not the rig."""
+        self._time: float | None = None
+        self._modes: list[Mode] = []
+        self._background = 1.0
+        self._newest_sound = self._newest_look = -math.inf
+        self._primary: Mode | None = None
+        self._resolved = False
+        self._visibility = math.nan
+        self._axis: float | None = None  # the array's end-fire (body azimuth), about which sounds are mirrored
+
+    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
+        """The rig's yaw in the world (rad) and its rate (rad/s) at `time`."""
+        self.motion.add(time, yaw, yaw_rate)
+
+    def add_sound(self, sound: Sound) -> None:
+        """Take in a sound; one without hypotheses says nothing."""
+        time = sound.time - self.settings.sound_delay
+        heard = [h for h in sound.hypotheses if math.isfinite(h.azimuth) and 0.0 < h.azimuth_variance < math.inf]
+        if not (heard and math.isfinite(time) and 0.0 < sound.confidence <= 1.0):
+            return
+        lag = self._advance(time)
+        # Windows overlap: only the part of this one that is new is new evidence.
+        fresh = _fresh(time, self._newest_sound, sound.window)
+        self._newest_sound = max(self._newest_sound, time)
+        smear = (self.motion.yaw_rate(time) * sound.window) ** 2 / 48.0
+        yaw = self.motion.yaw(time)
+        azimuths = [float(wrap(yaw + h.azimuth)) for h in heard]
+        variances = [h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear for h in heard]
+        prior = sound.confidence / len(heard)
+        self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
+        for mode in self._modes:
+            innovation, variance = mirrored_innovation(mode, lag, azimuths, variances)
+            density = prior * gaussian(innovation, mode.expected_variance(lag) + variance)
+            total = (1.0 - sound.confidence) * UNIFORM + density
+            mode.weight *= (total / UNIFORM) ** fresh
+            mode.update(lag, [innovation], [variance / fresh], [density / total])
+        self._give_birth(lag, [Newborn(azimuth, variance, prior * fresh)
+                               for azimuth, variance in zip(azimuths, variances, strict=True)])
+        self._tidy()
+        self.machine.hear(time, sound.confidence)
+
+    def add_look(self, look: Look) -> None:
+        """Take in a picture: its detections, and what their absence is worth where one could have seen."""
+        time = look.time - self.settings.sight_delay
+        if not math.isfinite(time):
+            return
+        lag = self._advance(time)
+        settings = self.settings
+        fresh = _fresh(time, self._newest_look, settings.sight_correlation)
+        self._newest_look = max(self._newest_look, time)
+        self._visibility = look.visibility
+        visibility = look.visibility if math.isfinite(look.visibility) else settings.assumed_visibility
+        yaw, width = self.motion.yaw(time), 2.0 * look.half_view
+        seen = [d for d in look.detections if math.isfinite(d.azimuth) and 0.0 < d.azimuth_variance < math.inf]
+        azimuths = [float(wrap(yaw + d.azimuth)) for d in seen]
+        odds = [min(d.confidence / max(1.0 - d.confidence, 0.01), 99.0) for d in seen]
+        confidence, best = 0.0, self._choose_primary()
+        for mode in self._modes:
+            offset = mode.innovation(yaw + look.view_azimuth, lag)
+            in_view = share_within(look.half_view, offset, mode.expected_variance(lag))
+            innovations = [mode.innovation(azimuth, lag) for azimuth in azimuths]
+            found = [settings.recall * o * width * gaussian(nu, mode.expected_variance(lag) + d.azimuth_variance)
+                     for o, nu, d in zip(odds, innovations, seen, strict=True)]
+            total = 1.0 - in_view * settings.recall * visibility + sum(found)
+            shares = [f / total for f in found]
+            mode.weight *= max(total, 1e-3) ** fresh
+            mode.update(lag, innovations, [d.azimuth_variance for d in seen], shares)
+            for detection, share in zip(seen, shares, strict=True):
+                mode.update_elevation(detection.elevation, detection.elevation_variance, share)
+                if mode is best and share > 0.5:
+                    confidence = max(confidence, detection.confidence)
+        view_share = width * UNIFORM
+        self._background *= (1.0 - view_share * settings.recall * visibility) ** fresh
+        self._give_birth(lag, [Newborn(azimuth, d.azimuth_variance, view_share * settings.recall * o * fresh, d)
+                               for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
+        if best is None:
+            confidence = max((d.confidence for d in seen), default=0.0)
+        self._tidy()
+        self.machine.see(time, confidence)
+
+    def estimate(self, time: float) -> Track:
+        """The track at `time`, which may lie ahead of the newest measurement; the filter itself is not moved."""
+        machine, primary = self.machine, self._choose_primary()
+        ahead = 0.0 if self._time is None else time - self._time
+        variance = math.inf if primary is None else primary.expected_variance(-ahead)
+        tracking = (primary is not None and self._background < 0.5 and variance < self.settings.lost_sigma**2
+                    and ahead < MAX_GAP_S)
+        state = machine.step(time, tracking)
+        common = {'time': time, 'state': state, 'reason': machine.reason, 'changed': machine.changed,
+                  'sound_confidence': machine.sound_confidence, 'sight_confidence': machine.sight_confidence,
+                  'visibility': self._visibility}
+        if state == State.NONE or primary is None:
+            self._resolved = False
+            self.planner.cancel()
+            return Track(**common)
+        yaw = self.motion.yaw(time)
+        azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
+        front = self._front_probability(yaw, ahead)
+        share = primary.weight / sum(mode.weight for mode in self._modes)
+        if self._resolved:
+            self._resolved = share >= self.settings.doubt
+        else:
+            self._resolved = min(share, max(front, 1.0 - front)) >= self.settings.decide or self._axis is None
+        sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
+        sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
+        return Track(
+            **common, source=(Source.SIGHT if sight_weight else Source.NOTHING) | (Source.SOUND if sound_weight else Source.NOTHING),
+            azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
+            elevation=primary.elevation, elevation_variance=primary.elevation_variance,
+            azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
+            measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
+            requested_rotation=self._rotation(time, yaw), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
+            sight_weight=sight_weight * (1.0 - 0.5 * sound_weight))
+
+    def _advance(self, time: float) -> float:
+        """Predict to `time`; returns how long ago it is when the filter is already past it."""
+        if self._time is not None and abs(time - self._time) > MAX_GAP_S:
+            self.reset()
+        if self._time is None:
+            self._time = time
+        dt = time - self._time
+        if dt <= 0.0:
+            return -dt
+        kept = math.exp(-self.settings.loss_rate * dt)
+        for mode in self._modes:
+            mode.predict(dt, self.settings.acceleration_density, self.settings.elevation_density)
+            mode.weight *= kept
+        self._background += (1.0 - kept) * (1.0 - self._background)
+        self._time = time
+        return 0.0
+
+    def _give_birth(self, lag: float, newborns: Sequence[Newborn]) -> None:
+        """Move weight from the background to directions where something was heard or seen."""
+        known = tuple(self._modes)
+        for new in newborns:
+            weight = self._background * min(new.ratio, 50.0)
+            explaining = next((mode for mode in known if mode.innovation(new.azimuth, lag) ** 2
+                               < 9.0 * (mode.expected_variance(lag) + new.variance)), None)
+            if explaining is not None:
+                explaining.weight += weight
+                continue
+            mode = Mode(weight, new.azimuth, new.variance, 0.0, self.settings.rate_sigma**2)
+            if new.detection is not None:
+                mode.elevation, mode.elevation_variance = new.detection.elevation, new.detection.elevation_variance
+            mode.predict(lag, self.settings.acceleration_density, self.settings.elevation_density)
+            self._modes.append(mode)
+
+    def _tidy(self) -> None:
+        """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
+        modes = sorted(self._modes, key=lambda mode: -mode.weight)
+        total = self._background + sum(mode.weight for mode in modes)
+        self._modes = []
+        self._background /= total
+        for mode in modes:
+            mode.weight /= total
+            twin = next((kept for kept in self._modes if kept.resembles(mode)), None)
+            if twin is not None:
+                twin.absorb(mode)
+            elif mode.weight < 1e-6 or mode.azimuth_variance > self.settings.lost_sigma**2:
+                self._background += mode.weight
+            else:
+                self._modes.append(mode)
+        self._background = max(self._background, 1e-9)
+
+    def _choose_primary(self) -> Mode | None:
+        """The heaviest mode; the one chosen before stays until another is clearly heavier."""
+        heaviest = max(self._modes, key=lambda mode: mode.weight, default=None)
+        incumbent = self._primary
+        if not any(mode is incumbent for mode in self._modes) or heaviest.weight > 1.5 * incumbent.weight:
+            self._primary = heaviest
+        return self._primary
+
+    def _front_probability(self, yaw: float, ahead: float) -> float:
+        total = sum(mode.weight for mode in self._modes)
+        front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
+                    for mode in self._modes)
+        return front / total
+
+    def _rotation(self, time: float, yaw: float) -> float:
+        if self._resolved:
+            self.planner.cancel()
+            return 0.0
+        modes = [(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.weight) for mode in self._modes]
+        if len(modes) == 1:  # both images in one: near end-fire
+            modes.append((float(wrap(2.0 * self._axis - modes[0][0])), *modes[0][1:]))
+        return self.planner.plan(time, yaw, modes, self._axis, self._visibility)
+
+
+def mirrored_innovation(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
+    """Innovation (rad) of a sound and its variance (rad^2), linearised where the mode is.
+
+    A pair of microphones measures the cosine of the angle d from its axis, so that azimuth +d and -d are one measurement
+    folded over. Where d is small the cosine hardly changes: taken as azimuths, the images would push a mode back from the
+    axis that it is about to cross; taken as a cosine they leave it to its course. The second-order term keeps the
+    linearisation honest (Bar-Shalom, Li, Kirubarajan 2001, eq. 10.3.2-14).
+    """
+    if len(azimuths) != 2:
+        return min(((mode.innovation(azimuth, lag), variance) for azimuth, variance in zip(azimuths, variances, strict=True)),
+                   key=lambda pair: abs(pair[0]))
+    half = 0.5 * float(wrap(azimuths[1] - azimuths[0]))
+    offset = -mode.innovation(azimuths[0] + half, lag)  # of the mode from the axis' nearer end
+    slope = -math.copysign(max(abs(math.sin(offset)), 0.05), math.sin(offset))
+    prior_variance = mode.expected_variance(lag)
+    noise = variances[0] * max(math.sin(half) ** 2, 1e-3) + 0.5 * (math.cos(offset) * prior_variance) ** 2
+    return (math.cos(half) - math.cos(offset)) / slope, noise / slope**2
+
+
+def _fresh(time: float, newest: float, correlation: float) -> float:
+    """Share of new evidence in a measurement whose error is alike for `correlation` s."""
+    return min(1.0, max(abs(time - newest) / correlation, 0.02)) if correlation > 0.0 else 1.0

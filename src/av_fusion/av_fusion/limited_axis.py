@@ -1,0 +1,61 @@
+"""Motion of one axis that never breaks its limits of angle, rate and acceleration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """Limits in rad, rad/s and rad/s^2; an axis that turns without end has infinite angles."""
+
+    rate: float
+    acceleration: float
+    lower: float = -math.inf
+    upper: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not (self.rate > 0.0 and self.acceleration > 0.0 and self.lower <= 0.0 <= self.upper):
+            raise ValueError(f'axis limits {self} must have positive rate and acceleration, and hold the neutral angle 0')
+
+
+class LimitedAxis:
+    """Follows a target angle; `position` (rad) and `velocity` (rad/s) are what is commanded."""
+
+    def __init__(self, limits: AxisLimits) -> None:
+        self.limits = limits
+        self.position = 0.0
+        self.velocity = 0.0
+
+    def follow(self, error: float, target_rate: float, dt: float, rate: float = math.inf) -> None:
+        """Move for `dt` s so as to close `error` (rad) on a target that itself moves at `target_rate` (rad/s).
+
+        The approach rate is that from which the axis can still brake (sqrt(2 a e)), so that it does not overshoot.
+        """
+        acceleration = 0.5 * self.limits.acceleration  # half for braking leaves half for the target's manoeuvres
+        approach = math.copysign(_brakeable(abs(error), acceleration, dt), error)
+        self._drive(approach + target_rate, dt, rate)
+
+    def stop(self, dt: float) -> None:
+        """Come to rest as fast as the limits allow."""
+        self._drive(0.0, dt, math.inf)
+
+    def _drive(self, wanted: float, dt: float, rate: float) -> None:
+        limits = self.limits
+        change = limits.acceleration * dt
+        ceiling = min(limits.rate, rate)
+        wanted = min(max(wanted, -ceiling), ceiling)
+        wanted = min(max(wanted, self.velocity - change), self.velocity + change)
+        # Never faster than what can be braked before the stop, whatever follows.
+        wanted = min(wanted, _brakeable(limits.upper - self.position, limits.acceleration, dt))
+        wanted = max(wanted, -_brakeable(self.position - limits.lower, limits.acceleration, dt))
+        self.velocity = wanted
+        self.position = min(max(self.position + wanted * dt, limits.lower), limits.upper)
+
+
+def _brakeable(distance: float, acceleration: float, dt: float) -> float:
+    """The largest v for which a step v*dt and the braking distance v^2/(2a) fit into `distance`."""
+    if math.isinf(distance):
+        return math.inf
+    return acceleration * (math.sqrt(dt * dt + 2.0 * max(distance, 0.0) / acceleration) - dt)

@@ -1,0 +1,72 @@
+"""The published state machine: sight leads while its confidence reaches tau, else hearing leads."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from av_fusion.measurements import State
+
+
+@dataclass(frozen=True)
+class MachineSettings:
+    """`tau` is the gate on the detection confidence. The published machine has no hysteresis and no dwell time.
+
+    A confidence counts for `sight_timeout` s after the picture it stems from, a sound for `sound_timeout` s.
+    """
+
+    tau: float = 0.5
+    hysteresis: float = 0.0
+    dwell: float = 0.0
+    sight_timeout: float = 0.5
+    sound_timeout: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tau <= 1.0:
+            raise ValueError(f'tau is {self.tau}, expected a confidence between 0 and 1')
+        if not 0.0 <= self.hysteresis <= self.tau:
+            raise ValueError(f'hysteresis is {self.hysteresis}, expected 0 to tau ({self.tau})')
+
+
+class StateMachine:
+    """Visual-Active, Acoustic-Active, coasting or none, with the reason and the time of the last change."""
+
+    def __init__(self, settings: MachineSettings | None = None) -> None:
+        self.settings = settings or MachineSettings()
+        self.state = State.NONE
+        self.reason = 'nothing heard or seen yet'
+        self.changed = 0.0
+        self.sight_confidence = 0.0
+        self.sound_confidence = 0.0
+        self._seen = self._heard = -math.inf
+
+    def see(self, time: float, confidence: float) -> None:
+        """A picture was looked at; `confidence` of the target's detection in it, 0 when it was not found."""
+        if time >= self._seen:
+            self._seen, self.sight_confidence = time, confidence
+
+    def hear(self, time: float, confidence: float) -> None:
+        """A direction was heard."""
+        if time >= self._heard:
+            self._heard, self.sound_confidence = time, confidence
+
+    def step(self, time: float, tracking: bool) -> State:
+        """Decide the state at `time`; without a track (`tracking` false) it is NONE."""
+        wanted, reason = self._wanted(time, tracking)
+        urgent = State.NONE in (wanted, self.state) or self.state == State.COASTING
+        if wanted != self.state and (urgent or time - self.changed >= self.settings.dwell):
+            self.state, self.reason, self.changed = wanted, reason, time
+        return self.state
+
+    def _wanted(self, time: float, tracking: bool) -> tuple[State, str]:
+        settings = self.settings
+        if not tracking:
+            return State.NONE, 'no target: nothing heard or seen that could be followed'
+        gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
+        sees = time - self._seen <= settings.sight_timeout
+        if sees and self.sight_confidence >= gate:
+            return State.VISUAL_ACTIVE, f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
+        blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if sees else 'no picture'
+        if time - self._heard <= settings.sound_timeout:
+            return State.ACOUSTIC_ACTIVE, blind
+        return State.COASTING, f'{blind} and no sound'

@@ -1,0 +1,63 @@
+"""The rig's heading at any recent instant, so that a late measurement is turned by the yaw of its own time."""
+
+from __future__ import annotations
+
+import bisect
+import math
+
+from av_common.angles import wrap
+
+
+class RigMotion:
+    """Interpolates yaw between poses of the last few seconds; without poses the rig counts as standing still.
+
+    Poses must come in order of time (a late one is ignored), so that the buffer stays sorted; after a jump back by more
+    than the buffer's length, as when a bag starts anew, it is emptied.
+    """
+
+    def __init__(self, keep_s: float = 5.0, extrapolate_s: float = 0.3) -> None:
+        self._keep_s = keep_s
+        self._extrapolate_s = extrapolate_s
+        self._times: list[float] = []
+        self._yaws: list[float] = []   # unwrapped, so that interpolation crosses the seam
+        self._rates: list[float] = []
+
+    def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
+        """Add a pose: yaw in rad (ENU), its rate in rad/s. Values that are not finite are ignored."""
+        if not (math.isfinite(time) and math.isfinite(yaw) and math.isfinite(yaw_rate)):
+            return
+        if self._times and time <= self._times[-1]:
+            if time > self._times[-1] - self._keep_s:
+                return
+            self._times, self._yaws, self._rates = [], [], []
+        previous = self._yaws[-1] if self._yaws else yaw
+        self._times.append(time)
+        self._yaws.append(previous + float(wrap(yaw - previous)))
+        self._rates.append(yaw_rate)
+        if self._times[0] < time - 2.0 * self._keep_s:  # trimmed in lumps: cheap, and the buffer stays bounded
+            first = bisect.bisect_left(self._times, time - self._keep_s)
+            del self._times[:first], self._yaws[:first], self._rates[:first]
+
+    @property
+    def newest(self) -> float:
+        """Time of the newest pose, -inf before the first."""
+        return self._times[-1] if self._times else -math.inf
+
+    def yaw(self, time: float) -> float:
+        """Yaw in rad at `time`: interpolated, beyond the newest pose carried on by its rate for a short while."""
+        if not self._times:
+            return 0.0
+        after = bisect.bisect_right(self._times, time)
+        if after == 0:
+            return float(wrap(self._yaws[0]))
+        if after == len(self._times):
+            ahead = min(time - self._times[-1], self._extrapolate_s)
+            return float(wrap(self._yaws[-1] + ahead * self._rates[-1]))
+        share = (time - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
+        return float(wrap(self._yaws[after - 1] + share * (self._yaws[after] - self._yaws[after - 1])))
+
+    def yaw_rate(self, time: float) -> float:
+        """Yaw rate in rad/s of the pose nearest before `time`."""
+        if not self._times:
+            return 0.0
+        return self._rates[max(bisect.bisect_right(self._times, time) - 1, 0)]

@@ -1,0 +1,144 @@
+"""The Bayes filter against targets whose path is known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from av_common.angles import wrap
+from av_fusion.bayes import BayesTracker
+from av_fusion.gated import GatedTracker
+from av_fusion.measurements import Hypothesis, Sound, Source, State
+from simulated_senses import Senses
+
+
+def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0, obey=False, rate=math.radians(40)):
+    """Feed 20 sounds and 15 pictures a second; returns times, tracks and body azimuths of the truth."""
+    times, tracks, truths, heading = [], [], [], yaw(0.0) if callable(yaw) else yaw
+    for step in range(int(seconds * 60)):
+        t = 100.0 + step / 60.0
+        if callable(yaw):
+            heading = yaw(t - 100.0)
+        elif obey and tracks:
+            wanted = tracks[-1].requested_rotation
+            heading += float(np.clip(wanted, -rate / 60.0, rate / 60.0))
+        tracker.add_pose(t, float(wrap(heading)), 0.0)
+        body = float(wrap(azimuth_world(t - 100.0) - heading))
+        if hear and step % 3 == 0:
+            tracker.add_sound(senses.hear(t, body))
+        if step % 4 == 0:
+            tracker.add_look(senses.look(t, body, visibility))
+        times.append(t - 100.0)
+        tracks.append(tracker.estimate(t))
+        truths.append(body)
+    return np.array(times), tracks, np.array(truths)
+
+
+def errors_deg(tracks, truths, start):
+    """Errors of the bearing from sample `start` on."""
+    return np.degrees([wrap(track.azimuth - truth) for track, truth in zip(tracks[start:], truths[start:], strict=True)])
+
+
+def test_keeps_both_mirror_images_until_the_rig_turns():
+    """Without sight and without a turn nothing tells front from back, and the filter says so."""
+    tracker = BayesTracker()
+    _, tracks, _ = run(tracker, Senses(1), lambda t: math.radians(150), 0.0, 4.0)
+    assert tracks[-1].state == State.ACOUSTIC_ACTIVE
+    assert not tracks[-1].resolved
+    assert 0.2 < tracks[-1].front_probability < 0.8
+    assert tracks[-1].requested_rotation != 0.0
+
+
+@pytest.mark.parametrize('azimuth_deg', [10, 60, 100, 135, 175, -20, -80, -110, -170])
+def test_a_commanded_rotation_tells_front_from_back(azimuth_deg):
+    """Obeying the requested rotation resolves the hemisphere within 5 s, to the right side."""
+    tracker = BayesTracker()
+    times, tracks, truths = run(tracker, Senses(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0, 6.0, obey=True)
+    resolved = [k for k, track in enumerate(tracks) if track.resolved]
+    assert resolved and times[resolved[0]] < 5.0
+    assert abs(wrap(tracks[resolved[0]].azimuth - truths[resolved[0]])) < math.radians(15)
+    assert tracks[-1].resolved and abs(wrap(tracks[-1].azimuth - truths[-1])) < math.radians(5)
+
+
+def test_gated_resolves_by_fixed_rotation():
+    """The published way works too, in its own time."""
+    tracker = GatedTracker()
+    _, tracks, truths = run(tracker, Senses(3), lambda t: math.radians(150), 0.0, 6.0, obey=True)
+    assert tracks[-1].resolved and abs(wrap(tracks[-1].azimuth - truths[-1])) < math.radians(8)
+
+
+def test_sight_resolves_and_sharpens():
+    """One look at a target in view settles the hemisphere, and the error is that of sight."""
+    _, tracks, truths = run(BayesTracker(), Senses(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
+    assert tracks[-1].state == State.VISUAL_ACTIVE and tracks[-1].resolved
+    assert np.sqrt(np.mean(errors_deg(tracks, truths, 60) ** 2)) < 0.4
+    assert tracks[-1].source == Source.SIGHT | Source.SOUND
+
+
+def test_clear_view_without_detection_puts_the_target_behind():
+    """Absence is evidence where one can see."""
+    _, tracks, _ = run(BayesTracker(), Senses(5), lambda t: math.radians(160), 0.0, 6.0, visibility=1.0)
+    assert tracks[-1].resolved and tracks[-1].front_probability < 0.05
+
+
+def test_dense_fog_never_flips_a_right_hemisphere():
+    """Nothing seen in fog says nothing: a target resolved in front stays in front."""
+    tracker = BayesTracker()
+    run(tracker, Senses(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
+    _, tracks, truths = run(tracker, Senses(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
+    assert all(track.front_probability > 0.9 for track in tracks)
+
+
+def test_tracks_a_moving_target_from_a_turning_rig():
+    """A target at 15 deg/s heard from a rig turning at 30 deg/s: the yaw of each measurement's own time counts."""
+    _, tracks, truths = run(BayesTracker(), Senses(8), lambda t: math.radians(15) * t, lambda t: math.radians(30) * t, 12.0)
+    assert np.sqrt(np.mean(errors_deg(tracks, truths, 360) ** 2)) < 3.0
+
+
+def test_late_measurements_count_at_their_own_time():
+    """Sound that comes 0.4 s late gives the same bearing as sound in time, within the noise."""
+    path = lambda t: math.radians(12) * t  # noqa: E731
+    prompt, late = BayesTracker(), BayesTracker()
+    senses = Senses(9)
+    pending = []
+    for step in range(400):
+        t = 100.0 + step / 20.0
+        sound = senses.hear(t, float(wrap(path(t - 100.0))))
+        prompt.add_sound(sound)
+        pending.append(sound)
+        if len(pending) > 8:
+            late.add_sound(pending.pop(0))
+        for tracker in (prompt, late):
+            tracker.add_look(senses.look(t, 3.0, 0.0))
+    truth = path(400 / 20.0)
+    fold = lambda a: math.asin(math.sin(a))  # noqa: E731
+    assert abs(fold(late.estimate(120.0).azimuth) - fold(truth)) < math.radians(4)
+    assert abs(fold(prompt.estimate(120.0).azimuth) - fold(truth)) < math.radians(4)
+
+
+def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
+    """No bearing is invented: variance grows, coasting is said, then the track ends; sound brings it back."""
+    tracker, senses = BayesTracker(), Senses(10)
+    run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
+    soon, later, end = (tracker.estimate(103.0 + dt) for dt in (0.5, 2.0, 20.0))
+    assert later.state == State.COASTING and later.azimuth_variance > soon.azimuth_variance
+    assert end.state == State.NONE and math.isnan(end.azimuth)
+    for k in range(20):
+        tracker.add_sound(senses.hear(130.0 + 0.05 * k, 0.3))
+    assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
+
+
+@pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
+def test_garbage_is_ignored(tracker_class):
+    """NaN, infinite and empty measurements leave a good track alone."""
+    tracker, senses = tracker_class(), Senses(11)
+    run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
+    before = tracker.estimate(103.0)
+    nan, inf = math.nan, math.inf
+    for sound in (Sound(nan, (Hypothesis(0.1, 0.1),), 0.9), Sound(103.0, (Hypothesis(nan, 0.1),), 0.9),
+                  Sound(103.0, (), 0.9), Sound(103.0, (Hypothesis(0.1, 0.1),), nan)):
+        tracker.add_sound(sound)
+    tracker.add_pose(103.0, nan, inf)
+    after = tracker.estimate(103.0)
+    assert after.azimuth == pytest.approx(before.azimuth, abs=1e-9)
