@@ -160,8 +160,9 @@ class MicrophoneArray:
     def hypotheses(self, q: ArrayLike) -> NDArray:
         """Unit vectors (k, 3) whose projection on the basis is q (rank,): the mirror images of one sound.
 
-        A line yields the two horizontal directions on its cone (one where they coincide at end-fire), a plane the
-        directions on both of its sides, a space of microphones just one. q outside of the unit ball is moved onto it.
+        A line yields the two horizontal directions on its cone (forward first where it points to the left), a plane
+        the directions on both of its sides (upper first), a space of microphones just one. q outside of the unit ball
+        is moved onto it.
         """
         q = np.atleast_1d(np.asarray(q, dtype=float))
         q = q / max(1.0, float(np.linalg.norm(q)))
@@ -171,8 +172,6 @@ class MicrophoneArray:
             turn = np.arctan2(axis[1], axis[0])
             spread = np.arccos(np.clip(q[0] / level, -1.0, 1.0))
             azimuth = turn + np.array([-spread, spread])
-            # the forward hypothesis first
-            azimuth = azimuth[np.argsort(-np.cos(azimuth), kind='stable')]
             return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(2)], axis=1)
         inside = self.basis @ q
         if self.rank == 3:

@@ -1,0 +1,183 @@
+"""Sound in, directions of arrival out: the object behind doa_node, `localize` and offline replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from av_common.acoustics import speed_of_sound
+from av_common.angles import direction_to_angles, wrap
+from numpy.typing import ArrayLike, NDArray
+
+from av_audio.array import MicrophoneArray
+from av_audio.spectra import SpectrumAnalyzer
+from av_audio.steered_response import Peak, SteeredResponse
+from av_audio.weighting import WEIGHTINGS
+
+METHODS = tuple(WEIGHTINGS)
+# A significance of 2.8 is as likely noise as a source; both numbers were fitted to the share of wrong peaks over
+# simulated drones in noise (`ros2 run av_audio benchmark sigma` shows how well they hold).
+EVEN_SIGNIFICANCE = 2.8
+SIGNIFICANCE_SLOPE = 1.9
+# Windows with more clipped samples than this are worth nothing.
+CLIPPED_SHARE = 0.01
+FULL_SCALE = 0.999
+# Below this level there is no sound but the converter's last bits.
+SILENCE_DBFS = -100.0
+# Within 15 degrees of the axis of a line of microphones an error of the delay becomes a large error of the angle.
+END_FIRE_COSINE = float(np.cos(np.radians(15.0)))
+
+
+@dataclass(frozen=True)
+class LocalizerSettings:
+    """What the user may choose. Raises ValueError when out of bounds."""
+
+    window_s: float = 0.5
+    hop_s: float = 0.1
+    band_hz: tuple[float, float] = (200.0, 4000.0)
+    method: str = 'ml'
+    temperature_c: float = 20.0
+    elevation_deg: tuple[float, float] = (0.0, 90.0)  # mirror images outside of this range are left out
+
+    def __post_init__(self) -> None:
+        if not 0.02 <= self.window_s <= 10.0:
+            raise ValueError(f'window_s={self.window_s}, expected 0.02..10 s')
+        if not 0.001 <= self.hop_s <= 60.0:
+            raise ValueError(f'hop_s={self.hop_s}, expected 0.001..60 s')
+        if self.method not in METHODS:
+            raise ValueError(f'method={self.method!r}, expected one of {", ".join(METHODS)}')
+        if not -90.0 <= self.elevation_deg[0] < self.elevation_deg[1] <= 90.0:
+            raise ValueError(f'elevation_deg={self.elevation_deg}, expected a rising range within -90..90')
+
+
+@dataclass(frozen=True)
+class DoaEstimate:
+    """What one window says. Arrays (k,) have one entry per hypothesis; k = 0 when the window is silent.
+
+    time: s of the window's centre since sample 0; azimuth, elevation in rad in the array's frame, variances in rad^2
+    (inf where the array cannot tell); confidence 0..1; group: mirror images share a number, exactly one of them is
+    true; end_fire: the angle is hardly resolved; level in dB relative to full scale after the band-pass.
+    """
+
+    time: float
+    centre_sample: float
+    azimuth: NDArray
+    elevation: NDArray
+    azimuth_variance: NDArray
+    elevation_variance: NDArray
+    confidence: NDArray
+    group: NDArray
+    end_fire: NDArray
+    level_dbfs: float
+
+
+class Localizer:
+    """Cuts a stream into overlapping windows and estimates the direction of arrival in each.
+
+    Raises ValueError when the settings do not fit the array or the sample rate.
+    """
+
+    def __init__(self, array: MicrophoneArray, sample_rate: int, settings: LocalizerSettings | None = None) -> None:
+        settings = settings or LocalizerSettings()
+        self.array = array
+        self.sample_rate = sample_rate
+        self.settings = settings
+        self.restarts = 0  # how often a gap or unusable samples made the window start anew
+        self._window = round(settings.window_s * sample_rate)
+        self._hop = max(1, round(settings.hop_s * sample_rate))
+        self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz)
+        self._estimator = SteeredResponse(array, self._analyzer.frequencies, self._analyzer.response,
+                                          speed_of_sound(settings.temperature_c), WEIGHTINGS[settings.method])
+        self._elevations = np.radians(settings.elevation_deg)
+        self._buffer = np.zeros((array.channels, self._window), np.float32)
+        self._filled = 0  # negative while samples between two windows are skipped
+        self._next_sample: int | None = None
+
+    def process(self, samples: ArrayLike, first_sample: int) -> list[DoaEstimate]:
+        """Estimates of the windows that samples (n, m) complete; `first_sample` is their index in the stream.
+
+        A gap or a step back of the index, and samples that are not finite, start the window anew, so that no estimate
+        mixes sound of different times.
+        """
+        samples = np.asarray(samples, np.float32)
+        if samples.ndim != 2 or samples.shape[1] != self.array.channels:
+            raise ValueError(f'samples of shape {samples.shape}, expected (n, {self.array.channels}) for the array '
+                             f'{self.array.name}')
+        finite = bool(np.isfinite(samples).all())
+        if self._next_sample is not None and (first_sample != self._next_sample or not finite):
+            self.restarts += 1
+            self._filled = 0
+        self._next_sample = first_sample + len(samples)
+        if not finite:
+            return []
+        estimates = []
+        taken = 0
+        while taken < len(samples):
+            count = min(len(samples) - taken, (self._window if self._filled >= 0 else 0) - self._filled)
+            if self._filled >= 0:
+                self._buffer[:, self._filled:self._filled + count] = samples[taken:taken + count].T
+            taken += count
+            self._filled += count
+            if self._filled == self._window:
+                estimates.append(self._estimate(first_sample + taken - self._window))
+                keep = max(0, self._window - self._hop)
+                self._buffer[:, :keep] = self._buffer[:, self._window - keep:]
+                self._filled = self._window - self._hop
+        return estimates
+
+    def _estimate(self, start: int) -> DoaEstimate:
+        centre = start + 0.5 * self._window
+        spectra = self._analyzer.spectra(self._buffer)
+        level = self._analyzer.level_dbfs(spectra)
+        if level < SILENCE_DBFS:
+            nothing = np.zeros(0)
+            return DoaEstimate(centre / self.sample_rate, centre, nothing, nothing, nothing, nothing, nothing,
+                               np.zeros(0, int), np.zeros(0, bool), level)
+        peak = self._estimator.estimate(spectra)
+        q, covariance = self._straighten(peak)
+        directions, variances = self._directions(q, covariance)
+        azimuth, elevation = direction_to_angles(directions)
+        count = len(directions)
+        line = self.array.rank == 1
+        end_fire = line and abs(q[0]) + np.sqrt(covariance[0, 0]) > END_FIRE_COSINE
+        return DoaEstimate(
+            centre / self.sample_rate, centre, azimuth, elevation, variances[0],
+            np.full(count, np.inf) if line else variances[1], np.full(count, self._confidence(peak)),
+            np.zeros(count, int), np.full(count, bool(end_fire)), level)
+
+    def _confidence(self, peak: Peak) -> float:
+        source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
+        clipped = np.count_nonzero(np.abs(self._buffer) >= FULL_SCALE) / self._buffer.size
+        identical = bool(np.all(self._buffer == self._buffer[0]))
+        return 0.0 if identical else float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+
+    def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:
+        """q and its covariance with the array's delay curve undone."""
+        curve = self.array.delay_curve
+        if curve is None:
+            return peak.q, peak.covariance
+        step = 1e-3
+        slope = (curve.true_cosine(peak.q + step) - curve.true_cosine(peak.q - step)) / (2.0 * step)
+        return curve.true_cosine(peak.q), peak.covariance * slope**2
+
+    def _directions(self, q: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+        """Directions (k, 3) of the mirror images inside the elevation range and variances (2, k) of azimuth and elevation.
+
+        The variance comes from points one sigma away along the covariance's axes, the further side counting: right
+        also at end-fire, where the derivative of the angle is infinite.
+        """
+        directions = self.array.hypotheses(q)
+        angles = np.array(direction_to_angles(directions))
+        if not np.all(np.isfinite(covariance)):
+            variances = np.full_like(angles, np.inf)
+        else:
+            eigenvalues, axes = np.linalg.eigh(covariance)
+            variances = np.zeros_like(angles)
+            for offset in (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T:
+                sides = [np.array(direction_to_angles(self.array.hypotheses(q + sign * offset))) for sign in (1.0, -1.0)]
+                variances += np.max([wrap(side - angles) ** 2 for side in sides], axis=0)
+        if self.array.rank == 2:
+            inside = (angles[1] >= self._elevations[0] - 1e-9) & (angles[1] <= self._elevations[1] + 1e-9)
+            inside[np.argmin(np.abs(angles[1] - self._elevations.mean()))] = True
+            directions, variances = directions[inside], variances[:, inside]
+        return directions, variances

@@ -1,0 +1,139 @@
+"""Direction as the maximum of the weighted correlation of all pairs of microphones: GCC for two, SRP for more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.array import MicrophoneArray
+from av_audio.weighting import Weighting, cross_spectra
+
+# Search this much beyond the physical delays, so that a peak at end-fire is not cut by a small error of the geometry.
+MARGIN = 1.05
+GRID_POINTS_PER_PERIOD = 8.0
+NEWTON_STEPS = 3
+# Neighbouring bins share a line and the taper's main lobe; their errors count as one.
+CLUSTER_HZ = 16.0
+
+
+@dataclass(frozen=True)
+class Peak:
+    """Where the response is highest: q (rank,) in the array's span and what speaks for it.
+
+    covariance: (rank, rank) of q; significance: height over the standard deviation that unrelated channels would
+    give; main_share: posterior probability that the true maximum is this one and not another of the curve.
+    """
+
+    q: NDArray
+    covariance: NDArray
+    significance: float
+    main_share: float
+
+
+class SteeredResponse:
+    """Weighted steered response J(q) = Re sum_pairs sum_f W(f) exp(-j 2 pi f tau_pair(q)), maximised over q.
+
+    A grid finds the highest lobe, Newton steps on the continuous function find its maximum: there is no sample grid
+    and so no interpolation bias. The covariance is the sandwich estimate H^-1 (sum u u^T) H^-1 from the scatter of the
+    clusters' scores u, which sees noise, reflections and wrong models alike (White, 1982).
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
+                 weighting: Weighting) -> None:
+        self._array = array
+        self._weighting = weighting
+        self._response = response.astype(np.float32)
+        self._bin_hz = float(frequencies[1] - frequencies[0])
+        self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
+        self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
+        self._clusters = np.arange(0, len(frequencies), max(1, round(CLUSTER_HZ / self._bin_hz)))
+        step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
+        reach = MARGIN * array.aperture / speed_of_sound
+        count = 2 * int(np.ceil(reach / step)) + 1
+        self._delays = np.linspace(-reach, reach, count)
+        angles = np.outer(self._delays, 2.0 * np.pi * frequencies)
+        self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
+        self._grid = _grid(array.rank, array.aperture / speed_of_sound / step)
+        self._grid_delays = self._grid @ self._slowness.T  # (g, p)
+
+    def estimate(self, spectra: NDArray) -> Peak:
+        """The highest peak for spectra (m, k)."""
+        pairs = self._array.pairs
+        cross = cross_spectra(spectra, pairs)
+        magnitude = np.abs(spectra)
+        power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
+        scale = self._response * self._weighting(cross, power, self._bin_hz)
+        weighted = cross * scale
+        curve = self.curve(weighted)
+        q = self._refine(weighted, self._grid[np.argmax(curve)])
+        return self._judge(weighted, q, curve)
+
+    def curve(self, weighted: NDArray) -> NDArray:
+        """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
+        by_delay = weighted.real @ self._cosines.T + weighted.imag @ self._sines.T  # (p, delays)
+        if self._array.channels == 2:
+            return np.interp(self._grid_delays[:, 0], self._delays, by_delay[0])
+        return sum(np.interp(delays, self._delays, response) for delays, response in zip(self._grid_delays.T, by_delay))
+
+    def _steer(self, weighted: NDArray, q: NDArray) -> NDArray:
+        """Weighted cross-spectra (p, k) turned back by the delays of q: real where they agree with it."""
+        angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
+        return weighted * (np.cos(angles) - 1j * np.sin(angles))
+
+    def _refine(self, weighted: NDArray, q: NDArray) -> NDArray:
+        start = q
+        reach = 2.0 / (GRID_POINTS_PER_PERIOD * self._omega[-1] / (2.0 * np.pi)) / np.abs(self._slowness).max()
+        for _ in range(NEWTON_STEPS):
+            gradient, hessian = self._derivatives(self._steer(weighted, q))
+            if np.any(np.linalg.eigvalsh(hessian) <= 0.0):
+                return start
+            q = np.clip(q + np.linalg.solve(hessian, gradient), start - reach, start + reach)
+        return q
+
+    def _derivatives(self, steered: NDArray) -> tuple[NDArray, NDArray]:
+        """Gradient (rank,) and negative Hessian (rank, rank) of J."""
+        first = steered.imag @ self._omega
+        second = steered.real @ self._omega**2
+        return self._slowness.T @ first, (self._slowness.T * second) @ self._slowness
+
+    def _judge(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
+        steered = self._steer(weighted, q)
+        _, hessian = self._derivatives(steered)
+        clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
+        height = float(clusters.real.sum())
+        spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
+        if spread == 0.0 or height <= 0.0 or np.any(np.linalg.eigvalsh(hessian) <= 0.0):
+            return Peak(q, np.full_like(hessian, np.inf), 0.0, 0.0)
+        scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
+        inverse = np.linalg.inv(hessian)
+        covariance = inverse @ (scores @ scores.T) @ inverse
+        return Peak(q, covariance, height / spread, self._main_share(q, covariance, hessian, height, curve))
+
+    def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
+        """Posterior mass of the peak's own lobe, with the curve as log-likelihood, scaled to agree with the covariance."""
+        rank = len(q)
+        trace = float(np.trace(covariance @ hessian))
+        if trace <= 0.0:
+            return 1.0
+        log_likelihood = (curve - height) * rank / trace
+        # half a lobe: a quarter period of the mean frequency that carries the peak
+        lobe = 0.5 * np.pi * np.sqrt(height * rank / np.trace(hessian))
+        outside = np.abs(self._grid - q).max(axis=1) > lobe
+        cell = (2.0 * MARGIN) ** rank / len(self._grid)
+        others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
+        own = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
+        return own / (own + others)
+
+
+def _grid(rank: int, points_per_unit: float) -> NDArray:
+    """Points (g, rank) that fill the ball |q| <= MARGIN (a sphere for rank 3), dense enough not to miss a lobe."""
+    line = np.linspace(-MARGIN, MARGIN, 2 * int(np.ceil(MARGIN * points_per_unit)) + 1)
+    if rank == 1:
+        return line[:, None]
+    points = np.stack(np.meshgrid(*[line] * rank, indexing='ij'), -1).reshape(-1, rank)
+    radius = np.linalg.norm(points, axis=1)
+    if rank == 2:
+        return points[radius <= MARGIN]
+    return points[np.abs(radius - 1.0) < 1.0 / points_per_unit]
