@@ -1,3 +1,4 @@
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from generate_parameter_library_py.generate_python_module import run as generate_parameters
@@ -6,7 +7,8 @@ from setuptools import find_packages, setup
 package_name = 'av_fusion'
 
 for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
-    generate_parameters(str(description.with_suffix('.py')), str(description), '')
+    with redirect_stdout(None):  # colcon reads what this file prints
+        generate_parameters(str(description.with_suffix('.py')), str(description), '')
 
 setup(
     name=package_name,
