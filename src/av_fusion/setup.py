@@ -1,7 +1,9 @@
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from generate_parameter_library_py.generate_python_module import run as generate_parameters
+from generate_parameter_library_py.generate_python_module import (
+    run as generate_parameters,
+)
 from setuptools import find_packages, setup
 
 package_name = 'av_fusion'

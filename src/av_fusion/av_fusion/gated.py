@@ -12,7 +12,15 @@ from dataclasses import dataclass, field
 from av_common.angles import wrap
 
 from av_fusion.machine import MachineSettings, StateMachine
-from av_fusion.measurements import Detection, Hypothesis, Look, Sound, Source, State, Track
+from av_fusion.measurements import (
+    Detection,
+    Hypothesis,
+    Look,
+    Sound,
+    Source,
+    State,
+    Track,
+)
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import RotationPlanner, RotationSettings
 

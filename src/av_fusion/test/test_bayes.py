@@ -98,7 +98,7 @@ def test_tracks_a_moving_target_from_a_turning_rig():
 
 def test_late_measurements_count_at_their_own_time():
     """Sound that comes 0.4 s late gives the same bearing as sound in time, within the noise."""
-    path = lambda t: math.radians(12) * t  # noqa: E731
+    path = lambda t: math.radians(12) * t
     prompt, late = BayesTracker(), BayesTracker()
     senses = Senses(9)
     pending = []
@@ -112,7 +112,7 @@ def test_late_measurements_count_at_their_own_time():
         for tracker in (prompt, late):
             tracker.add_look(senses.look(t, 3.0, 0.0))
     truth = path(400 / 20.0)
-    fold = lambda a: math.asin(math.sin(a))  # noqa: E731
+    fold = lambda a: math.asin(math.sin(a))
     assert abs(fold(late.estimate(120.0).azimuth) - fold(truth)) < math.radians(4)
     assert abs(fold(prompt.estimate(120.0).azimuth) - fold(truth)) < math.radians(4)
 

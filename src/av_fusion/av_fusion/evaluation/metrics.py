@@ -1,0 +1,111 @@
+"""Figures of a run: coverage, errors, how soon front and back were told apart, switches, rates and delays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from av_common.angles import wrap
+from numpy.typing import NDArray
+
+from av_fusion.evaluation.run_log import RunLog, Series
+from av_fusion.measurements import State
+
+GRID_HZ = 20.0
+FRESH_S = 0.25  # a report counts this long for coverage
+OUTLIER_DEG = 20.0
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Of one sense or method. Angles in degrees; shares 0..1; nan where there is no truth."""
+
+    coverage: float = math.nan
+    rmse_deg: float = math.nan
+    mae_deg: float = math.nan
+    median_deg: float = math.nan
+    p95_deg: float = math.nan
+    outliers: float = math.nan
+    hemisphere_errors: float = math.nan
+    rate_hz: float = 0.0
+    delay_median_ms: float = math.nan
+    delay_p95_ms: float = math.nan
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of a run, for `fused`, `sound` (the nearer of its mirror images) and `sight`."""
+
+    senses: dict[str, Errors]
+    acquired: float = math.nan
+    time_to_decide: float = math.nan
+    switches: int = 0
+    notes: dict[str, str] = field(default_factory=dict)
+
+
+def summarise(log: RunLog, tau: float = 0.5) -> Summary:
+    """Compute the figures. Coverage counts from the first detection, or from the first bearing where nothing was seen."""
+    seen = log.sight['confidence'] >= tau
+    following = log.fused['state'] != State.NONE
+    first = [log.sight['time'][seen], log.fused['time'][following]]
+    acquired = next((float(times.min()) for times in first if times.size), math.nan)
+    end = max((float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)), default=0.0)
+    grid = np.arange(acquired, end, 1.0 / GRID_HZ) if math.isfinite(acquired) else np.empty(0)
+
+    def errors_of(series: Series, use: NDArray[np.bool_], azimuths: list[str]) -> Errors:
+        time = series['time']
+        truth = log.true_azimuth(time)
+        error = np.min([np.abs(wrap(np.nan_to_num(series[name], nan=1e9) - truth)) + 1e9 * np.isnan(series[name])
+                        for name in azimuths], axis=0) if len(series) else np.empty(0)
+        counted = use & np.isfinite(error) & (time >= acquired)
+        return _errors(np.degrees(error[counted]), _coverage(grid, time[use]), series,
+                       _share(np.cos(truth) * np.cos(series[azimuths[0]]) < 0.0, counted))
+
+    senses = {'fused': errors_of(log.fused, following, ['azimuth']),
+              'sound': errors_of(log.sound, log.sound['confidence'] > 0.0, ['azimuth', 'mirrored']),
+              'sight': errors_of(log.sight, seen, ['azimuth'])}
+    return Summary(senses, acquired, _time_to_decide(log), _switches(log), dict(log.notes))
+
+
+def _errors(error_deg: NDArray[np.float64], coverage: float, series: Series, hemisphere_errors: float) -> Errors:
+    time, delay = series['time'], 1e3 * series['delay'][np.isfinite(series['delay'])]
+    rate = (len(time) - 1) / max(np.ptp(time), 1e-9) if len(time) > 1 else 0.0
+    delays = (float(np.median(delay)), float(np.percentile(delay, 95))) if delay.size else (math.nan, math.nan)
+    if not error_deg.size:
+        return Errors(coverage, rate_hz=rate, delay_median_ms=delays[0], delay_p95_ms=delays[1])
+    return Errors(coverage, float(np.sqrt(np.mean(error_deg**2))), float(np.mean(error_deg)), float(np.median(error_deg)),
+                  float(np.percentile(error_deg, 95)), float(np.mean(error_deg > OUTLIER_DEG)), hemisphere_errors, rate, *delays)
+
+
+def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
+    """Share of the instants of `grid` (s) with a report no older than FRESH_S."""
+    if not grid.size:
+        return math.nan
+    if not reports.size:
+        return 0.0
+    newest = np.searchsorted(np.sort(reports), grid + 1.0 / GRID_HZ) - 1
+    age = np.where(newest >= 0, grid - np.sort(reports)[np.maximum(newest, 0)], np.inf)
+    return float(np.mean(age <= FRESH_S))
+
+
+def _share(condition: NDArray[np.bool_], among: NDArray[np.bool_]) -> float:
+    return float(np.mean(condition[among])) if among.any() else math.nan
+
+
+def _time_to_decide(log: RunLog) -> float:
+    """Seconds from the first sound or bearing to the first bearing that is resolved, and rightly so if there is truth."""
+    time, resolved = log.fused['time'], log.fused['resolved'] > 0.0
+    if not len(time):
+        return math.nan
+    wrong = np.abs(wrap(log.fused['azimuth'] - log.true_azimuth(time))) > math.radians(OUTLIER_DEG)
+    right = time[resolved & ~wrong]
+    heard = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[log.fused['state'] != State.NONE]])
+    return float(max(right[0] - heard.min(), 0.0)) if right.size and heard.size else math.nan
+
+
+def _switches(log: RunLog) -> int:
+    """How often the leading sense changed between sight and sound."""
+    state = log.fused['state']
+    leading = state[(state == State.VISUAL_ACTIVE) | (state == State.ACOUSTIC_ACTIVE)]
+    return int(np.count_nonzero(np.diff(leading)))

@@ -1,0 +1,173 @@
+"""Directions of arrival, detections and odometry in; one bearing and the state of the fusion out."""
+
+from __future__ import annotations
+
+import math
+
+from av_common.frames import yaw_of
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+from av_fusion.bayes import BayesSettings, BayesTracker
+from av_fusion.gated import GatedSettings, GatedTracker
+from av_fusion.machine import MachineSettings
+from av_fusion.measurements import State, Track
+from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
+from av_fusion.nodes.sensor_messages import SensorMessages
+from av_fusion.rotation import RotationSettings
+from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
+
+CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
+
+
+def make_tracker(settings: parameters.Params) -> BayesTracker | GatedTracker:
+    """The tracker that the parameters describe."""
+    machine = MachineSettings(settings.tau, settings.hysteresis, settings.dwell, settings.sight_timeout,
+                              settings.sound_timeout)
+    turn = settings.rotation
+    rotation = {'enabled': turn.enabled, 'patience': turn.patience, 'sector': math.radians(turn.sector_deg),
+                'fixed': math.radians(turn.fixed_deg)}
+    delays = {'sound_delay': settings.sound_delay, 'sight_delay': settings.sight_delay}
+    if settings.method == 'gated':
+        rotation['fixed'] = rotation['fixed'] or RotationSettings().largest / 2.0
+        return GatedTracker(GatedSettings(machine=machine, rotation=RotationSettings(**rotation), **delays))
+    return BayesTracker(BayesSettings(
+        machine=machine, rotation=RotationSettings(**rotation), acceleration_density=settings.acceleration_density,
+        rate_sigma=math.radians(settings.rate_sigma_deg), decide=settings.decide_probability, recall=settings.recall,
+        assumed_visibility=settings.assumed_visibility, **delays))
+
+
+class FusionNode(RigNode):
+    """Thin shell around a tracker: turns messages into measurements and tracks into messages."""
+
+    def __init__(self) -> None:
+        super().__init__('fusion_node', parameters)
+
+    def configure(self) -> None:
+        """Build the tracker, open the publishers."""
+        self._settings = self.settings
+        self._tracker = make_tracker(self._settings)
+        self._senses = SensorMessages(self, self._settings.base_frame, self._settings.target_classes)
+        self._visibility = (-math.inf, math.nan)
+        self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
+        self._foreign = 0
+        self._last_published = -math.inf
+        self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
+        self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
+
+    def activate(self) -> None:
+        """Listen to the senses."""
+        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
+        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
+        self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
+        self.while_active(self.create_subscription, Visibility, 'visibility', self._on_visibility, STREAM)
+        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
+        self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
+
+    def cleanup(self) -> None:
+        """Close the publishers."""
+        self.destroy_publisher(self._bearing_publisher)
+        self.destroy_publisher(self._state_publisher)
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def _is_foreign(self, header: Header) -> bool:
+        """Whether a stamp stems from another clock than this node's."""
+        foreign = abs(to_seconds(header.stamp) - self._now()) > CLOCK_TOLERANCE_S
+        self._foreign += foreign
+        return foreign
+
+    def _on_doa(self, message: DoaArray) -> None:
+        self._meters['doa'].tick()
+        if self._is_foreign(message.header):
+            return
+        for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
+            self._tracker.add_sound(sound)
+        self._publish()
+
+    def _on_detections(self, message: Detection2DArray) -> None:
+        self._meters['detections'].tick()
+        stamp, visibility = self._visibility
+        if self._is_foreign(message.header):
+            return
+        look = self._senses.look(message, visibility if abs(to_seconds(message.header.stamp) - stamp) < 1.0 else math.nan)
+        if look is not None:
+            self._tracker.add_look(look)
+            self._publish()
+
+    def _on_visibility(self, message: Visibility) -> None:
+        self._visibility = (to_seconds(message.header.stamp), message.visibility)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._meters['odometry'].tick()
+        q = message.pose.pose.orientation
+        if not self._is_foreign(message.header) and q.w**2 + q.x**2 + q.y**2 + q.z**2 > 0.5:
+            yaw = yaw_of([q.w, q.x, q.y, q.z])
+            self._tracker.add_pose(to_seconds(message.header.stamp), yaw, message.twist.twist.angular.z)
+
+    def _on_timer(self) -> None:
+        if self._now() - self._last_published > 0.9 / self._settings.rate:
+            self._publish()
+
+    def _missing(self) -> list[str]:
+        return [name for name, meter in self._meters.items() if meter.age > 1.0]
+
+    def _publish(self) -> None:
+        now = self._now()
+        self._last_published = now
+        track = self._tracker.estimate(now)
+        header = Header(stamp=to_stamp(now), frame_id=self._settings.base_frame)
+        self._state_publisher.publish(state_message(track, header, self._missing()))
+        self._bearing_publisher.publish(bearing_message(track, header))
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Which inputs are missing, and what cannot be used."""
+        missing = self._missing()
+        if missing:
+            level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
+            status.mergeSummary(level, f'no {", ".join(missing)}')
+        if self._senses.problem:
+            status.mergeSummary(DiagnosticStatus.ERROR, self._senses.problem)
+        if self._foreign:
+            status.mergeSummary(DiagnosticStatus.ERROR, f'{self._foreign} stamps more than {CLOCK_TOLERANCE_S:.0f} s off '
+                                "this node's clock: set use_sim_time alike on all nodes, or synchronise the clocks")
+            self._foreign = 0
+        for name, meter in self._meters.items():
+            status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
+        status.add('state', self._tracker.machine.state.name)
+        status.add('reason', self._tracker.machine.reason)
+
+
+def bearing_message(track: Track, header: Header) -> Bearing:
+    """A track as a message."""
+    known = track.state != State.NONE
+    return Bearing(
+        header=header, azimuth=track.azimuth, elevation=track.elevation, azimuth_variance=track.azimuth_variance,
+        elevation_variance=track.elevation_variance, azimuth_world=track.azimuth_world,
+        azimuth_world_rate=track.azimuth_world_rate, state=int(track.state), source=int(track.source),
+        hemisphere_probability=track.hemisphere_probability,
+        measured=to_stamp(track.measured) if known and track.measured > 0.0 else to_stamp(0.0))
+
+
+def state_message(track: Track, header: Header, missing: list[str]) -> FusionState:
+    """The state of the fusion as a message."""
+    return FusionState(
+        header=header, state=int(track.state), reason=track.reason, changed=to_stamp(max(track.changed, 0.0)),
+        sound_confidence=track.sound_confidence, sight_confidence=track.sight_confidence,
+        sound_weight=track.sound_weight, sight_weight=track.sight_weight, visibility=track.visibility,
+        front_probability=track.front_probability, hemisphere_resolved=track.resolved,
+        requested_rotation=track.requested_rotation, missing=missing)
+
+
+def main() -> None:
+    """Run the node."""
+    run(FusionNode)
