@@ -40,7 +40,7 @@ class RigNode(LifecycleNode):
         self._problem = ''
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
-        self._parameters = parameters.ParamListener(self) if parameters else None
+        self._parameter_listener = parameters.ParamListener(self) if parameters else None
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
             description='Configure and activate without a lifecycle manager, and try again when that fails.',
             read_only=True)).value
@@ -54,7 +54,7 @@ class RigNode(LifecycleNode):
     @property
     def settings(self) -> Any:
         """The parameters as they are now, as the generated typed struct."""
-        return self._parameters.get_params()
+        return self._parameter_listener.get_params()
 
     @property
     def is_active(self) -> bool:
