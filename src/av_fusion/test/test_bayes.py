@@ -13,7 +13,10 @@ from av_fusion.measurements import Hypothesis, Sound, Source, State
 from simulated_senses import Senses
 
 
-def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0, obey=False, rate=math.radians(40)):
+TURN_RATE = math.radians(40.0)
+
+
+def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0, obey=False):
     """Feed 20 sounds and 15 pictures a second; returns times, tracks and body azimuths of the truth."""
     times, tracks, truths, heading = [], [], [], yaw(0.0) if callable(yaw) else yaw
     for step in range(int(seconds * 60)):
@@ -22,7 +25,7 @@ def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0,
             heading = yaw(t - 100.0)
         elif obey and tracks:
             wanted = tracks[-1].requested_rotation
-            heading += float(np.clip(wanted, -rate / 60.0, rate / 60.0))
+            heading += float(np.clip(wanted, -TURN_RATE / 60.0, TURN_RATE / 60.0))
         tracker.add_pose(t, float(wrap(heading)), 0.0)
         body = float(wrap(azimuth_world(t - 100.0) - heading))
         if hear and step % 3 == 0:
@@ -86,7 +89,7 @@ def test_dense_fog_never_flips_a_right_hemisphere():
     """Nothing seen in fog says nothing: a target resolved in front stays in front."""
     tracker = BayesTracker()
     run(tracker, Senses(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
-    _, tracks, truths = run(tracker, Senses(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
+    _, tracks, _ = run(tracker, Senses(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
     assert all(track.front_probability > 0.9 for track in tracks)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,7 @@ def _shade(axes: tuple, log: RunLog, start: float) -> None:
         return
     edges = np.concatenate([[0], np.flatnonzero(np.diff(state)) + 1, [len(state) - 1]])
     labelled = set()
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         if state[begin] in SHADES:
             colour, label = SHADES[State(int(state[begin]))]
             for axis in axes:

@@ -22,7 +22,6 @@ from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
 from av_fusion.evaluation.metrics import summarise
-from av_fusion.evaluation.picture import draw
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.evaluation.status_line import format_status
 from av_fusion.evaluation.table import format_table
@@ -148,6 +147,8 @@ class MonitorNode(RigNode):
             out = Path(self._settings.out)
             out.mkdir(parents=True, exist_ok=True)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
+            from av_fusion.evaluation.picture import draw  # matplotlib takes a second to load: not at the start
+
             draw(self._log, out / 'bearing.png', self._settings.title)
             print(f'{"picture":<20}  {out / "bearing.png"}', flush=True)
 
