@@ -28,6 +28,7 @@ setup(
         'console_scripts': [
             'audio_node = av_audio.nodes.audio_node:main',
             'doa_node = av_audio.nodes.doa_node:main',
+            'localize = av_audio.cli.localize:main',
         ],
     },
 )

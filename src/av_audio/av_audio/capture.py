@@ -1,0 +1,115 @@
+"""Sources of sound that write into a ring buffer and know when each sample was captured."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from av_audio.ring_buffer import RingBuffer
+
+
+def pick_channels(available: int, channels: Sequence[int], source: str) -> list[int]:
+    """The channels to take, in order; all where `channels` is empty. Raises ValueError for one that is not there."""
+    wrong = [channel for channel in channels if not 0 <= channel < available]
+    if wrong:
+        raise ValueError(f'channels={list(channels)}: {source} has channels 0..{available - 1}, not {wrong}')
+    return list(channels) or list(range(available))
+
+
+def read_sound(path: str | Path, channels: Sequence[int] = ()) -> tuple[NDArray, int]:
+    """Samples (n, m) in float32 and sample rate of a file that libsndfile reads. Raises OSError or ValueError."""
+    with open_sound(path) as file:
+        picked = pick_channels(file.channels, channels, str(path))
+        return file.read(dtype='float32', always_2d=True)[:, picked], file.samplerate
+
+
+def open_sound(path: str | Path) -> soundfile.SoundFile:
+    """Open a sound file. Raises OSError that names the file and what is wrong."""
+    path = Path(path).expanduser()
+    if not path.is_file():
+        raise FileNotFoundError(f'sound file {path} does not exist')
+    try:
+        return soundfile.SoundFile(path)
+    except soundfile.LibsndfileError as error:
+        raise OSError(f'sound file {path}: {error}') from error
+
+
+class FileSource:
+    """Plays a sound file into a ring buffer as a device would: each block appears when its last sample has sounded.
+
+    Raises OSError or ValueError when the file or the channels cannot be used.
+    """
+
+    def __init__(self, path: str | Path, channels: Sequence[int] = (), block_samples: int = 1600, loop: bool = False,
+                 now: Callable[[], float] = time.time) -> None:
+        self._file = open_sound(path)
+        self._picked = pick_channels(self._file.channels, channels, str(path))
+        self._block = block_samples
+        self._loop = loop
+        self._now = now
+        self._begin = 0.0
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.sample_rate: int = self._file.samplerate
+        self.channels = len(self._picked)
+        self.finished = False
+        if not self._file.frames:
+            raise ValueError(f'sound file {path} is empty')
+
+    def start(self, buffer: RingBuffer) -> None:
+        """Begin to write into the buffer from an own thread."""
+        self._begin = self._now()
+        self._stop.clear()
+        self.finished = False
+        self._thread = threading.Thread(target=self._play, args=(buffer,), daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread. `start` may follow and begins at the beginning."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        self._file.seek(0)
+
+    def close(self) -> None:
+        """Stop and close the file."""
+        self.stop()
+        self._file.close()
+
+    def time_of(self, sample: int) -> float:
+        """Capture time in s of a sample, on the clock `now`."""
+        return self._begin + sample / self.sample_rate
+
+    def _play(self, buffer: RingBuffer) -> None:
+        begin = time.monotonic()
+        sent = 0
+        while not self._stop.is_set():
+            samples = self._read_block()
+            if not len(samples):
+                self.finished = True
+                return
+            due = begin + (sent + len(samples)) / self.sample_rate
+            if self._stop.wait(max(0.0, due - time.monotonic())):
+                return
+            buffer.write(samples)
+            sent += len(samples)
+
+    def _read_block(self) -> NDArray:
+        """The next block (n, m); shorter at the end of the file, empty after it. A loop joins end and beginning."""
+        blocks = []
+        missing = self._block
+        while missing:
+            block = self._file.read(missing, dtype='float32', always_2d=True)
+            blocks.append(block)
+            missing -= len(block)
+            if missing and not self._loop:
+                break
+            if missing:
+                self._file.seek(0)
+        return np.concatenate(blocks)[:, self._picked]

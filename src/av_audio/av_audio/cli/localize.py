@@ -1,0 +1,115 @@
+"""`ros2 run av_audio localize FILE --array ARRAY.yaml`: directions of arrival in a sound file."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from av_audio.array import MicrophoneArray
+from av_audio.capture import open_sound, pick_channels
+from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
+
+
+def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options that every program with a localizer shares."""
+    defaults = LocalizerSettings()
+    parser.add_argument('--array', required=True, metavar='YAML', help='array file, such as config/arrays/two_microphones.yaml')
+    parser.add_argument('--channels', type=int, nargs='+', default=[], metavar='N',
+                        help='channels of the file in the order of the microphones (default: all)')
+    parser.add_argument('--method', choices=METHODS, default=defaults.method, help='estimator (default: %(default)s)')
+    parser.add_argument('--window', type=float, default=defaults.window_s, metavar='S', help='s of sound per estimate (default: %(default)s)')
+    parser.add_argument('--hop', type=float, default=defaults.hop_s, metavar='S', help='s between estimates (default: %(default)s)')
+    parser.add_argument('--band', type=float, nargs=2, default=defaults.band_hz, metavar=('LOW', 'HIGH'),
+                        help='band-pass in Hz (default: %(default)s)')
+    parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
+                        help='temperature of the air in degrees Celsius (default: %(default)s)')
+
+
+def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
+    """Settings of the options that `add_localizer_arguments` made."""
+    return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
+                             method=arguments.method, temperature_c=arguments.temperature)
+
+
+def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
+                  progress: bool = False) -> Iterator[DoaEstimate]:
+    """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit."""
+    with open_sound(path) as file:
+        picked = pick_channels(file.channels, channels, str(path))
+        if len(picked) != array.channels:
+            raise ValueError(f'{path} gives {len(picked)} channels, but the array {array.name} has {array.channels} '
+                             f'microphones; choose with --channels')
+        localizer = Localizer(array, file.samplerate, settings)
+        first_sample = 0
+        for block in file.blocks(blocksize=file.samplerate, dtype='float32', always_2d=True):
+            yield from localizer.process(block[:, picked], first_sample)
+            first_sample += len(block)
+            if progress:
+                end = '\n' if first_sample >= file.frames else ''
+                print(f'\r{100 * first_sample // max(1, file.frames):3d} %', end=end, file=sys.stderr, flush=True)
+
+
+def to_record(estimate: DoaEstimate) -> dict:
+    """An estimate as plain numbers in degrees. `sigma_deg` is that of azimuth, None where there is no direction."""
+    variance = float(np.max(estimate.azimuth_variance, initial=0.0))
+    return {
+        'time': round(estimate.time, 6),
+        'azimuth_deg': np.degrees(estimate.azimuth).round(3).tolist(),
+        'elevation_deg': np.degrees(estimate.elevation).round(3).tolist(),
+        'sigma_deg': round(min(180.0, float(np.degrees(np.sqrt(variance)))), 3) if len(estimate.azimuth) else None,
+        'confidence': round(float(np.max(estimate.confidence, initial=0.0)), 4),
+    }
+
+
+def write_csv(records: list[dict]) -> None:
+    """One row per window, one pair of columns per hypothesis."""
+    count = max((len(record['azimuth_deg']) for record in records), default=0)
+    writer = csv.writer(sys.stdout, lineterminator='\n')
+    writer.writerow(['time', *(f'azimuth_deg_{k}' for k in range(count)), *(f'elevation_deg_{k}' for k in range(count)),
+                     'sigma_deg', 'confidence'])
+    for record in records:
+        filler = [''] * (count - len(record['azimuth_deg']))
+        sigma = '' if record['sigma_deg'] is None else record['sigma_deg']
+        writer.writerow([record['time'], *record['azimuth_deg'], *filler, *record['elevation_deg'], *filler, sigma,
+                         record['confidence']])
+
+
+def write_table(records: list[dict]) -> None:
+    """For the eye: hypotheses side by side, as azimuth and, where it is known, elevation."""
+    print(f'{"time s":>8} {"azimuth deg":>22} {"elevation deg":>22} {"sigma":>7} {"confidence":>10}')
+    for record in records:
+        azimuth = ' or '.join(f'{value:.1f}' for value in record['azimuth_deg']) or 'silent'
+        elevation = ' or '.join(f'{value:.1f}' for value in dict.fromkeys(record['elevation_deg']))
+        sigma = '' if record['sigma_deg'] is None else f'{record["sigma_deg"]:.2f}'
+        print(f'{record["time"]:8.3f} {azimuth:>22} {elevation:>22} {sigma:>7} {record["confidence"]:10.2f}')
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog='localize', description='Directions of arrival in a sound file.')
+    parser.add_argument('file', help='sound file with one channel per microphone')
+    add_localizer_arguments(parser)
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument('--json', action='store_true', help='print a list of objects')
+    output.add_argument('--csv', action='store_true', help='print comma separated values')
+    options = parser.parse_args(arguments)
+    try:
+        array = MicrophoneArray.load(options.array)
+        progress = sys.stderr.isatty()
+        records = [to_record(estimate) for estimate in
+                   localize_file(options.file, array, settings_from(options), options.channels, progress)]
+    except (OSError, ValueError) as error:
+        sys.exit(f'localize: {error}')
+    if options.json:
+        json.dump(records, sys.stdout, indent=1)
+        print()
+    elif options.csv:
+        write_csv(records)
+    else:
+        write_table(records)

@@ -1,0 +1,81 @@
+"""Sound of a file or a device as AudioFrame messages."""
+
+from __future__ import annotations
+
+import array
+
+from av_common.node import RigNode, run
+from av_common.qos import STREAM
+from av_common.stamps import to_stamp
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+
+from av_audio.capture import FileSource
+from av_audio.nodes.audio_node_parameters import audio_node as parameters
+from av_audio.ring_buffer import RingBuffer
+from av_interfaces.msg import AudioFrame
+
+
+class AudioNode(RigNode):
+    """Publishes `audio/frames`. The capturing thread fills a ring buffer and never waits for the publisher."""
+
+    def __init__(self, **kwargs: object) -> None:
+        super().__init__('audio_node', parameters, **kwargs)
+
+    def configure(self) -> None:
+        """Open the source."""
+        settings = self.settings
+        self._frame_id = settings.frame_id
+        self._block = settings.block
+        self._source = self._open(settings)
+        self._buffer_bytes = settings.buffer_bytes
+        self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
+
+    def _open(self, settings: object) -> FileSource:
+        if settings.source == 'device':
+            raise ValueError('source=device is not available yet, use file')
+        if not settings.file:
+            raise ValueError('file is empty, expected the path of a sound file')
+        return FileSource(settings.file, settings.channels, settings.block, settings.loop, self._now)
+
+    def _now(self) -> float:
+        return 1e-9 * self.get_clock().now().nanoseconds
+
+    def activate(self) -> None:
+        """Begin to capture."""
+        self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
+        self._source.start(self._buffer)
+        self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
+
+    def deactivate(self) -> None:
+        """Stop capturing."""
+        self._source.stop()
+
+    def cleanup(self) -> None:
+        """Close the source."""
+        self._source.close()
+        self.destroy_publisher(self._publisher)
+
+    def _publish(self) -> None:
+        while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
+            first_sample, samples = self._buffer.read(self._block)
+            message = AudioFrame(sample_rate=self._source.sample_rate, channels=self._source.channels,
+                                 first_sample=first_sample, samples=array.array('f', samples.tobytes()))
+            message.header.stamp = to_stamp(self._source.time_of(first_sample))
+            message.header.frame_id = self._frame_id
+            self._publisher.publish(message)
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Losses and the end of a file."""
+        status.add('sample rate', f'{self._source.sample_rate} Hz')
+        status.add('channels', str(self._source.channels))
+        status.add('overwritten samples', str(self._buffer.overwritten))
+        if self._source.finished:
+            status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
+        elif self._buffer.overwritten:
+            status.mergeSummary(DiagnosticStatus.WARN, f'{self._buffer.overwritten} samples lost, the machine is too slow')
+
+
+def main() -> None:
+    """Entry point."""
+    run(AudioNode)

@@ -1,0 +1,121 @@
+"""AudioFrame messages in, directions of arrival out."""
+
+from __future__ import annotations
+
+import numpy as np
+from av_common.angles import angles_to_direction
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+
+from av_audio.array import MicrophoneArray
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.nodes.doa_node_parameters import doa_node as parameters
+from av_interfaces.msg import AudioFrame, Doa, DoaArray
+
+# Without sound for this long the node says so.
+SILENT_S = 1.0
+
+
+class DoaNode(RigNode):
+    """Listens to `audio/frames` and publishes `doa`. Frames that do not fit are reported and left out."""
+
+    def __init__(self, **kwargs: object) -> None:
+        super().__init__('doa_node', parameters, **kwargs)
+
+    def configure(self) -> None:
+        """Read the array and check the settings."""
+        values = self.settings
+        if not values.array_file:
+            raise ValueError('array_file is empty, expected the path of an array file such as config/arrays/two_microphones.yaml')
+        self._array = MicrophoneArray.load(values.array_file)
+        self._localizer_settings = LocalizerSettings(
+            window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
+            temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg))
+        self._localizer: Localizer | None = None
+        self._last: DoaEstimate | None = None
+        self._restarts = 0
+        self._problem_with_frames = ''
+        self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
+
+    def activate(self) -> None:
+        """Begin to listen."""
+        self._frames = RateMeter()
+        self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_frame, STREAM)
+
+    def deactivate(self) -> None:
+        """Forget the sound heard so far."""
+        self._localizer = None
+
+    def cleanup(self) -> None:
+        """Drop what `configure` made."""
+        self.destroy_publisher(self._publisher)
+
+    def _on_frame(self, frame: AudioFrame) -> None:
+        self._frames.tick()
+        try:
+            estimates = self._process(frame)
+        except ValueError as error:
+            if str(error) != self._problem_with_frames:
+                self.get_logger().error(f'audio frame left out: {error}')
+            self._problem_with_frames = str(error)
+            self._localizer = None
+            return
+        self._problem_with_frames = ''
+        for estimate in estimates:
+            self._last = estimate
+            self._publisher.publish(self._message(estimate, frame))
+
+    def _process(self, frame: AudioFrame) -> list[DoaEstimate]:
+        """Raises ValueError when the frame contradicts itself or does not fit the array or the settings."""
+        channels = self._array.channels
+        if frame.channels != channels:
+            raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {channels} microphones')
+        if len(frame.samples) % channels:
+            raise ValueError(f'{len(frame.samples)} samples are not a multiple of {channels} channels')
+        if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
+            self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings)
+        samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
+        before = self._localizer.restarts
+        estimates = self._localizer.process(samples, frame.first_sample)
+        self._restarts += self._localizer.restarts - before
+        return estimates
+
+    def _message(self, estimate: DoaEstimate, frame: AudioFrame) -> DoaArray:
+        settings = self._localizer_settings
+        offset = (estimate.centre_sample - frame.first_sample) / frame.sample_rate
+        message = DoaArray(window=settings.window_s, method=settings.method, level=estimate.level_dbfs)
+        message.header.frame_id = frame.header.frame_id
+        message.header.stamp = to_stamp(max(0.0, to_seconds(frame.header.stamp) + offset))
+        directions = angles_to_direction(estimate.azimuth, estimate.elevation)
+        for k, direction in enumerate(directions):
+            hypothesis = Doa(
+                azimuth=float(estimate.azimuth[k]), elevation=float(estimate.elevation[k]),
+                azimuth_variance=float(estimate.azimuth_variance[k]),
+                elevation_variance=float(estimate.elevation_variance[k]), confidence=float(estimate.confidence[k]),
+                ambiguity_group=int(estimate.group[k]), end_fire=bool(estimate.end_fire[k]))
+            hypothesis.direction.x, hypothesis.direction.y, hypothesis.direction.z = map(float, direction)
+            message.hypotheses.append(hypothesis)
+        return message
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """What arrives, what is wrong with it, and how loud it is."""
+        status.add('frames per second', f'{self._frames.rate:.1f}')
+        status.add('windows restarted by gaps or unusable samples', str(self._restarts))
+        if self._last is not None:
+            status.add('level', f'{self._last.level_dbfs:.1f} dBFS')
+            status.add('confidence', f'{max(self._last.confidence, default=0.0):.2f}')
+        if self._problem_with_frames:
+            status.mergeSummary(DiagnosticStatus.ERROR, self._problem_with_frames)
+        elif self._frames.age > SILENT_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
+        elif self._last is not None and not len(self._last.azimuth):
+            status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
+
+
+def main() -> None:
+    """Entry point."""
+    run(DoaNode)

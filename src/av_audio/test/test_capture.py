@@ -1,0 +1,66 @@
+"""A file as a source in real time."""
+
+import time
+
+import numpy as np
+import pytest
+import soundfile
+from av_audio.capture import FileSource, read_sound
+from av_audio.ring_buffer import RingBuffer
+
+
+@pytest.fixture
+def ramp_file(tmp_path):
+    path = tmp_path / 'ramp.wav'
+    samples = np.stack([np.arange(4000) / 8000.0, -np.arange(4000) / 8000.0, np.zeros(4000)], axis=1)
+    soundfile.write(path, samples, 16_000, subtype='FLOAT')
+    return path, samples.astype(np.float32)
+
+
+def collect(source, frames):
+    buffer = RingBuffer(source.channels)
+    source.start(buffer)
+    blocks = []
+    while sum(map(len, blocks)) < frames and not (source.finished and not buffer.available):
+        buffer.wait(0.1)
+        blocks.append(buffer.read()[1])
+    source.stop()
+    return np.concatenate(blocks)
+
+
+def test_a_file_arrives_whole_and_in_order(ramp_file):
+    path, samples = ramp_file
+    source = FileSource(path, channels=[1, 0], block_samples=160)
+    np.testing.assert_array_equal(collect(source, 4000), samples[:, [1, 0]])
+    assert source.sample_rate == 16_000
+    assert source.finished
+
+
+def test_a_loop_has_no_gap(ramp_file):
+    path, samples = ramp_file
+    heard = collect(FileSource(path, block_samples=1500, loop=True), 9000)
+    np.testing.assert_array_equal(heard[:9000], np.tile(samples, (3, 1))[:9000])
+
+
+def test_a_block_does_not_come_before_it_has_sounded(ramp_file):
+    source = FileSource(ramp_file[0], block_samples=1600)
+    buffer = RingBuffer(3)
+    begin = time.monotonic()
+    source.start(buffer)
+    while not buffer.available:
+        buffer.wait(1.0)
+    assert time.monotonic() - begin >= 0.1
+    source.stop()
+    assert source.time_of(1600) - source.time_of(0) == pytest.approx(0.1)
+
+
+def test_bad_files_say_what_is_wrong(tmp_path, ramp_file):
+    with pytest.raises(FileNotFoundError, match='does not exist'):
+        FileSource(tmp_path / 'missing.wav')
+    (tmp_path / 'text.wav').write_text('no sound')
+    with pytest.raises(OSError, match=r'text\.wav'):
+        FileSource(tmp_path / 'text.wav')
+    with pytest.raises(ValueError, match=r'channels 0\.\.2, not \[3\]'):
+        FileSource(ramp_file[0], channels=[0, 3])
+    with pytest.raises(ValueError, match='channels'):
+        read_sound(ramp_file[0], [-1])

@@ -1,0 +1,155 @@
+"""The localizer against sources whose delays are known in closed form."""
+
+import numpy as np
+import pytest
+from av_audio.array import DelayCurve, MicrophoneArray
+from av_audio.localizer import METHODS, Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction, wrap
+
+RATE = 48000
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'pair')
+SQUARE = MicrophoneArray([[0.03, 0.03, 0.0], [-0.03, 0.03, 0.0], [-0.03, -0.03, 0.0], [0.03, -0.03, 0.0]], 'square')
+
+
+def plane_wave(array, azimuth_deg, elevation_deg=0.0, seconds=0.5, noise=0.05, seed=0, temperature_c=20.0):
+    """A sum of random sinusoids of 200 to 4000 Hz whose phases follow from the geometry, plus white noise (n, m)."""
+    rng = np.random.default_rng(seed)
+    frequencies = rng.uniform(200.0, 4000.0, 150)
+    phases = rng.uniform(0.0, 2.0 * np.pi, 150)
+    direction = angles_to_direction(np.radians(azimuth_deg), np.radians(elevation_deg))
+    arrivals = -array.positions @ direction / speed_of_sound(temperature_c)
+    time = np.arange(round(seconds * RATE)) / RATE
+    waves = [np.cos(2.0 * np.pi * np.outer(time - arrival, frequencies) + phases).sum(axis=1) for arrival in arrivals]
+    sound = 0.1 * np.stack(waves, axis=1) / np.sqrt(75.0)
+    return sound + 0.1 * noise * rng.normal(size=sound.shape)
+
+
+def only(estimates):
+    assert len(estimates) == 1
+    return estimates[0]
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('azimuth', [-80.0, -35.0, 0.0, 12.3, 61.0])
+def test_two_microphones_give_both_mirror_images(method, azimuth):
+    settings = LocalizerSettings(method=method, hop_s=1.0)
+    estimate = only(Localizer(PAIR, RATE, settings).process(plane_wave(PAIR, azimuth), 0))
+    np.testing.assert_allclose(np.degrees(wrap(estimate.azimuth - np.radians([azimuth, 180.0 - azimuth]))), 0.0,
+                               atol=0.5 if method == 'phat' else 0.1)
+    assert estimate.group.tolist() == [0, 0]
+    assert np.all(estimate.confidence > 0.99)
+    assert np.all(np.isinf(estimate.elevation_variance))
+    assert np.degrees(np.sqrt(estimate.azimuth_variance[0])) < 0.6
+
+
+def test_a_source_on_the_axis_is_marked_as_end_fire():
+    estimate = only(Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0)).process(plane_wave(PAIR, 90.0), 0))
+    assert estimate.end_fire.all()
+    np.testing.assert_allclose(np.degrees(estimate.azimuth), 90.0, atol=3.0)
+    beside = only(Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0)).process(plane_wave(PAIR, 0.0), 0))
+    assert not beside.end_fire.any()
+    assert estimate.azimuth_variance[0] > 10.0 * beside.azimuth_variance[0]
+
+
+@pytest.mark.parametrize('azimuth, elevation', [(0.0, 10.0), (77.0, 45.0), (-135.0, 20.0), (180.0, 5.0)])
+def test_a_square_tells_the_full_circle_and_elevation(azimuth, elevation):
+    sound = plane_wave(SQUARE, azimuth, elevation)
+    estimate = only(Localizer(SQUARE, RATE, LocalizerSettings(hop_s=1.0)).process(sound, 0))
+    assert len(estimate.azimuth) == 1
+    assert abs(np.degrees(wrap(estimate.azimuth[0] - np.radians(azimuth)))) < 0.5
+    assert np.degrees(estimate.elevation[0]) == pytest.approx(elevation, abs=1.0)
+    both = Localizer(SQUARE, RATE, LocalizerSettings(hop_s=1.0, elevation_deg=(-90.0, 90.0))).process(sound, 0)[0]
+    np.testing.assert_allclose(np.degrees(both.elevation), [elevation, -elevation], atol=1.0)
+
+
+def test_four_microphones_in_space_have_no_mirror_image():
+    pyramid = MicrophoneArray([[0.05, 0.0, 0.0], [-0.03, 0.04, 0.0], [-0.03, -0.04, 0.0], [0.0, 0.0, 0.06]])
+    for azimuth, elevation in [(20.0, -30.0), (-110.0, 50.0)]:
+        estimate = only(Localizer(pyramid, RATE, LocalizerSettings(hop_s=1.0)).process(
+            plane_wave(pyramid, azimuth, elevation), 0))
+        assert np.degrees(estimate.azimuth).tolist() == [pytest.approx(azimuth, abs=0.5)]
+        assert np.degrees(estimate.elevation).tolist() == [pytest.approx(elevation, abs=0.5)]
+
+
+def test_the_delay_curve_is_undone():
+    curve = DelayCurve([-1.0, 0.0, 1.0], [-0.8, 0.0, 0.8])
+    bent = MicrophoneArray(PAIR.positions, 'bent', curve)
+    sound = plane_wave(PAIR, np.degrees(np.arcsin(0.8 * np.sin(np.radians(40.0)))))
+    estimate = only(Localizer(bent, RATE, LocalizerSettings(hop_s=1.0)).process(sound, 0))
+    assert np.degrees(estimate.azimuth[0]) == pytest.approx(40.0, abs=0.1)
+
+
+def test_temperature_scales_the_delay():
+    sound = plane_wave(PAIR, 50.0, temperature_c=-20.0)
+    estimate = only(Localizer(PAIR, RATE, LocalizerSettings(temperature_c=-20.0, hop_s=1.0)).process(sound, 0))
+    assert np.degrees(estimate.azimuth[0]) == pytest.approx(50.0, abs=0.1)
+
+
+@pytest.mark.parametrize('block', [160, 1600, 30011])
+@pytest.mark.parametrize('hop', [0.05, 0.5, 0.7])
+def test_windows_are_hop_apart_whatever_the_blocks(block, hop):
+    sound = plane_wave(PAIR, 20.0, seconds=2.0)
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=hop))
+    times = [estimate.time for start in range(0, len(sound), block)
+             for estimate in localizer.process(sound[start:start + block], start)]
+    np.testing.assert_allclose(times, np.arange(0.25, 1.7501, hop))
+
+
+def test_a_gap_starts_a_new_window():
+    early, late = plane_wave(PAIR, -40.0, seconds=0.4), plane_wave(PAIR, 40.0, seconds=0.5)
+    localizer = Localizer(PAIR, RATE)
+    assert localizer.process(early, 0) == []
+    estimate = only(localizer.process(late, 100_000))
+    assert localizer.restarts == 1
+    assert estimate.centre_sample == 100_000 + 12_000
+    assert np.degrees(estimate.azimuth[0]) == pytest.approx(40.0, abs=0.2)
+
+
+def test_unusable_samples_restart_and_never_reach_an_estimate():
+    sound = plane_wave(PAIR, 10.0, seconds=1.5)
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.1))
+    broken = sound.copy()
+    broken[20_000, 1] = np.nan
+    blocks = [localizer.process(broken[start:start + 1600], start) for start in range(0, len(broken), 1600)]
+    estimates = [estimate for block in blocks for estimate in block]
+    assert estimates[0].centre_sample == 20_800 + 12_000
+    assert all(np.isfinite(estimate.azimuth).all() for estimate in estimates)
+
+
+def test_silence_noise_identical_and_clipped_channels_have_no_confidence():
+    rng = np.random.default_rng(3)
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0))
+    silent = only(localizer.process(np.zeros((24_000, 2)), 0))
+    assert len(silent.azimuth) == 0
+    assert silent.level_dbfs == -np.inf
+    assert only(localizer.process(np.full((24_000, 2), 0.3), 0)).confidence.size == 0
+    noise = [only(localizer.process(0.1 * rng.normal(size=(24_000, 2)), 0)).confidence[0] for _ in range(300)]
+    assert np.mean(np.array(noise) > 0.9) < 0.01
+    mono = plane_wave(PAIR, 10.0, seconds=0.5)[:, [0, 0]]
+    assert only(localizer.process(mono, 0)).confidence[0] == 0.0
+    loud = np.clip(20.0 * plane_wave(PAIR, 10.0, seconds=0.5), -1.0, 1.0)
+    assert only(localizer.process(loud, 0)).confidence[0] == 0.0
+
+
+def test_level_is_that_of_the_band():
+    time = np.arange(24_000) / RATE
+    tone = 0.5 * np.sin(2.0 * np.pi * 1000.0 * time)[:, None] * np.ones(2)
+    hum = 0.5 * np.sin(2.0 * np.pi * 50.0 * time)[:, None] * np.ones(2)
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=1.0))
+    assert only(localizer.process(tone, 0)).level_dbfs == pytest.approx(10.0 * np.log10(0.125), abs=0.3)
+    assert only(localizer.process(hum, 0)).level_dbfs < -50.0
+
+
+@pytest.mark.parametrize('settings, message', [
+    ({'window_s': 0.0}, 'window_s=0.0'), ({'hop_s': -1.0}, 'hop_s=-1.0'), ({'method': 'magic'}, "method='magic'"),
+    ({'band_hz': (200.0, 30_000.0)}, 'half of the sample rate'), ({'band_hz': (4000.0, 200.0)}, 'must rise'),
+    ({'elevation_deg': (50.0, 10.0)}, 'elevation_deg')])
+def test_bad_settings_say_what_is_wrong(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Localizer(PAIR, RATE, LocalizerSettings(**settings))
+
+
+def test_wrong_channels_say_what_is_expected():
+    with pytest.raises(ValueError, match=r'expected \(n, 2\)'):
+        Localizer(PAIR, RATE).process(np.zeros((100, 1)), 0)
