@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from av_common.angles import wrap
 
@@ -12,7 +12,7 @@ from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Detection, Look, Sound, Source, State, Track
 from av_fusion.mode import Mode, gaussian, share_within
 from av_fusion.rig_motion import RigMotion
-from av_fusion.rotation import RotationPlanner, RotationSettings
+from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
 UNIFORM = 1.0 / (2.0 * math.pi)
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
@@ -253,10 +253,11 @@ class BayesTracker:
         if self._resolved:
             self.planner.cancel()
             return 0.0
-        modes = [(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.weight) for mode in self._modes]
-        if len(modes) == 1:  # both images in one: near end-fire
-            modes.append((float(wrap(2.0 * self._axis - modes[0][0])), *modes[0][1:]))
-        return self.planner.plan(time, yaw, modes, self._axis, self._visibility)
+        images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate_variance, mode.weight)
+                  for mode in self._modes]
+        if len(images) == 1:  # both images in one: near end-fire
+            images.append(replace(images[0], azimuth=float(wrap(2.0 * self._axis - images[0].azimuth))))
+        return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 
 
 def mirrored_innovation(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:

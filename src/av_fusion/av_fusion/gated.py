@@ -22,7 +22,7 @@ from av_fusion.measurements import (
     Track,
 )
 from av_fusion.rig_motion import RigMotion
-from av_fusion.rotation import RotationPlanner, RotationSettings
+from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class GatedTracker:
         self._heard: tuple[float, Hypothesis] | None = None
         self._sure: tuple[float, float] | None = None   # time and world azimuth of the last bearing known to be no mirror
         self._noted: tuple[float, float, list[float]] | None = None  # time, yaw and world candidates before a rotation
-        self._candidates: list[tuple[float, float, float]] = []
+        self._candidates: list[Image] = []
         self._axis = 0.5 * math.pi
         self._visibility = math.nan
 
@@ -82,7 +82,7 @@ class GatedTracker:
         if not heard or not math.isfinite(time) or not sound.confidence > 0.0:
             return
         yaw = self.motion.yaw(time)
-        self._candidates = [(h.azimuth, h.azimuth_variance, 1.0 / len(heard)) for h in heard]
+        self._candidates = [Image(h.azimuth, h.azimuth_variance, 0.0, 1.0 / len(heard)) for h in heard]
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[-1].azimuth - heard[0].azimuth))
         world = [float(wrap(yaw + h.azimuth)) for h in heard]
         if len(heard) == 1:

@@ -1,4 +1,4 @@
-"""Which turn of the rig would best tell front from back.
+"""Which turn of the rig would soonest tell front from back.
 
 The true source stays where it is in the world while its mirror image moves by twice the turn; how soon that shows depends
 on how sharply the array hears in the new direction, and on whether the camera comes to see one of the two.
@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from av_common.angles import wrap
+from numpy.typing import NDArray
+
+HORIZON = np.arange(0.1, 6.05, 0.1)  # s ahead, in which a decision is looked for
 
 
 @dataclass(frozen=True)
@@ -20,7 +23,7 @@ class RotationSettings:
 
     The rig waits `patience` before it asks for a turn, turns at about `rate`, by at most `largest`, and stays within
     `sector` to both sides of where it first asked. A non-zero `fixed` asks for that turn always, as published.
-    `broadside_sigma` is the error of hearing at broadside, `needed_information` the nats that decide.
+    `broadside_sigma` is the error of hearing at broadside over one `window`, `needed_information` the nats that decide.
     """
 
     enabled: bool = True
@@ -30,12 +33,23 @@ class RotationSettings:
     sector: float = math.pi
     fixed: float = 0.0
     broadside_sigma: float = math.radians(2.0)
+    window: float = 0.5
     half_view: float = math.radians(35.0)
-    needed_information: float = 4.6
+    needed_information: float = 5.0
+
+
+@dataclass(frozen=True)
+class Image:
+    """Where the target may be: body azimuth (rad) and its variance, variance of its rate (rad^2/s^2), and weight."""
+
+    azimuth: float
+    variance: float
+    rate_variance: float
+    weight: float
 
 
 class RotationPlanner:
-    """Asks for a turn when modes stay balanced, holds it until it is made, and asks again if it did not help."""
+    """Asks for a turn when images stay balanced, holds it until it is made, and asks again if it did not help."""
 
     def __init__(self, settings: RotationSettings | None = None) -> None:
         self.settings = settings or RotationSettings()
@@ -47,14 +61,12 @@ class RotationPlanner:
         """The question is settled."""
         self._since = self._target = None
 
-    def plan(self, time: float, yaw: float, modes: Sequence[tuple[float, float, float]], axis: float,
-             visibility: float) -> float:
+    def plan(self, time: float, yaw: float, images: Sequence[Image], axis: float, visibility: float) -> float:
         """The turn (rad, counter-clockwise) still to be made at `time`, 0 when none is asked for.
 
-        `modes` are (azimuth in the body frame, variance, weight), `axis` is the array's end-fire in the body frame, `yaw`
-        the rig's in the world.
+        `axis` is the array's end-fire in the body frame, `yaw` the rig's in the world.
         """
-        if not self.settings.enabled or len(modes) < 2:
+        if not self.settings.enabled or len(images) < 2:
             self.cancel()
             return 0.0
         self._since = time if self._since is None else self._since
@@ -67,40 +79,42 @@ class RotationPlanner:
             self.cancel()  # made, and nothing decided: listen for a while, then ask anew
             return 0.0
         self._centre = yaw if self._centre is None else self._centre
-        turn = self._choose(yaw, modes, axis, visibility if math.isfinite(visibility) else 0.0)
+        turn = self._choose(yaw, images, axis, visibility if math.isfinite(visibility) else 0.0)
         self._target = float(wrap(yaw + turn)) if turn else None
         return turn
 
-    def _choose(self, yaw: float, modes: Sequence[tuple[float, float, float]], axis: float, visibility: float) -> float:
+    def _choose(self, yaw: float, images: Sequence[Image], axis: float, visibility: float) -> float:
         settings = self.settings
-        sizes = np.radians(np.arange(10.0, math.degrees(settings.largest) + 1e-6, 5.0))
+        sizes = np.radians(np.arange(15.0, math.degrees(settings.largest) + 1e-6, 15.0))
         turns = np.array([settings.fixed]) if settings.fixed else np.concatenate([sizes, -sizes])
         offset = float(wrap(yaw - (self._centre or 0.0)))
         turns = turns[np.abs(offset + turns) <= settings.sector]
         if not turns.size:
             return 0.0
-        first, second = sorted(modes, key=lambda mode: -mode[2])[:2]
-        total = first[2] + second[2]
-        information = sum(true[2] / total * expected_information(turns, true, false, axis, visibility, settings)
-                          for true, false in ((first, second), (second, first)))
-        duration = np.abs(turns) / settings.rate
-        enough = information >= settings.needed_information
-        best = np.argmin(np.where(enough, duration, np.inf)) if enough.any() else np.argmax(information)
-        return float(turns[best])
+        first, second = sorted(images, key=lambda image: -image.weight)[:2]
+        total = first.weight + second.weight
+        expected = sum(true.weight / total * time_to_decide(turns, true, false, axis, visibility, settings)
+                       for true, false in ((first, second), (second, first)))
+        return float(turns[np.argmin(expected)])
 
 
-def expected_information(turns: np.ndarray, true: tuple[float, float, float], false: tuple[float, float, float],
-                         axis: float, visibility: float, settings: RotationSettings) -> np.ndarray:
-    """Nats by which a turn (n,) is expected to favour the true mode over its mirror image, were `true` the true one.
+def time_to_decide(turns: NDArray, true: Image, false: Image, axis: float, visibility: float,
+                   settings: RotationSettings) -> NDArray[np.float64]:
+    """Seconds until each of the turns (n,) is expected to have told the true image from the false one, were `true` true.
 
-    Hearing: squared distance of the false mode from the nearest of the two directions heard after the turn, over twice its
-    variance, which grows as 1/sin^2 towards end-fire. Sight: the logarithm of the odds of a detection where one of them
-    comes into view.
+    Evidence of hearing gathers at d^2/(2 s^2) nats a window: d is how far the false image has moved off both directions
+    heard, s^2 its own variance, what its unknown rate explains, and the array's error, which grows as 1/sin^2 towards
+    end-fire. Evidence of sight comes at once where one of the two enters the view. A turn that decides nothing within the
+    horizon costs more the less it tells.
     """
-    after = wrap(true[0] - turns)
-    stale = wrap(false[0] - turns)
+    turned = np.sign(turns)[:, None] * np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON)
+    after, stale = wrap(true.azimuth - turned), wrap(false.azimuth - turned)
     distance = np.minimum(np.abs(wrap(stale - after)), np.abs(wrap(stale - (2.0 * axis - after))))
     sharpness = np.maximum(np.sin(after - axis) ** 2, 0.02)
-    heard = distance**2 / (2.0 * (settings.broadside_sigma**2 / sharpness + false[1]))
+    variance = settings.broadside_sigma**2 / sharpness + false.variance + false.rate_variance * HORIZON**2
+    heard = np.cumsum(np.minimum(distance**2 / (2.0 * variance), 10.0), axis=1) * (HORIZON[1] - HORIZON[0]) / settings.window
     in_view = (np.abs(after) < settings.half_view) | (np.abs(stale) < settings.half_view)
-    return np.minimum(heard, 10.0) + np.where(in_view, 4.0 * visibility, 0.0)
+    information = heard + np.where(np.logical_or.accumulate(in_view, axis=1), 6.0 * visibility, 0.0)
+    decided = information >= settings.needed_information
+    undecided = HORIZON[-1] + settings.needed_information - information[:, -1]
+    return np.where(decided.any(axis=1), HORIZON[np.argmax(decided, axis=1)], undecided)
