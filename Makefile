@@ -1,0 +1,37 @@
+# What one types in this project. Every target works in a clean shell, with or without an installed ROS 2.
+#
+#   make build      the ROS 2 environment and the workspace
+#   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another one
+#   make test       every test; TESTS="src/av_audio/test -k delay" for some
+#   make lint       style of the code, package.xml files and shell scripts
+#   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
+
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.PHONY: build demo test lint clean distclean
+.DEFAULT_GOAL := build
+
+ENV := . tools/ros_env.sh
+DEMO ?= duration:=40
+TESTS ?=
+
+build:
+	$(ENV) && colcon build --symlink-install
+
+demo: build
+	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO)
+
+test: build
+	$(ENV) && exec python3 -m pytest $(TESTS)
+
+lint:
+	$(ENV) && ruff check .
+	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
+	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
+
+clean:
+	rm -rf build install log .pytest_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py
+	find src launch test tools -name __pycache__ -prune -exec rm -rf {} +
+
+distclean: clean
+	rm -rf .ros
