@@ -27,6 +27,7 @@ setup(
     entry_points={
         'console_scripts': [
             'bridge_node = av_sim_bridge.nodes.bridge_node:main',
+            'simulator = av_sim_bridge.cli.simulator:main',
         ],
     },
 )

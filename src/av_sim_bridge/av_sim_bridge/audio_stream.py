@@ -14,7 +14,7 @@ from av_sim_bridge.wire.error import WireError
 
 @dataclass(frozen=True)
 class AudioBlock:
-    """Samples (n, channels) float32; first_sample counts from the stream's start and jumps over what was lost.
+    """Samples (n, channels) of the wire's type; first_sample counts from the start and jumps over losses.
 
     time: capture of the first sample in s of the sender's clock, None in a bare stream.
     arrival: s, when the block's last sample was received.
@@ -44,6 +44,7 @@ class AudioDecoder:
         self.layout = layout
         self.counts = AudioCounts()
         self._stream: _NumberedStream | _BareStream | None = None
+        self._first_sample = 0
 
     def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
         """Blocks that became complete with this datagram, in order. arrival: s. Raises WireError."""
@@ -57,14 +58,18 @@ class AudioDecoder:
         self.counts.received += 1
         return blocks
 
-    def _change(self, kind: type, arrival: float) -> None:
-        first_sample = 0
+    def restart(self) -> None:
+        """Forget the stream: what comes next begins a new one, whose samples are numbered onwards."""
         if self._stream is not None:
-            if kind is _BareStream and self._stream.alive(arrival):
-                raise WireError('audio: header missing in a stream that has one')
-            first_sample = self._stream.next_sample
+            self._first_sample = self._stream.next_sample
+            self._stream = None
             self.counts.restarts += 1
-        self._stream = kind(self.layout, self.counts, first_sample)
+
+    def _change(self, kind: type, arrival: float) -> None:
+        if kind is _BareStream and self._stream is not None and self._stream.alive(arrival):
+            raise WireError('audio: header missing in a stream that has one')
+        self.restart()
+        self._stream = kind(self.layout, self.counts, self._first_sample)
 
 
 class _NumberedStream:

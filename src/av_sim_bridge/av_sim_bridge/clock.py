@@ -11,38 +11,36 @@ from dataclasses import dataclass
 class SenderClock:
     """ROS time = stamp + the smallest arrival - stamp seen, which may rise by `drift` seconds a second.
 
-    The clock begins anew when every stamp of `restart` seconds lags behind by more than that: the sender was started
-    again or was paused. One object serves all streams that carry the same clock, so that their stamps agree whatever
-    the delay of each.
+    A stamp that is off by more than `restart` seconds is refused, until nothing else came for that long: then the
+    sender was started again or was paused, and the clock begins anew. One object serves all streams that carry the same
+    clock, so that their stamps agree whatever the delay of each.
     """
 
     drift: float = 100e-6
     restart: float = 0.5
     restarts: int = 0
     _offset: float | None = None
-    _updated: float = 0.0
-    _in_time: float = 0.0    # when a stamp last did not lag behind
+    _in_time: float = 0.0    # when a stamp was last accepted
 
     @property
     def known(self) -> bool:
         """Whether anything has been observed yet."""
         return self._offset is not None
 
-    def observe(self, stamp: float, arrival: float) -> None:
-        """Take one arrival (ROS time, s) of a datagram stamped by the sender (s)."""
+    def observe(self, stamp: float, arrival: float) -> bool:
+        """Take one arrival (ROS time, s) of a datagram stamped by the sender (s); False where it is refused."""
         offset = arrival - stamp
-        lagging = self._offset is not None and offset > self._offset + self.restart
         if self._offset is None:
             self._offset = offset
-        elif lagging and arrival - self._in_time > self.restart:
+        elif abs(offset - self._offset) > self.restart:
+            if arrival - self._in_time <= self.restart:
+                return False
             self._offset = offset
             self.restarts += 1
-            lagging = False
         else:
-            self._offset = min(self._offset + self.drift * max(arrival - self._updated, 0.0), offset)
-        if not lagging:
-            self._in_time = arrival
-        self._updated = max(self._updated, arrival)
+            self._offset = min(self._offset + self.drift * max(arrival - self._in_time, 0.0), offset)
+        self._in_time = max(self._in_time, arrival)
+        return True
 
     def to_ros(self, stamp: float) -> float:
         """ROS time in s of a sender's stamp. Raises RuntimeError before the first observation."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,7 @@ class Profile:
                 and all(isinstance(row, list) and len(row) == 2 and all(map(_is_number, row)) for row in table)):
             raise ConfigError(f'{key}: {content!r}, a number or a list of [time, value] expected')
         times, values = zip(*table, strict=True)
-        if any(later <= earlier for earlier, later in zip(times, times[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(times)):
             raise ConfigError(f'{key}: times {list(times)} must rise')
         if min(values) < 0:
             raise ConfigError(f'{key}: {min(values)} is below 0')

@@ -7,19 +7,19 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from av_audio.array import MicrophoneArray
-from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
-from av_vision.camera import PinholeCamera
 from numpy.typing import NDArray
 
+from av_audio.array import MicrophoneArray
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_sim_bridge.config_reader import bounded, load
+from av_vision.camera import PinholeCamera
 
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Mount:
-    """A frame on the body: position in m and fixed-axis roll, pitch, yaw in degrees, from the mounted frame to its parent."""
+    """A frame on the body: position in m; fixed-axis roll, pitch, yaw in degrees, from it to the body."""
 
     position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
@@ -36,11 +36,15 @@ class Mount:
 
 @dataclass(frozen=True)
 class ArrayMount:
-    """Where the microphones sit; `file` holds their positions in the array's frame."""
+    """Where the microphones sit; `file` holds their positions in the array's frame.
+
+    full_scale_db_spl: sound pressure level at which a sample reaches 1, for simulation.
+    """
 
     file: Path
     frame: str = 'microphones'
     mount: Mount = field(default_factory=Mount)
+    full_scale_db_spl: float = bounded(84.0, low=40.0, high=180.0)
 
     @cached_property
     def geometry(self) -> MicrophoneArray:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from av_sim_bridge.config_reader import ConfigError, bounded, load
+from av_sim_bridge.config_reader import bounded, load
 from av_sim_bridge.profile import Profile
 from av_sim_bridge.sound.noise import Noise
 from av_sim_bridge.sound.rotor import RotorVoice
 from av_sim_bridge.sound.voices import RecordingVoice, ToneVoice
-from av_sim_bridge.trajectories import Static, Trajectory, Vector
+from av_sim_bridge.trajectories import Static, Trajectory
 
 VOICES = {'rotor': RotorVoice, 'recording': RecordingVoice, 'tone': ToneVoice}
 Voice = Annotated[Any, VOICES]
@@ -41,7 +40,7 @@ class RigMotion:
 
 @dataclass(frozen=True)
 class Weather:
-    """Air and sight. `fog` is the extinction coefficient in 1/m: one sees exp(-fog * distance) of an object's contrast."""
+    """Air and sight. `fog`: extinction in 1/m; of an object's contrast one sees exp(-fog * distance)."""
 
     temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
     humidity_percent: float = bounded(60.0, low=0.0, high=100.0)
@@ -84,34 +83,3 @@ class Scenario:
 def load_scenario(path: str | Path) -> Scenario:
     """Read a scenario's file. Raises ConfigError or OSError that name file, key and value."""
     return load(Scenario, path)
-
-
-def find_config(name: str, folder: str = '') -> Path:
-    """A file by path, or a shipped one by name from `folder` of config/. Raises ConfigError naming what there is.
-
-    config/ is searched in `$AV_CONFIG`, in the installed av_fusion, and in the source tree.
-    """
-    direct = Path(name).expanduser()
-    if direct.suffix and direct.is_file():
-        return direct
-    shelves = [root / folder for root in _config_roots() if (root / folder).is_dir()]
-    for shelf in shelves:
-        candidate = shelf / (name if direct.suffix else f'{name}.yaml')
-        if candidate.is_file():
-            return candidate
-    known = sorted({file.stem for shelf in shelves for file in shelf.glob('*.yaml')})
-    raise ConfigError(f'{name}: no such file, nor one of the shipped {", ".join(known) or "(none found)"}')
-
-
-def _config_roots() -> list[Path]:
-    roots = [Path(os.environ['AV_CONFIG'])] if 'AV_CONFIG' in os.environ else []
-    try:
-        from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-        try:
-            roots.append(Path(get_package_share_directory('av_fusion')) / 'config')
-        except PackageNotFoundError:
-            pass
-    except ImportError:
-        pass
-    here = Path(__file__).resolve()
-    return roots + [parent / 'config' for parent in here.parents if (parent / 'config' / 'scenarios').is_dir()]

@@ -110,7 +110,7 @@ class Waypoints:
 
 @dataclass(frozen=True)
 class Steps:
-    """Around `center` in steps, as a loudspeaker is carried around a tripod: stay for `dwell`, move for `move` seconds."""
+    """Around `center` in steps, as a loudspeaker is carried around a tripod: `dwell` s at rest, `move` s on the way."""
 
     center: Vector
     radius: float = bounded(3.0, above=0.0)
@@ -131,7 +131,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class RandomFlight:
-    """Wanders smoothly inside a box of half extents `extent` around `center`, with changes that take about `period` s."""
+    """Wanders smoothly inside a box of half extents `extent` around `center`; changes take about `period` s."""
 
     center: Vector
     extent: Vector = (10.0, 10.0, 2.0)

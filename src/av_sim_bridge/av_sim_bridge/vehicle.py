@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu
 from numpy.typing import NDArray
 from transforms3d.euler import quat2euler
 from transforms3d.quaternions import quat2mat
 
+from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu
 from av_sim_bridge.wire.imu import ImuSample
 from av_sim_bridge.wire.truth import VehicleTruth
 
@@ -18,8 +18,11 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class VehicleState:
-    """State at one time (s): position m, velocity m/s and acceleration m/s^2 in ENU, attitude w x y z from FLU to ENU,
-    turn rate rad/s in FLU, rotor speeds in rpm (up to 8)."""
+    """State at one time (s).
+
+    Position m, velocity m/s and acceleration m/s^2 in ENU, attitude w x y z from FLU to ENU, turn rate rad/s in FLU,
+    rotor speeds in rpm (8,).
+    """
 
     time: float
     position: NDArray

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from av_sim_bridge.audio_stream import AudioDecoder
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
@@ -27,11 +28,12 @@ def arrivals(count, jitter, rng):
     return 100.0 + (np.arange(count) + 1) * FRAMES / RATE + jitter * rng.random(count)
 
 
-def check(blocks, channels=2):
+def check(blocks, layout=AudioFormat()):  # noqa: B008 (frozen)
     """Every block must hold exactly the samples that its index promises."""
-    expected = ramp(max(block.first_sample + len(block.samples) for block in blocks), channels)
+    expected = ramp(max(block.first_sample + len(block.samples) for block in blocks), layout.channels)
     for block in blocks:
-        np.testing.assert_array_equal(block.samples, expected[block.first_sample:][:len(block.samples)])
+        promised = expected[block.first_sample:][:len(block.samples)]
+        np.testing.assert_array_equal(layout.to_float(block.samples), promised)
 
 
 def decode(decoder, stream):
@@ -45,14 +47,14 @@ def test_all_samples_arrive_in_their_channels(rng, sample_format, channels, head
     layout = AudioFormat(sample_format, channels)
     decoder = AudioDecoder(layout)
     blocks = decode(decoder, zip(datagrams(layout, 40, header=header), arrivals(40, 0.01, rng), strict=True))
-    check(blocks, channels)
+    check(blocks, layout)
     assert sum(len(block.samples) for block in blocks) == 40 * FRAMES
     assert decoder.counts.lost == 0
 
 
 def test_full_scale_survives_int16():
     layout = AudioFormat('s16le', 1)
-    samples = layout.decode(layout.encode(np.array([[1.5], [1.0], [-1.0], [-2.0], [0.5]])))
+    samples = layout.to_float(layout.decode(layout.encode(np.array([[1.5], [1.0], [-1.0], [-2.0], [0.5]]))))
     np.testing.assert_allclose(samples[:, 0], [1 - 2**-15, 1 - 2**-15, -1, -1, 0.5])
 
 
@@ -62,7 +64,8 @@ def test_partial_frames_are_carried_over(rng):
     cuts = np.cumsum(rng.integers(6390, 6411, 18))
     pieces = [piece for piece in np.split(np.frombuffer(data, np.uint8), cuts) if len(piece)]
     ends = np.cumsum([len(piece) for piece in pieces]) / (4 * RATE)
-    blocks = decode(AudioDecoder(layout), [(piece.tobytes(), 10 + end) for piece, end in zip(pieces, ends, strict=True)])
+    stream = [(piece.tobytes(), 10 + end) for piece, end in zip(pieces, ends, strict=True)]
+    blocks = decode(AudioDecoder(layout), stream)
     check(blocks)
     assert sum(len(block.samples) for block in blocks) == 20 * FRAMES
 
@@ -152,7 +155,7 @@ def test_garbage_raises_nothing_but_wire_errors(rng, sample_format):
         except WireError:
             refused += 1
         blocks += decoder.decode(sent[n], n * 0.03 + 0.01)
-    check(blocks)
+    check(blocks, layout)
     assert refused == 399
 
 

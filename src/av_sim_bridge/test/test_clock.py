@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from av_sim_bridge.clock import SampleClock, SenderClock
 
 
@@ -38,12 +39,13 @@ def test_a_restarted_sender_is_noticed():
     assert clock.to_ros(2.0) == pytest.approx(108.0, abs=1e-3)
 
 
-def test_one_straggler_is_no_restart():
+@pytest.mark.parametrize('error', [-1.5, 1.5, 1e12])
+def test_a_single_wrong_stamp_is_refused(error):
     clock = SenderClock()
     for stamp in np.arange(0, 5, 0.01):
-        clock.observe(stamp, 100 + stamp)
-        if stamp in (2.0, 3.0):
-            clock.observe(stamp - 1.5, 100 + stamp)
+        assert clock.observe(stamp, 100 + stamp)
+        if int(stamp * 100) % 100 == 50:
+            assert not clock.observe(stamp + error, 100 + stamp)
     assert clock.restarts == 0
     assert clock.to_ros(4.0) == pytest.approx(104.0, abs=1e-3)
 

@@ -31,22 +31,30 @@ class AudioFormat:
     @property
     def frame_bytes(self) -> int:
         """Bytes of one sample of every channel."""
-        return self.channels * np.dtype(_TYPES[self.sample_format][0]).itemsize
+        return self.channels * self.dtype.itemsize
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Type of a sample on the wire."""
+        return np.dtype(_TYPES[self.sample_format][0])
 
     def encode(self, samples: np.ndarray) -> bytes:
         """Bytes of samples (n, channels) of full scale 1; louder ones are clipped in `s16le`."""
-        dtype, scale = _TYPES[self.sample_format]
-        if dtype == '<i2':
+        scale = _TYPES[self.sample_format][1]
+        if self.dtype == np.int16:
             samples = np.clip(np.rint(samples * scale), -scale, scale - 1)
-        return np.ascontiguousarray(samples, dtype).tobytes()
+        return np.ascontiguousarray(samples, self.dtype).tobytes()
 
     def decode(self, data: bytes) -> np.ndarray:
-        """Samples (n, channels) float32 of whole frames. Raises WireError on floats that cannot be sound."""
-        dtype, scale = _TYPES[self.sample_format]
-        samples = np.frombuffer(data, dtype).reshape(-1, self.channels)
-        if dtype == '<f4' and not (np.abs(samples) < _LOUDEST).all():
+        """Samples (n, channels) of whole frames as they are on the wire. Raises WireError on impossible floats."""
+        samples = np.frombuffer(data, self.dtype).reshape(-1, self.channels)
+        if self.dtype == np.float32 and not (np.abs(samples) < _LOUDEST).all():
             raise WireError('audio: float samples that are not finite or far beyond full scale')
-        return samples.astype(np.float32) / np.float32(scale)
+        return samples
+
+    def to_float(self, samples: np.ndarray) -> np.ndarray:
+        """Samples of the wire's type as float32 of full scale 1."""
+        return samples.astype(np.float32) / np.float32(_TYPES[self.sample_format][1])
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 import struct
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
 class WireError(ValueError):
@@ -22,7 +23,7 @@ def check_magic(magic: int, expected: int, name: str) -> None:
         raise WireError(f'{name}: magic {magic}, {expected} expected')
 
 
-def check_finite(values, name: str) -> None:
+def check_finite(values: ArrayLike, name: str) -> None:
     """Raise WireError where a number is infinite or not a number."""
     if not np.isfinite(values).all():
         raise WireError(f'{name}: contains numbers that are not finite')

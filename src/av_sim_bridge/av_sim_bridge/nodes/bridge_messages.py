@@ -1,0 +1,93 @@
+"""Messages of the streams: from plain data to ROS."""
+
+from __future__ import annotations
+
+import array
+
+import numpy as np
+from geometry_msgs.msg import Quaternion, Vector3
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image, Imu
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+
+from av_common.stamps import to_stamp
+from av_interfaces.msg import AudioFrame
+from av_sim_bridge.vehicle import VehicleState
+from av_sim_bridge.wire.oracle import OracleBox
+from av_vision.camera import PinholeCamera
+
+
+def audio_message(header: Header, sample_rate: int, first_sample: int, samples: NDArray) -> AudioFrame:
+    """Samples (n, channels) float32."""
+    message = AudioFrame(header=header, sample_rate=sample_rate, channels=samples.shape[1], first_sample=first_sample)
+    message.samples = array.array('f', np.ascontiguousarray(samples, np.float32).tobytes())
+    return message
+
+
+def image_message(header: Header, bgr: NDArray) -> Image:
+    """A picture (height, width, 3) uint8."""
+    height, width, channels = bgr.shape
+    message = Image(header=header, height=height, width=width, encoding='bgr8', step=width * channels)
+    message.data = array.array('B', bgr.tobytes())
+    return message
+
+
+def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
+    """The camera's calibration."""
+    projection = np.column_stack([camera.matrix, np.zeros(3)])
+    distortion = camera.distortion or (0.0,) * 5
+    model = 'plumb_bob' if len(distortion) <= 5 else 'rational_polynomial'
+    return CameraInfo(header=header, height=camera.height, width=camera.width, distortion_model=model,
+                      d=list(distortion), k=camera.matrix.ravel().tolist(), r=np.eye(3).ravel().tolist(),
+                      p=projection.ravel().tolist())
+
+
+def odometry_message(header: Header, child_frame: str, state: VehicleState) -> Odometry:
+    """A state; the twist is in the child's frame, as the message defines."""
+    message = Odometry(header=header, child_frame_id=child_frame)
+    pose, twist = message.pose.pose, message.twist.twist
+    pose.position.x, pose.position.y, pose.position.z = map(float, state.position)
+    pose.orientation = _quaternion(state.attitude_wxyz)
+    twist.linear = _vector(state.rotation.T @ state.velocity)
+    twist.angular = _vector(state.rate_flu)
+    return message
+
+
+def imu_message(header: Header, acceleration_flu: NDArray, rate_flu: NDArray) -> Imu:
+    """An inertial measurement without orientation (covariance -1, as the message defines)."""
+    message = Imu(header=header, linear_acceleration=_vector(acceleration_flu), angular_velocity=_vector(rate_flu))
+    message.orientation_covariance[0] = -1.0
+    return message
+
+
+def detections_message(header: Header, boxes: list[OracleBox]) -> Detection2DArray:
+    """The oracle's boxes, marked as the oracle's; empty when nothing was seen."""
+    return Detection2DArray(header=header, detections=[_detection(header, box) for box in boxes])
+
+
+def _detection(header: Header, box: OracleBox) -> Detection2D:
+    detection = Detection2D(header=header, id='oracle')
+    detection.bbox.center.position.x = (box.min_x + box.max_x) / 2
+    detection.bbox.center.position.y = (box.min_y + box.max_y) / 2
+    detection.bbox.size_x, detection.bbox.size_y = box.max_x - box.min_x, box.max_y - box.min_y
+    result = ObjectHypothesisWithPose()
+    result.hypothesis.class_id, result.hypothesis.score = 'drone', box.credibility
+    detection.results = [result]
+    return detection
+
+
+def make_header(stamp: float, frame: str) -> Header:
+    """A header of a ROS time in s."""
+    return Header(stamp=to_stamp(stamp), frame_id=frame)
+
+
+def _vector(values: NDArray) -> Vector3:
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _quaternion(wxyz: NDArray) -> Quaternion:
+    w, x, y, z = map(float, wxyz)
+    return Quaternion(w=w, x=x, y=y, z=z)

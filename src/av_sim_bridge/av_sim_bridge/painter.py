@@ -1,0 +1,125 @@
+"""Pictures painted with OpenCV: sky, ground, trees and drones in fog, in a few milliseconds each."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from av_sim_bridge.picture import Drone, Picture, View, oracle_box, rotor_hubs
+from av_sim_bridge.scenario import Scene
+from av_sim_bridge.visibility import transmission
+from av_vision.camera import PinholeCamera
+
+# Colours are blue, green, red in 0..255.
+_ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
+_GROUND = np.array([60.0, 95.0, 85.0])
+_TRUNK, _CROWN = np.array([40.0, 60.0, 80.0]), np.array([45.0, 80.0, 40.0])
+_DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
+_FOG = np.array([205.0, 205.0, 203.0])
+_SKY_DISTANCE = 1500.0
+_COARSE = 2            # sky and ground are smooth: painted at half the resolution
+_NOISES = 8
+_SUBPIXEL = 4          # bits
+
+
+class Painter:
+    """Paints what one camera sees of one scene. The same seed and view give the same picture."""
+
+    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, noise: float = 2.5):
+        """noise: standard deviation of the sensor's noise in grey levels."""
+        self._camera = camera
+        random = np.random.default_rng([seed, 11])
+        width, height = camera.width // _COARSE, camera.height // _COARSE
+        columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+        pixels = np.column_stack([columns.ravel(), rows.ravel()])
+        self._rays = camera.scaled(width, height).rays(pixels).astype(np.float32)
+        self._shape = (height, width)
+        self._texture = gaussian_filter(random.normal(0.0, 30.0, (256, 256)), 1.5, mode='wrap').astype(np.float32)
+        self._noise = np.clip(random.normal(128.0, noise, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
+            .astype(np.uint8).repeat(3, axis=3)
+        radius = np.sqrt(random.uniform(scene.clearing**2, scene.extent**2, scene.trees))
+        angle = random.uniform(0.0, 2 * np.pi, scene.trees)
+        self._trees = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(scene.trees)])
+        self._heights = random.uniform(5.0, 12.0, scene.trees)
+        self._shades = random.uniform(0.7, 1.2, scene.trees)
+
+    def render(self, view: View) -> Picture:
+        """The picture of one view, with the oracle's boxes."""
+        bgr = self._background(view)
+        trees = self._visible_trees(view)
+        drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
+        for distance, thing in sorted([*trees, *drones], key=lambda item: -item[0]):
+            if isinstance(thing, Drone):
+                self._draw_drone(bgr, view, thing, distance)
+            else:
+                self._draw_tree(bgr, view, thing, distance)
+        bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
+        boxes = [box for _, drone in drones if (box := oracle_box(self._camera, view, drone)) is not None]
+        return Picture(bgr, boxes)
+
+    def _background(self, view: View) -> NDArray:
+        upward = self._rays @ view.rotation[2].astype(np.float32)
+        sky = upward > -1e-3
+        distance = np.where(sky, np.float32(_SKY_DISTANCE), np.float32(view.position[2]) / np.maximum(-upward, 1e-3))
+        places = (distance[:, np.newaxis] * (self._rays @ view.rotation[:2].T.astype(np.float32))
+                  + view.position[:2].astype(np.float32)) * np.float32(8.0)
+        x, y = places.astype(np.int32).T & 255
+        clear = transmission(np.float32(view.fog), distance)
+        grain = self._texture[y, x] * clear * np.where(sky, np.float32(0), np.float32(1))
+        blue = np.clip(upward * 2.0, 0.0, 1.0)
+        image = np.empty((len(upward), 3), np.float32)
+        for channel in range(3):
+            above = _HORIZON[channel] + (_ZENITH - _HORIZON)[channel] * blue
+            surface = np.where(sky, above, _GROUND[channel])
+            image[:, channel] = _FOG[channel] + clear * (surface - _FOG[channel]) + grain
+        coarse = np.clip(image, 0, 255).astype(np.uint8).reshape(*self._shape, 3)
+        return cv2.resize(coarse, (self._camera.width, self._camera.height), interpolation=cv2.INTER_LINEAR)
+
+    def _visible_trees(self, view: View) -> list[tuple[float, int]]:
+        depth = view.to_optical(self._trees)[:, 2]
+        distance = np.linalg.norm(self._trees - view.position, axis=1)
+        return [(float(distance[n]), int(n)) for n in np.flatnonzero(depth > 0.6 * distance)]
+
+    def _draw_tree(self, bgr: NDArray, view: View, tree: int, distance: float) -> None:
+        height = self._heights[tree]
+        stem = self._trees[tree] + np.array([[0, 0, 0], [0, 0, 0.5 * height], [0, 0, 0.68 * height]])
+        optical = view.to_optical(stem)
+        foot, top, crown = self._camera.project(optical)
+        scale = self._camera.fx / optical[0, 2]
+        clear = transmission(view.fog, distance) * self._shades[tree]
+        width = max(int(0.3 * scale), 1)
+        cv2.line(bgr, _fixed(foot), _fixed(top), _fogged(_TRUNK, clear), width, cv2.LINE_AA, _SUBPIXEL)
+        axes = _fixed([0.2 * height * scale, 0.34 * height * scale])
+        cv2.ellipse(bgr, _fixed(crown), axes, 0, 0, 360, _fogged(_CROWN, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+
+    def _draw_drone(self, bgr: NDArray, view: View, drone: Drone, distance: float) -> None:
+        optical = view.to_optical(np.concatenate([drone.position[np.newaxis], rotor_hubs(drone)]))
+        if (optical[:, 2] < 0.1).any():
+            return
+        body, *hubs = self._camera.project(optical)
+        scale = self._camera.fx * drone.size / optical[0, 2]
+        if not (-scale < body[0] < self._camera.width + scale and -scale < body[1] < self._camera.height + scale):
+            return
+        clear = transmission(view.fog, distance)
+        # Seen from the side, a rotor's disc is as flat as its axis is perpendicular to the line of sight.
+        flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position))) / distance
+        for hub in hubs:
+            cv2.line(bgr, _fixed(body), _fixed(hub), _fogged(_DRONE, clear), max(int(0.05 * scale), 1), cv2.LINE_AA,
+                     _SUBPIXEL)
+            axes = _fixed([0.15 * scale, max(0.15 * scale * flat, 0.6)])
+            cv2.ellipse(bgr, _fixed(hub), axes, 0, 0, 360, _fogged(_ROTOR, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+        axes = _fixed([max(0.16 * scale, 0.7), max(0.10 * scale, 0.6)])
+        cv2.ellipse(bgr, _fixed(body), axes, 0, 0, 360, _fogged(_DRONE, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+
+
+def _fogged(colour: NDArray, clear: float) -> tuple[float, ...]:
+    """A colour seen through fog that leaves the share `clear` of it."""
+    clear = min(float(clear), 1.0)
+    return tuple(float(value) for value in _FOG + clear * (colour - _FOG))
+
+
+def _fixed(values: NDArray | list[float]) -> tuple[int, ...]:
+    """Pixels as OpenCV's fixed-point integers, kept within their range."""
+    return tuple(int(np.clip(value, -2e4, 2e4) * (1 << _SUBPIXEL)) for value in values)
