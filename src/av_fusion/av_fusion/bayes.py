@@ -22,7 +22,8 @@ MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the cl
 class BayesSettings:
     """What the filter believes about targets and senses. Angles in rad, times in s.
 
-    `acceleration_density` (rad^2/s^3) and `rate_sigma` describe how targets move on the circle; `loss_rate` (1/s) how often
+    `acceleration_density` (rad^2/s^3) and `rate_sigma` describe how targets move on the circle, `elevation_density`
+    (rad^2/s) how their elevation wanders around the usual one; `loss_rate` (1/s) how often
     the target is replaced by another one elsewhere, which is what lets a wrong belief be found out. `recall` is the chance
     that a visible target in view is detected. Errors of successive pictures are alike for `sight_correlation` s.
     A track ends when its sigma passes `lost_sigma`. Front and back count as told apart from probability `decide` on, until
@@ -30,7 +31,9 @@ class BayesSettings:
     """
 
     acceleration_density: float = 0.02
-    elevation_density: float = 0.01
+    elevation_density: float = 0.001
+    usual_elevation: float = math.radians(10.0)
+    usual_elevation_sigma: float = math.radians(10.0)
     rate_sigma: float = 0.3
     loss_rate: float = 0.002
     sound_floor_sigma: float = math.radians(0.5)
@@ -102,7 +105,7 @@ class BayesTracker:
         prior = sound.confidence / len(heard)
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
         for mode in self._modes:
-            innovation, variance = mirrored_innovation(mode, lag, azimuths, variances)
+            innovation, variance = mirrored_innovation(mode, lag, azimuths, variances, self._elevation_of(mode))
             density = prior * gaussian(innovation, mode.expected_variance(lag) + variance)
             total = (1.0 - sound.confidence) * UNIFORM + density
             mode.weight *= (total / UNIFORM) ** fresh
@@ -249,6 +252,11 @@ class BayesTracker:
                     for mode in self._modes)
         return front / total
 
+    def _elevation_of(self, mode: Mode) -> tuple[float, float]:
+        """Mean and variance (rad, rad^2): what was seen, or what is usual."""
+        usual = self.settings.usual_elevation, self.settings.usual_elevation_sigma**2
+        return min((mode.elevation, mode.elevation_variance), usual, key=lambda known: known[1])
+
     def _rotation(self, time: float, yaw: float) -> float:
         if self._resolved:
             self.planner.cancel()
@@ -260,23 +268,26 @@ class BayesTracker:
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 
 
-def mirrored_innovation(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
+def mirrored_innovation(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float],
+                        elevation: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
     """Innovation (rad) of a sound and its variance (rad^2), linearised where the mode is.
 
-    A pair of microphones measures the cosine of the angle d from its axis, so that azimuth +d and -d are one measurement
-    folded over. Where d is small the cosine hardly changes: taken as azimuths, the images would push a mode back from the
-    axis that it is about to cross; taken as a cosine they leave it to its course. The second-order term keeps the
-    linearisation honest (Bar-Shalom, Li, Kirubarajan 2001, eq. 10.3.2-14).
+    A pair of microphones measures the cosine of the angle from its axis: cos(d) cos(e) for a source at azimuth d from the
+    axis and elevation e (mean and variance in `elevation`). Azimuths +d and -d are thus one measurement folded over. Where
+    d is small the cosine hardly changes: taken as azimuths, the images would push a mode back from the axis that it is
+    about to cross; taken as a cosine they leave it to its course. The second-order term keeps the linearisation honest
+    (Bar-Shalom, Li, Kirubarajan 2001, eq. 10.3.2-14).
     """
     if len(azimuths) != 2:
         return min(((mode.innovation(azimuth, lag), variance) for azimuth, variance in zip(azimuths, variances, strict=True)),
                    key=lambda pair: abs(pair[0]))
     half = 0.5 * float(wrap(azimuths[1] - azimuths[0]))
     offset = -mode.innovation(azimuths[0] + half, lag)  # of the mode from the axis' nearer end
-    slope = -math.copysign(max(abs(math.sin(offset)), 0.05), math.sin(offset))
-    prior_variance = mode.expected_variance(lag)
-    noise = variances[0] * max(math.sin(half) ** 2, 1e-3) + 0.5 * (math.cos(offset) * prior_variance) ** 2
-    return (math.cos(half) - math.cos(offset)) / slope, noise / slope**2
+    rise, rise_variance = elevation
+    slope = -math.copysign(max(abs(math.sin(offset)), 0.05), math.sin(offset)) * math.cos(rise)
+    noise = (variances[0] * max(math.sin(half) ** 2, 1e-3) + 0.5 * (math.cos(offset) * mode.expected_variance(lag)) ** 2
+             + (math.cos(offset) * math.sin(rise)) ** 2 * rise_variance)
+    return (math.cos(half) - math.cos(offset) * math.cos(rise)) / slope, noise / slope**2
 
 
 def _fresh(time: float, newest: float, correlation: float) -> float:

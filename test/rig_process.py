@@ -1,0 +1,84 @@
+"""Runs the launch file as a user would, and finds what it leaves behind."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import subprocess
+import time
+import uuid
+from pathlib import Path
+
+MARK = 'AV_RIG_TEST_RUN'
+
+
+class RigProcess:
+    """`ros2 launch av_fusion rig.launch.py ARGUMENTS` in a process group, ROS domain and UDP port range of its own."""
+
+    def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py') -> None:
+        self._run = uuid.uuid4().hex
+        self.domain = random.SystemRandom().randrange(1, 100)
+        self.environment = {**os.environ, MARK: self._run, 'ROS_DOMAIN_ID': str(self.domain), 'PYTHONUNBUFFERED': '1'}
+        self._process = subprocess.Popen(
+            ['ros2', 'launch', 'av_fusion', launch_file, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL, text=True, env=self.environment, start_new_session=True)
+        self.output = ''
+
+    def finish(self, timeout: float = 120.0) -> int:
+        """Wait for the end; returns the exit code. Raises TimeoutExpired, with everything killed, when it hangs."""
+        try:
+            self.output += self._process.communicate(timeout=timeout)[0]
+        except subprocess.TimeoutExpired as expired:
+            self.output += (expired.stdout or b'').decode()
+            self._kill_all()
+            raise
+        return self._process.returncode
+
+    def interrupt(self) -> None:
+        """Ctrl-C: SIGINT to the whole foreground process group."""
+        os.killpg(self._process.pid, signal.SIGINT)
+
+    def wait_for(self, pattern: str, timeout: float = 60.0) -> None:
+        """Read the output until a line matches. Raises AssertionError with the output when none does."""
+        deadline = time.monotonic() + timeout
+        os.set_blocking(self._process.stdout.fileno(), False)
+        while time.monotonic() < deadline and self._process.poll() is None:
+            self.output += self._process.stdout.read() or ''
+            if re.search(pattern, self.output):
+                os.set_blocking(self._process.stdout.fileno(), True)
+                return
+            time.sleep(0.2)
+        self._kill_all()
+        raise AssertionError(f'no {pattern!r} within {timeout} s in:\n{self.output}')
+
+    def processes(self, name: str = '') -> list[int]:
+        """Process ids of this run that are alive, those whose command line holds `name`."""
+        found = []
+        for folder in Path('/proc').glob('[0-9]*'):
+            try:
+                if (f'{MARK}={self._run}'.encode() in (folder / 'environ').read_bytes()
+                        and name.encode() in (folder / 'cmdline').read_bytes()
+                        and 'Z' != (folder / 'stat').read_text().rsplit(')', 1)[1].split()[0]):
+                    found.append(int(folder.name))
+            except OSError:
+                continue  # ended meanwhile, or not ours
+        return found
+
+    def leftovers(self) -> list[int]:
+        """Process ids that outlive the run by more than two seconds."""
+        deadline = time.monotonic() + 2.0
+        while self.processes() and time.monotonic() < deadline:
+            time.sleep(0.1)
+        return self.processes()
+
+    def value(self, label: str) -> float:
+        """The first number in the table's row `label`."""
+        match = re.search(rf'{re.escape(label)}\s+(-?[\d.]+)', self.output)
+        assert match, f'no row {label!r} in:\n{self.output}'
+        return float(match.group(1))
+
+    def _kill_all(self) -> None:
+        for process in self.processes():
+            os.kill(process, signal.SIGKILL)

@@ -1,0 +1,97 @@
+"""The whole rig under `ros2 launch`, fed by the built-in simulator."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import socket
+import time
+
+import pytest
+from rig_process import RigProcess
+
+
+@pytest.fixture
+def port_offset():
+    """An offset of all UDP ports, so that runs do not meet."""
+    return random.SystemRandom().randrange(2, 300) * 100
+
+
+def test_the_simulated_drone_is_tracked(tmp_path, port_offset):
+    """From behind, in fog, to its end: exit code 0, full coverage, small errors, the right hemisphere, nothing left behind."""
+    rig = RigProcess('duration:=30', f'out:={tmp_path}', f'port_offset:={port_offset}')
+    assert rig.finish() == 0, rig.output
+    assert rig.value('coverage') == 100.0, rig.output
+    assert rig.value('RMSE') < 5.0 and rig.value('median error') < 2.0, rig.output
+    assert rig.value('front/back told in') < 10.0, rig.output
+    assert (tmp_path / 'bearing.png').stat().st_size > 20_000
+    assert json.loads((tmp_path / 'metrics.json').read_text())['senses']['fused']['coverage'] == 1.0
+    assert not rig.leftovers()
+
+
+def test_ctrl_c_ends_everything(port_offset):
+    """An interrupt ends all processes, with the table printed."""
+    rig = RigProcess(f'port_offset:={port_offset}')
+    rig.wait_for(r'deg \+-')
+    rig.interrupt()
+    rig.finish(timeout=30.0)
+    assert 'coverage' in rig.output
+    assert not rig.leftovers()
+
+
+def test_a_dead_node_fails_the_launch(port_offset):
+    """When a node dies the launch ends with a code that is not 0, and says which."""
+    rig = RigProcess('duration:=60', f'port_offset:={port_offset}')
+    rig.wait_for(r'deg \+-')
+    os.kill(rig.processes('lib/av_audio/doa_node')[0], signal.SIGKILL)
+    assert rig.finish(timeout=40.0) != 0
+    assert 'doa_node' in rig.output and 'while the rig was running' in rig.output
+    assert not rig.leftovers()
+
+
+def test_without_a_simulator_the_rig_says_what_is_missing(port_offset):
+    """Nobody sends: no hang, no crash; the status names what is missing."""
+    rig = RigProcess('source:=udp', 'duration:=8', f'port_offset:={port_offset}')
+    assert rig.finish() == 0, rig.output
+    assert 'no target' in rig.output and 'no doa, detections, odometry' in rig.output
+    assert not rig.leftovers()
+
+
+@pytest.mark.parametrize(('blocked', 'complaint'), [('audio', 'no doa'), ('image', 'no detections')])
+def test_deaf_or_blind_the_rig_goes_on(blocked, complaint, port_offset, tmp_path):
+    """With one sense missing the other carries the bearing."""
+    parameters = tmp_path / 'elsewhere.yaml'
+    parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + random.randrange(900)}\n')
+    rig = RigProcess('scenario:=circle', 'duration:=15', f'params:={parameters}', f'port_offset:={port_offset}')
+    assert rig.finish() == 0, rig.output
+    assert complaint in rig.output
+    assert not rig.leftovers()
+
+
+def test_garbage_on_every_port_is_survived(port_offset):
+    """Random bytes, empty, short and oversized datagrams on all ports of the bridge: it goes on, and counts them."""
+    rig = RigProcess('duration:=25', f'port_offset:={port_offset}')
+    rig.wait_for(r'deg \+-')
+    chaos, sender = random.Random(4), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        for port in (9999, 20005, 28003, 30101, 30103, 31000):
+            size = chaos.choice([0, 1, 3, 7, 24, 32, 112, 168, 1000, 65000])
+            sender.sendto(chaos.randbytes(size), ('127.0.0.1', port + port_offset))
+        time.sleep(0.05)
+    assert rig.finish() == 0, rig.output
+    assert rig.value('coverage') > 80.0
+    assert not rig.leftovers()
+
+
+@pytest.mark.parametrize(('argument', 'complaint'), [
+    ('voice:=/no/such.wav', 'voice:=/no/such.wav: no such file'), ('duration:=soon', "duration is 'soon'"),
+    ('source:=magic', 'source'), ('scenario:=nowhere', 'nowhere')])
+def test_wrong_arguments_are_named(argument, complaint, port_offset):
+    """A mistake on the command line ends the launch at once, with its name and a code that is not 0."""
+    rig = RigProcess(argument, 'duration:=5', f'port_offset:={port_offset}')
+    assert rig.finish(timeout=40.0) != 0
+    assert complaint in rig.output, rig.output
+    assert not rig.leftovers()
