@@ -4,6 +4,7 @@ With a header, sequence numbers tell loss and order exactly. Without, only the c
 never early, so that after a loss every following one arrives early by a multiple of a datagram's length.
 """
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,13 +126,14 @@ class _NumberedStream:
 class _BareStream:
     """A stream of bytes cut anywhere. Positions are counted in bytes, so that alignment survives a loss.
 
-    A datagram that lags behind the clock by more than half a datagram is held back, until a later one shows that it
-    was merely late (the lag vanishes), or `AGREEING` ones in a row agree that bytes are missing. One that comes
-    early holds samples of the future: it is not from this stream.
+    Bytes count as lost when, for `WINDOW` seconds, every datagram has lagged behind the clock by about the same time,
+    and by more than half a datagram: a sender that is merely late catches up. Datagrams of whole frames are passed on
+    meanwhile, for they can only be numbered too low; others are held back, for they could swap the channels. One that
+    comes early holds samples of the future: it is not from this stream, unless bytes were wrongly thought lost before.
     """
 
-    AGREEING = 6
-    MOST_HELD = 60
+    WINDOW = 1.0
+    FEWEST = 8         # datagrams in the window before anything is concluded
     SETTLING = 30      # datagrams before the earliest arrival counts as known
     MOST_EARLY = 15    # early datagrams in a row after which the clock itself must have jumped
     DRIFT = 200e-6     # the sender's clock may be off by this much
@@ -142,10 +144,12 @@ class _BareStream:
         self._position = next_sample * layout.frame_bytes      # of the next byte to be released
         self._partial = b''
         self._held: list[tuple[bytes, float]] = []
+        self._recent: deque[tuple[float, float]] = deque()     # arrival and lag
         self._offset: float | None = None                      # smallest arrival - position / rate
         self._updated = 0.0
         self._length = 0.0                                     # mean of a datagram, bytes
         self._taken = self._early = 0
+        self._doubtful = 0                                     # datagrams thought lost
 
     @property
     def next_sample(self) -> int:
@@ -157,11 +161,14 @@ class _BareStream:
         lag = self._lag(datagram, arrival, half)
         self._held.append((datagram, arrival))
         self._taken += 1
-        if lag > half and len(self._held) < self.MOST_HELD:
-            recent = self._lags()[-self.AGREEING:]
-            if len(recent) < self.AGREEING or np.ptp(recent) > half:
-                return []
-        return self._release()
+        self._recent.append((arrival, lag))
+        while self._recent[0][0] < arrival - self.WINDOW:
+            self._recent.popleft()
+        missing = self._missing(half)
+        whole = not self._partial and all(len(held) % self.layout.frame_bytes == 0 for held, _ in self._held)
+        if lag > half and not missing and not whole:
+            return []
+        return self._release(missing)
 
     def _lag(self, datagram: bytes, arrival: float, half: float) -> float:
         """Seconds by which a datagram's last byte comes later than the earliest ones came."""
@@ -170,11 +177,7 @@ class _BareStream:
         if self._offset is not None:
             earliest = self._offset + self.DRIFT * max(arrival - self._updated, 0.0)
             if offset < earliest - half and self._taken > self.SETTLING:
-                self._early += 1
-                if self._early < self.MOST_EARLY:
-                    raise WireError('audio: a datagram came before its samples can have been taken')
-                self.counts.restarts += 1
-                self._taken = 0
+                self._judge_early(round((earliest - offset) / (2 * half)))
             self._offset = min(earliest, offset)
         else:
             self._offset = offset
@@ -182,15 +185,37 @@ class _BareStream:
         self._updated = arrival
         return offset - self._offset
 
-    def _lags(self) -> np.ndarray:
-        ends = self._position + np.cumsum([len(datagram) for datagram, _ in self._held])
-        return np.array([arrival for _, arrival in self._held]) - ends / self._rate - self._offset
+    def _judge_early(self, datagrams: int) -> None:
+        """Accept samples of the future where they show that fewer were lost than thought. Raises WireError otherwise."""
+        if datagrams <= self._doubtful:
+            self._doubtful -= datagrams
+            self.counts.lost -= datagrams
+            return
+        self._early += 1
+        if self._early < self.MOST_EARLY:
+            raise WireError('audio: a datagram came before its samples can have been taken')
+        self.counts.restarts += 1
+        self._taken = 0
 
-    def _release(self) -> list[AudioBlock]:
-        # What is still missing at the latest of all following datagrams was lost, in multiples of a datagram.
-        settled = np.minimum.accumulate(self._lags()[::-1])[::-1]
-        lost = np.rint(settled * self._rate / self._length).astype(int).clip(0)
+    def _missing(self, half: float) -> float:
+        """Lag in s that every datagram of the window has had, 0 where there is none or it still changes."""
+        if len(self._recent) < self.FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * self.WINDOW:
+            return 0.0
+        lags = [lag for _, lag in self._recent]
+        middle = len(lags) // 2
+        before, after = min(lags[:middle]), min(lags[middle:])
+        return after if min(before, after) > half > abs(after - before) else 0.0
+
+    def _release(self, missing: float) -> list[AudioBlock]:
         held, self._held = self._held, []
+        lost = np.zeros(len(held), int)
+        if missing:
+            # What is still missing at the latest of all following datagrams was lost, in multiples of a datagram.
+            ends = self._position + np.cumsum([len(datagram) for datagram, _ in held])
+            lags = np.array([arrival for _, arrival in held]) - ends / self._rate - self._offset
+            settled = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing)
+            lost = np.rint(settled * self._rate / self._length).astype(int)
+            self._recent.clear()
         blocks = []
         for (datagram, arrival), new in zip(held, np.diff(lost, prepend=0), strict=True):
             if new > 0:
@@ -211,6 +236,7 @@ class _BareStream:
         ahead = -position % self.layout.frame_bytes
         self._partial = b''
         self._position = position + ahead
+        self._doubtful += lost
         self.counts.lost += lost
         self.counts.lost_frames += self._position // self.layout.frame_bytes - before
         return datagram[ahead:]

@@ -1,5 +1,6 @@
 """Every codec against RFlySim's documented byte offsets, round trips, and garbage."""
 
+import contextlib
 import struct
 
 import numpy as np
@@ -13,7 +14,6 @@ from av_sim_bridge.wire.ports import Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control, encode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, decode_time_sync, encode_time_sync
 from av_sim_bridge.wire.truth import VehicleTruth, decode_truth, encode_truth
-import contextlib
 
 EULER = np.array([0.1, -0.2, 2.5])
 TRUTH = VehicleTruth(

@@ -1,13 +1,13 @@
 """Image fragments: both headers, order, loss, bounded memory, garbage."""
 
+import contextlib
+import itertools
 import struct
 
 import pytest
 
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment, encode_image
-import contextlib
-import itertools
 
 
 def assemble(assembler, datagrams):
