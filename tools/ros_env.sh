@@ -19,7 +19,7 @@ _av_installed_ros() { # print the set-up script of the installed ROS 2; distribu
 _av_assembled_ros() { # assemble ROS 2 if need be, and set the shell up for it
     local project=$1 ros=$1/.ros key
     key=$(cat "$project"/tools/ros_env/{assemble.py,lock.txt} | sha256sum | cut -d ' ' -f 1)
-    if [ "$(cat "$ros/ready" 2>/dev/null)" != "$key $project" ] || ! [ -x "$ros/venv/bin/python" ]; then
+    if [ "$(cat "$ros/ready.stamp" 2>/dev/null)" != "$key $project" ] || ! [ -x "$ros/venv/bin/python" ]; then
         command -v python3 >/dev/null || { echo "ros_env: python3 is missing" >&2; return 1; }
         python3 "$project/tools/ros_env/assemble.py" assemble || return
     fi

