@@ -35,6 +35,7 @@ setup(
             'pointing_node = av_fusion.nodes.pointing_node:main',
             'monitor_node = av_fusion.nodes.monitor_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
+            'recorder_node = av_fusion.nodes.recorder_node:main',
         ],
     },
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -17,8 +19,9 @@ from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
 
 RETRY_S = 2.0
 # What a node may meet while it starts and can hope to be rid of later: wrong values, missing files, absent devices.
@@ -44,8 +47,8 @@ class RigNode(LifecycleNode):
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
             description='Configure and activate without a lifecycle manager, and try again when that fails.',
             read_only=True)).value
-        self.declare_parameter('diagnostic_updater.use_fqn', True)
         self._updater = Updater(self)
+        self._updater.node_name = self.get_fully_qualified_name().lstrip('/')  # tells rigs of several namespaces apart
         self._updater.setHardwareID('none')
         self._updater.add('status', self._diagnose)
         if autostart:
@@ -163,19 +166,24 @@ class RigNode(LifecycleNode):
 
 
 def run(node_class: Callable[[], RigNode]) -> None:
-    """Run a node until it is interrupted: the body of each node's `main`. Exits with 1 on parameters out of bounds."""
-    rclpy.init()
+    """Run a node until it is interrupted: the body of each node's `main`. Exits with 1 on parameters out of bounds.
+
+    SIGINT and SIGTERM let the callback in progress finish and the node deactivate, with its publishers still alive.
+    """
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
     try:
         node = node_class()
     except (InvalidParameterValueException, InvalidParameterTypeException) as error:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)
-    try:
-        rclpy.spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        node.close()
-        node.destroy_node()
-        rclpy.try_shutdown()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while rclpy.ok() and not stopped.is_set():
+        executor.spin_once(timeout_sec=0.2)
+    node.close()
+    node.destroy_node()
+    rclpy.try_shutdown()

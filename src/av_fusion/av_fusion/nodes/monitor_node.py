@@ -122,9 +122,10 @@ class MonitorNode(RigNode):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self._problems.pop(status.name, None)
+            name = status.name.removesuffix(': status')
+            self._problems.pop(name, None)
             if status.level != DiagnosticStatus.OK:
-                self._problems[status.name] = status.message
+                self._problems[name] = status.message
 
     def _each_second(self) -> None:
         elapsed = wall.monotonic() - self._started
@@ -134,7 +135,7 @@ class MonitorNode(RigNode):
         print(format_status(elapsed, self._bearing, self._state, self._command, truth, rates, delay, self._problems),
               flush=True)
         if self._settings.duration and elapsed >= self._settings.duration:
-            self._report()
+            self.close()
             rclpy.try_shutdown()
 
     def _report(self) -> None:

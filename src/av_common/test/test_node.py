@@ -1,0 +1,103 @@
+"""The base of the nodes: starts by itself, survives what fails, says so, and ends cleanly."""
+
+from __future__ import annotations
+
+import pytest
+import rclpy
+from av_common.node import RigNode
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import State
+from rclpy.executors import SingleThreadedExecutor
+
+
+class Sensor(RigNode):
+    """A node whose sensor can be absent."""
+
+    def __init__(self, plugged: bool) -> None:
+        self.plugged, self.ticks = plugged, 0
+        super().__init__('sensor')
+
+    def activate(self) -> None:
+        if not self.plugged:
+            raise OSError('sensor not plugged in')
+        self.while_active(self.create_timer, 0.02, self._tick)
+
+    def _tick(self) -> None:
+        self.ticks += 1
+
+
+@pytest.fixture
+def executor():
+    """rclpy, up and down again."""
+    rclpy.init(domain_id=97)
+    executor = SingleThreadedExecutor()
+    yield executor
+    executor.shutdown()
+    rclpy.try_shutdown()
+
+
+def spin(executor, until, seconds=6.0):
+    """Spin until a condition holds."""
+    clock = executor.context and RateMeter()
+    clock.tick()
+    while not until() and clock.age < seconds:
+        executor.spin_once(timeout_sec=0.05)
+    assert until()
+
+
+def test_starts_stops_and_starts_again(executor):
+    """Activates by itself; timers made while active stop with it."""
+    node = Sensor(plugged=True)
+    executor.add_node(node)
+    spin(executor, lambda: node.ticks > 3)
+    node.trigger_deactivate()
+    ticks = node.ticks
+    for _ in range(10):
+        executor.spin_once(timeout_sec=0.03)
+    assert node.ticks == ticks and not node.is_active
+    node.trigger_activate()
+    spin(executor, lambda: node.ticks > ticks)
+    node.close()
+    node.destroy_node()
+
+
+def test_an_absent_sensor_is_reported_and_found_later(executor):
+    """Not plugged in: alive, /diagnostics says ERROR and why; plugged in: works within seconds."""
+    node, seen = Sensor(plugged=False), []
+    listener = rclpy.create_node('listener')
+    listener.create_subscription(DiagnosticArray, '/diagnostics', lambda message: seen.extend(message.status), 10)
+    executor.add_node(node)
+    executor.add_node(listener)
+    spin(executor, lambda: any('not plugged in' in status.message for status in seen))
+    bad = next(status for status in seen if 'not plugged in' in status.message)
+    assert bad.level == DiagnosticStatus.ERROR and bad.name == 'sensor: status'
+    assert node._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED
+    node.plugged = True
+    spin(executor, lambda: node.ticks > 0)
+    node.destroy_node()
+    listener.destroy_node()
+
+
+def test_stamps_round_trip_to_a_quarter_microsecond():
+    """Today's epoch fits; what no stamp can hold is refused."""
+    seconds = 1_795_000_000.123456789
+    assert to_seconds(to_stamp(seconds)) == pytest.approx(seconds, abs=3e-7)
+    assert to_stamp(1.9999999999) == to_stamp(2.0)
+    for wrong in (-1.0, float('nan'), 1e12):
+        with pytest.raises(ValueError, match='stamp'):
+            to_stamp(wrong)
+
+
+def test_rate_meter_counts_on_its_own_clock():
+    """Rates over a window, ages since the newest."""
+    now = [0.0]
+    meter = RateMeter(window_s=2.0, now=lambda: now[0])
+    assert meter.rate == 0.0 and meter.age == float('inf')
+    for _ in range(100):
+        now[0] += 0.1
+        meter.tick()
+    assert meter.rate == pytest.approx(10.0) and meter.count == 100
+    now[0] += 1.5
+    assert meter.age == pytest.approx(1.5)

@@ -1,0 +1,5 @@
+"""What can be wrong with a bag."""
+
+
+class BagError(ValueError):
+    """A bag cannot be read or written; the message names it and says why."""

@@ -1,0 +1,109 @@
+"""Writes bags that Foxglove, PlotJuggler, `ros2 bag play`, rosbags and mcap read."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import TracebackType
+
+from mcap.writer import CompressionType, Writer
+
+from av_fusion.bags.definitions import definition
+from av_fusion.bags.errors import BagError
+from av_fusion.bags.metadata import (
+    DEFAULT_QOS,
+    TopicQos,
+    TopicRecord,
+    write_metadata,
+)
+from av_fusion.bags.patient_file import PatientFile
+
+CHUNK_BYTES = 512 * 1024
+# The library names its version in the file by default, which would make equal bags differ.
+LIBRARY = 'av_fusion'
+COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
+
+
+class BagWriter:
+    """One mcap file (https://mcap.dev/spec) of messages in CDR, with their definitions.
+
+    A path that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml. Folders on
+    the way are created; a path that exists is refused with a BagError. Same messages in the same order make the same bytes.
+    """
+
+    def __init__(self, path: str | Path, compression: str = 'lz4') -> None:
+        path = Path(path).expanduser()
+        if path.exists():
+            raise BagError(f'{path} exists already; choose another path or remove it')
+        if compression not in COMPRESSIONS:
+            raise BagError(f'compression is {compression!r}, expected one of {", ".join(COMPRESSIONS)}')
+        self._in_folder = path.suffix != '.mcap'
+        self.file = path / f'{path.name}_0.mcap' if self._in_folder else path
+        try:
+            self.file.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = PatientFile(self.file)
+        except OSError as error:
+            raise BagError(f'{self.file} cannot be created: {error.strerror}') from error
+        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=COMPRESSIONS[compression])
+        self._writer.start(profile='ros2', library=LIBRARY)
+        self._topics: dict[str, TopicRecord] = {}
+        self._schemas: dict[str, int] = {}
+        self._start_ns, self._end_ns = sys.maxsize, 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written of each topic."""
+        return {topic.name: topic.count for topic in self._topics.values()}
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of the file, with what waits for the disk."""
+        return self._stream.tell()
+
+    @property
+    def waiting(self) -> int:
+        """Bytes that the disk has not taken yet."""
+        return self._stream.waiting
+
+    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS) -> None:
+        """Announce a topic of messages 'package/msg/Type'. Raises UnknownTypeError when they are not defined anywhere."""
+        if kind not in self._schemas:
+            text, _ = definition(kind)
+            self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text.encode())
+        channel = self._writer.register_channel(name, 'cdr', self._schemas[kind], {'offered_qos_profiles': qos.to_yaml()})
+        self._topics[name] = TopicRecord(name, kind, qos, channel)
+
+    def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
+        """Append a message of an announced topic; it reaches the file with the next `flush` at the latest.
+
+        Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
+        """
+        record = self._topics[topic]
+        self._writer.add_message(record.channel, time_ns, data, time_ns, record.count)
+        record.count += 1
+        self._start_ns, self._end_ns = min(self._start_ns, time_ns), max(self._end_ns, time_ns)
+        if self._stream.waiting > CHUNK_BYTES:
+            self._stream.commit()
+
+    def flush(self, sync: bool = False) -> None:
+        """Bring everything to the file, and with `sync` to the disk. Raises OSError; may then be called again, without loss."""
+        self._writer.flush()
+        self._stream.commit()
+        if sync:
+            self._stream.sync()
+
+    def close(self) -> None:
+        """Finish the file. Raises OSError when the disk refuses its end; what came before can still be read."""
+        try:
+            self._writer.finish()
+            self._stream.commit()
+            if self._in_folder:
+                write_metadata(self.file, list(self._topics.values()), self._start_ns, self._end_ns)
+        finally:
+            self._stream.close()
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
