@@ -8,9 +8,11 @@ ros2 launch av_fusion rig.launch.py source:=hardware                            
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
@@ -22,7 +24,8 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch_ros.actions import Node
 
-from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from av_sim_bridge.rig import load_rig
+from av_sim_bridge.wire.ports import Ports
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 ARGUMENTS = {
@@ -90,7 +93,7 @@ def rig_node(arguments: dict[str, str], package: str, executable: str, parameter
 def simulator(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     """The built-in simulator, which knows nothing of ROS, and the bridge to it."""
     program = Path(get_package_prefix('av_sim_bridge')) / 'lib' / 'av_sim_bridge' / 'simulator'
-    options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset']]
+    options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     for name in ('voice', 'seed'):
         options += [f'--{name}', arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen'),
@@ -99,8 +102,9 @@ def simulator(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
 
 def bridge(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     """The bridge from a simulator's UDP streams, with a detector when there is a model for it."""
-    parameters = {'rig_file': arguments['rig'], 'port_offset': int(arguments['port_offset']),
-                  'oracle_detections': not arguments['model']}
+    ports = asdict(Ports().shifted(int(arguments['port_offset'])))
+    parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
+                  **{f'{name}_port': port for name, port in ports.items()}}
     return [rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters), *detector(arguments)]
 
 
@@ -131,8 +135,6 @@ def detector(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
 
 def array_file(arguments: dict[str, str]) -> str:
     """The microphones' positions: the file given, or the one that the rig's description names."""
-    from av_sim_bridge.rig import load_rig
-
     return arguments['array'] or str(load_rig(arguments['rig']).array.file)
 
 
@@ -152,6 +154,6 @@ def title(arguments: dict[str, str]) -> str:
 
 def check_exit(event: object, context: LaunchContext, monitor: Node) -> None:
     """A process that ends before the run is over fails the launch: its exit code is then not 0."""
-    if context.is_shutdown or event.action is monitor and event.returncode == 0:
+    if context.is_shutdown or (event.action is monitor and event.returncode == 0):
         return
     raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')

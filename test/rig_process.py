@@ -60,7 +60,7 @@ class RigProcess:
             try:
                 if (f'{MARK}={self._run}'.encode() in (folder / 'environ').read_bytes()
                         and name.encode() in (folder / 'cmdline').read_bytes()
-                        and 'Z' != (folder / 'stat').read_text().rsplit(')', 1)[1].split()[0]):
+                        and (folder / 'stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'):
                     found.append(int(folder.name))
             except OSError:
                 continue  # ended meanwhile, or not ours

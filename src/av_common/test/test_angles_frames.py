@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 import pytest
+from transforms3d.euler import euler2quat
+
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, direction_to_angles, wrap
 from av_common.frames import (
@@ -17,7 +19,6 @@ from av_common.frames import (
     yaw_ned_to_enu,
     yaw_of,
 )
-from transforms3d.euler import euler2quat
 
 
 def test_wrap_keeps_pi_and_turns_minus_pi():

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 import rclpy
-from av_common.node import RigNode
-from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State
 from rclpy.executors import SingleThreadedExecutor
+
+from av_common.node import RigNode
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
 
 
 class Sensor(RigNode):

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from av_common.angles import wrap
-
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Detection, Look, Sound, Source, State, Track
 from av_fusion.mode import Mode, gaussian, share_within

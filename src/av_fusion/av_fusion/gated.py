@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, field
 
 from av_common.angles import wrap
-
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import (
     Detection,

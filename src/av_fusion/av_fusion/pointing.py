@@ -7,7 +7,6 @@ import math
 from dataclasses import dataclass, field
 
 from av_common.angles import wrap
-
 from av_fusion.limited_axis import AxisLimits, LimitedAxis
 from av_fusion.measurements import State, Track
 

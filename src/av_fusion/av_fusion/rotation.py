@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from av_common.angles import wrap
 from numpy.typing import NDArray
+
+from av_common.angles import wrap
 
 HORIZON = np.arange(0.1, 6.05, 0.1)  # s ahead, in which a decision is looked for
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from av_common.angles import angles_to_direction, direction_to_angles
-from av_common.frames import FLU_TO_OPTICAL
-from av_vision.bearing import BearingModel, bearings_of_boxes
-from av_vision.camera import PinholeCamera
 from numpy.typing import ArrayLike, NDArray
 
+from av_common.angles import angles_to_direction, direction_to_angles
+from av_common.frames import FLU_TO_OPTICAL
 from av_fusion.measurements import Detection, Hypothesis, Look, Sound
+from av_vision.bearing import BearingModel, bearings_of_boxes
+from av_vision.camera import PinholeCamera
 
 
 def sounds_in_body(time: float, directions: ArrayLike, azimuth_variances: Sequence[float],

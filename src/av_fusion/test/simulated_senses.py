@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+
 from av_common.angles import wrap
 from av_fusion.measurements import Detection, Hypothesis, Look, Sound
 

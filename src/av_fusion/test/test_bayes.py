@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from simulated_senses import Senses
+
 from av_common.angles import wrap
 from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Hypothesis, Sound, Source, State
-from simulated_senses import Senses
-
 
 TURN_RATE = math.radians(40.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import State
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+
 from av_fusion.evaluation.metrics import summarise
 from av_fusion.evaluation.picture import draw
 from av_fusion.evaluation.run_log import RunLog, Series

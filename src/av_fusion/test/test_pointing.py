@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from av_common.angles import wrap
 from av_fusion.limited_axis import AxisLimits, LimitedAxis
 from av_fusion.measurements import State, Track
 from av_fusion.pointing import Mode, PointingController, PointingSettings
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 WILD = st.one_of(st.floats(-10.0, 10.0), st.sampled_from([math.nan, math.inf, -math.inf, math.pi, -math.pi, 0.0]))
 STEPS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.sampled_from(list(State)), WILD, WILD, WILD, st.booleans(), WILD,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+
 from av_common.angles import wrap
 from av_fusion.rig_motion import RigMotion
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from av_vision.image import encoding_of, image_from_message
 
 from av_fusion.bags.definitions import rig_types
+from av_vision.image import encoding_of, image_from_message
 
 IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 

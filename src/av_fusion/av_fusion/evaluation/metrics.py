@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from av_common.angles import wrap
 from numpy.typing import NDArray
 
+from av_common.angles import wrap
 from av_fusion.evaluation.run_log import RunLog, Series
 from av_fusion.measurements import State
 

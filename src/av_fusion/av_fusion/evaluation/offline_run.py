@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
-from av_common.angles import angles_to_direction
-from av_sim_bridge.picture import Picture, Renderer, View, oracle_box
-from av_sim_bridge.rig import Rig
-from av_sim_bridge.scenario import Scenario
-from av_sim_bridge.world import World
 from numpy.typing import NDArray
 
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_common.angles import angles_to_direction
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.measurements import Look, Sound, Track
 from av_fusion.pointing import PointingController
 from av_fusion.sensor_geometry import look_in_body, sounds_in_body
+from av_sim_bridge.picture import Picture, Renderer, View, oracle_box
+from av_sim_bridge.rig import Rig
+from av_sim_bridge.scenario import Scenario
+from av_sim_bridge.world import World
 
 STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000

@@ -6,10 +6,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from av_common.angles import wrap
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from av_common.angles import wrap
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.measurements import State
 

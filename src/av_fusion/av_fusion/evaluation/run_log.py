@@ -6,8 +6,9 @@ import math
 from array import array
 
 import numpy as np
-from av_common.angles import wrap
 from numpy.typing import ArrayLike, NDArray
+
+from av_common.angles import wrap
 
 
 class Series:

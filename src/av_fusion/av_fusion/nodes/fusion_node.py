@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import math
 
-from av_common.frames import yaw_of
-from av_common.node import RigNode, run
-from av_common.qos import RESULT, STREAM
-from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
@@ -16,6 +11,11 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
+from av_common.frames import yaw_of
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
 from av_fusion.bayes import BayesSettings, BayesTracker
 from av_fusion.gated import GatedSettings, GatedTracker
 from av_fusion.machine import MachineSettings

@@ -9,11 +9,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import rclpy
-from av_common.frames import yaw_of
-from av_common.node import RigNode, run
-from av_common.qos import RESULT, STREAM
-from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
@@ -21,6 +16,11 @@ from rclpy.clock_type import ClockType
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
+from av_common.frames import yaw_of
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds
 from av_fusion.evaluation.metrics import summarise
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.evaluation.status_line import format_status

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 
-from av_common.node import RigNode, run
-from av_common.qos import RESULT
-from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
 
+from av_common.node import RigNode, run
+from av_common.qos import RESULT
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
 from av_fusion.limited_axis import AxisLimits
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.pointing_node_parameters import pointing_node as parameters

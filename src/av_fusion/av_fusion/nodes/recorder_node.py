@@ -6,7 +6,6 @@ from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 
-from av_common.node import RigNode, run
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.clock import Clock
@@ -15,6 +14,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosidl_runtime_py.utilities import get_message
 
+from av_common.node import RigNode, run
 from av_fusion.bags.metadata import TopicQos
 from av_fusion.bags.pictures import COMPRESSED, IMAGE, compress
 from av_fusion.bags.recording import Recording

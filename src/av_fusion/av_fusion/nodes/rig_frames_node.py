@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from av_common.frames import FLU_TO_OPTICAL
-from av_common.node import RigNode, run
-from av_sim_bridge.rig import load_rig
 from geometry_msgs.msg import TransformStamped
 from tf2_ros import StaticTransformBroadcaster
 from transforms3d.quaternions import mat2quat
 
+from av_common.frames import FLU_TO_OPTICAL
+from av_common.node import RigNode, run
 from av_fusion.nodes.rig_frames_node_parameters import rig_frames_node as parameters
+from av_sim_bridge.rig import load_rig
 
 
 class RigFramesNode(RigNode):

@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from av_common.stamps import to_seconds
-from av_vision.camera import PinholeCamera
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.time import Time
@@ -16,9 +14,11 @@ from tf2_ros import Buffer, TransformException, TransformListener
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
+from av_common.stamps import to_seconds
 from av_fusion.measurements import Look, Sound
 from av_fusion.sensor_geometry import look_in_body, sounds_in_body
 from av_interfaces.msg import DoaArray
+from av_vision.camera import PinholeCamera
 
 
 class SensorMessages:
