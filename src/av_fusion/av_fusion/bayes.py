@@ -178,9 +178,11 @@ class BayesTracker:
             self._resolved = min(share, max(front, 1.0 - front)) >= self.settings.decide or self._axis is None
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
+        source = Source.NOTHING
+        for sense, weight in ((Source.SIGHT, sight_weight), (Source.SOUND, sound_weight)):
+            source |= sense if weight else Source.NOTHING
         return Track(
-            **common, source=(Source.SIGHT if sight_weight else Source.NOTHING) | (Source.SOUND if sound_weight else Source.NOTHING),
-            azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
+            **common, source=source, azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
             elevation=primary.elevation, elevation_variance=primary.elevation_variance,
             azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
             measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,

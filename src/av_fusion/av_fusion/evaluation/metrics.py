@@ -74,8 +74,9 @@ def _errors(error_deg: NDArray[np.float64], coverage: float, series: Series, hem
     delays = (float(np.median(delay)), float(np.percentile(delay, 95))) if delay.size else (math.nan, math.nan)
     if not error_deg.size:
         return Errors(coverage, rate_hz=rate, delay_median_ms=delays[0], delay_p95_ms=delays[1])
-    return Errors(coverage, float(np.sqrt(np.mean(error_deg**2))), float(np.mean(error_deg)), float(np.median(error_deg)),
-                  float(np.percentile(error_deg, 95)), float(np.mean(error_deg > OUTLIER_DEG)), hemisphere_errors, rate, *delays)
+    rmse, p95 = float(np.sqrt(np.mean(error_deg**2))), float(np.percentile(error_deg, 95))
+    return Errors(coverage, rmse, float(np.mean(error_deg)), float(np.median(error_deg)), p95,
+                  float(np.mean(error_deg > OUTLIER_DEG)), hemisphere_errors, rate, *delays)
 
 
 def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
