@@ -11,6 +11,7 @@ BEFORE = TAPS // 2 - 1  # taps on samples before the one just below the wanted p
 AFTER = TAPS // 2
 _PHASES = 4096  # nearest phase: delay within 1/8192 sample
 _KAISER_BETA = 8.0
+_PIECE = 4096  # places at a time, so that their windows stay in the processor's cache
 
 
 def _table() -> NDArray:
@@ -25,15 +26,27 @@ def _table() -> NDArray:
 _KERNELS = _table()
 
 
-def interpolate(signals: NDArray, places: NDArray) -> NDArray:
-    """Values of `signals` (paths, length) at `places` (paths, ...) in samples from each signal's beginning.
+def kernels(fractions: NDArray) -> NDArray:
+    """Weights (..., TAPS) that put a unit pulse at `fractions` (...,) of a sample, 0 to 1, on samples -BEFORE ... AFTER around it."""
+    return _KERNELS[np.rint(np.asarray(fractions) * _PHASES).astype(int)]
 
-    Places lie in BEFORE <= place < length - AFTER. Flat to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz and -80 dB at 10 kHz.
+
+def interpolate(signals: NDArray, rows: NDArray, places: NDArray) -> NDArray:
+    """Values at `places` in samples from the beginning of rows `rows` of `signals` (count, length); all arrays of one shape.
+
+    Raises ValueError unless BEFORE <= place < length - AFTER. Flat to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz and
+    -80 dB at 10 kHz.
     """
-    paths, length = signals.shape
-    steps = np.rint(places * _PHASES).astype(np.int64)
+    length = signals.shape[1]
+    if places.size and not (places.min() >= BEFORE and places.max() < length - AFTER - 1):
+        raise ValueError(f'places are {places.min():.1f} to {places.max():.1f}, expected {BEFORE} to {length - AFTER - 1}')
+    steps = np.rint(places * _PHASES).astype(np.int64).ravel()
     below = steps // _PHASES
-    kernels = _KERNELS[(steps - below * _PHASES).ravel()]
-    offset = np.arange(paths).reshape((paths,) + (1,) * (places.ndim - 1)) * length - BEFORE
-    windows = sliding_window_view(np.ascontiguousarray(signals).ravel(), TAPS)[(below + offset).ravel()]
-    return np.einsum('nt,nt->n', windows, kernels).reshape(places.shape)
+    phases = steps - below * _PHASES
+    first = (rows * length).ravel() + below - BEFORE
+    windows = sliding_window_view(np.ascontiguousarray(signals).ravel(), TAPS)
+    values = np.empty(len(first))
+    for piece in range(0, len(first), _PIECE):
+        part = slice(piece, piece + _PIECE)
+        values[part] = np.einsum('nt,nt->n', windows[first[part]], _KERNELS[phases[part]])
+    return values.reshape(places.shape)

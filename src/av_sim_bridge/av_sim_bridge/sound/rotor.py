@@ -13,11 +13,36 @@ from scipy.signal import firwin
 from av_sim_bridge.sound.delays import Position
 from av_sim_bridge.sound.levels import db_to_ratio, spl_to_pascal
 from av_sim_bridge.sound.stream import CHUNK, Stream, filtered, white_noise
+from av_sim_bridge.sound.wander import Wander
 
 _TABLE = 8192  # points of one turn of a rotor
 _STEPS = 128  # steps a chunk in which the rotors' speeds are integrated
-_JITTER_TERMS = 24
 _FASTEST = 1.6  # greatest speed relative to rotor_hz for which no harmonic is folded at half the sample rate
+
+_GRAVITY = 9.80665
+_DRAG_PER_M = 0.017  # deceleration over speed squared: a tilt of 35 degrees at 20 m/s
+_STEP_S = 0.1  # of the differences that give velocity and acceleration: what a flight controller follows
+
+Speed = Callable[[NDArray], NDArray]  # times (k,) -> speeds relative to hovering (k, rotors) or (k, 1)
+
+
+def thrust_speed(position: Position) -> Speed:
+    """Rotor speed relative to hovering for the motion of a source: thrust grows with the square of it (actuator disk theory).
+
+    Thrust carries the weight, accelerates and works against drag. It is kept within 0.25 and 2.5 times the weight.
+    """
+    def speed(times: NDArray) -> NDArray:
+        before, now, after = (position(times + step) for step in (-_STEP_S, 0.0, _STEP_S))
+        velocity, acceleration = (after - before) / (2 * _STEP_S), (after - 2.0 * now + before) / _STEP_S**2
+        drag = _DRAG_PER_M * velocity * np.linalg.norm(velocity, axis=1, keepdims=True)
+        thrust = np.linalg.norm(acceleration + drag + [0.0, 0.0, _GRAVITY], axis=1, keepdims=True) / _GRAVITY
+        return np.sqrt(np.clip(thrust, 0.25, 2.5))
+
+    return speed
+
+
+def _hover(times: NDArray) -> NDArray:
+    return np.ones((len(times), 1))
 
 
 @dataclass(frozen=True)
@@ -26,8 +51,9 @@ class RotorVoice:
 
     A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first (beyond the
     list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the first harmonic at `imbalance_db`.
-    Turbulence makes each rotor's speed wander by `jitter` (relative, root mean square) at rates up to `jitter_hz`. `speed` gives the
-    speeds relative to `rotor_hz` at times (k,) as (k, rotors) or (k, 1), for manoeuvres.
+    Turbulence makes each rotor's speed wander by `jitter` (relative, root mean square) at rates up to `jitter_hz`.
+    `rotor_hz` is hovering; with `follow` the speeds change with the thrust that the source's motion takes, or as `speed` says:
+    relative to `rotor_hz`, at times (k,) as (k, rotors) or (k, 1).
     The broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
     """
 
@@ -43,7 +69,8 @@ class RotorVoice:
     broadband_db_spl: float = 70.0
     broadband_hz: tuple[float, float] = (400.0, 7000.0)
     modulation: float = 0.3
-    speed: Callable[[NDArray], NDArray] | None = None
+    follow: bool = True
+    speed: Speed | None = None
 
     def __post_init__(self) -> None:
         if not len(self.rotor_hz) or min(self.rotor_hz) <= 0.0:
@@ -55,7 +82,8 @@ class RotorVoice:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        turns = _Turns(self, sample_rate, key)
+        speed = self.speed or (thrust_speed(position) if self.follow else _hover)
+        turns = _Turns(self, speed, sample_rate, key)
         waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
         low, high = self.broadband_hz
         shape = firwin(255, [low, min(high, 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
@@ -89,14 +117,11 @@ class RotorVoice:
 class _Turns:
     """How often each rotor has turned: the integral of its speed from time zero, both ways, whatever is asked first."""
 
-    def __init__(self, voice: RotorVoice, sample_rate: int, key: Sequence[int]):
-        random = np.random.default_rng([*key, 0])
+    def __init__(self, voice: RotorVoice, speed: Speed, sample_rate: int, key: Sequence[int]):
         rotors = len(voice.rotor_hz)
-        self._voice, self._rate = voice, sample_rate
-        # Jitter as a sum of sines (Shinozuka 1972): known at every instant without a history.
-        self._jitter_hz = voice.jitter_hz * random.uniform(0.02, 1.0, (_JITTER_TERMS, 1, rotors)) ** 2
-        self._jitter_phase = random.uniform(0.0, 2 * np.pi, (_JITTER_TERMS, 1, rotors))
-        self._at_start = {0: random.random(rotors)}
+        self._voice, self._rate, self._speed_given = voice, sample_rate, speed
+        self._turbulence = Wander([*key, 0], voice.jitter_hz, rotors)
+        self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
 
     def chunk(self, index: int) -> NDArray:
         """Turns (rotors, CHUNK) at the samples of a chunk."""
@@ -125,8 +150,5 @@ class _Turns:
 
     def _speed(self, times: NDArray) -> NDArray:
         """Turns per second of each rotor at times (k,): (k, rotors)."""
-        voice = self._voice
-        sines = np.sin(2 * np.pi * self._jitter_hz * times[:, None] + self._jitter_phase)
-        wander = voice.jitter * np.sqrt(2.0 / _JITTER_TERMS) * sines.sum(axis=0)
-        manoeuvre = 1.0 if voice.speed is None else voice.speed(times)
-        return np.asarray(voice.rotor_hz) * (1.0 + wander) * manoeuvre
+        wander = 1.0 + self._voice.jitter * self._turbulence(times)
+        return np.asarray(self._voice.rotor_hz) * wander * self._speed_given(times)

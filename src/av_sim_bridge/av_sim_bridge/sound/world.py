@@ -3,54 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_sim_bridge.sound.delays import BlockGrid, Position, along_block, retarded_delay
-from av_sim_bridge.sound.interpolation import AFTER, BEFORE, interpolate
 from av_sim_bridge.sound.levels import db_to_ratio
 from av_sim_bridge.sound.medium import Medium
 from av_sim_bridge.sound.noise import Noise
+from av_sim_bridge.sound.propagation import Propagation
+from av_sim_bridge.sound.reverberation import Reverberation
+from av_sim_bridge.sound.source import Source
 from av_sim_bridge.sound.stream import Stream, band_power
-from av_sim_bridge.sound.voices import Voice
-
-
-@dataclass(frozen=True)
-class Source:
-    """A point that sounds. `position` gives world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well."""
-
-    position: Position
-    voice: Voice
-    gain_db: float = 0.0
+from av_sim_bridge.sound.surroundings import Surroundings
 
 
 class SoundWorld:
     """Renders what each microphone hears, block by block.
 
     The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where the
-    microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however time is cut into blocks.
+    microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however time is cut
+    into blocks; with moving microphones, blocks must be multiples of 32 samples for that.
     """
 
     def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
-                 noise: Noise | None = None, seed: int = 0, full_scale_pa: float = 1.0):
-        """`full_scale_pa` is the pressure that gives a sample of 1."""
-        self._rate = sample_rate
-        self._sources = list(sources)
+                 noise: Noise | None = None, seed: int = 0, full_scale_pa: float = 1.0,
+                 surroundings: Surroundings | None = None, clock_ppm: float = 0.0):
+        """`full_scale_pa` is the pressure that gives a sample of 1; the microphones' clock is fast by `clock_ppm`."""
+        if sample_rate < 8000:
+            raise ValueError(f'sample_rate is {sample_rate}, expected 8000 Hz or more')
+        self._rate, self._sources, self._microphones = sample_rate, list(sources), microphones
         self._medium = medium or Medium()
-        self._microphones = microphones
-        self._full_scale_pa = full_scale_pa
+        self._noise, self._seed, self._full_scale_pa = noise or Noise(), seed, full_scale_pa
+        self._clock_rate = sample_rate * (1.0 + clock_ppm * 1e-6)
+        self._voices = [source.voice.stream(sample_rate, [seed, 1, number], source.position)
+                        for number, source in enumerate(self._sources)]
+        surroundings = surroundings or Surroundings()
+        self._propagation = Propagation(sample_rate, sample_rate / self._clock_rate, self._sources, self._voices, self._medium,
+                                        surroundings)
+        self._zones = surroundings.zones
+        self._reverberation: Reverberation | None = None
+        self._noise_stream: Stream | None = None
+        self._noise_gain = 1.0
         self._next = 0
-        self._signals = [source.voice.stream(sample_rate, [seed, 1, number], source.position)
-                         for number, source in enumerate(self._sources)]
-        self._noise = (noise or Noise()).stream(sample_rate, microphones, [seed, 0])
-        self._noise_gain = self._gain_for(noise)
+        self._check_snr()
 
     @property
     def next_sample(self) -> int:
-        """Index of the first sample that the next call of `render` gives; sample 0 is at time 0."""
+        """Index of the first sample that the next call of `render` gives."""
         return self._next
+
+    def time_of(self, sample: int) -> float:
+        """True time in s at which the microphones take a sample; sample 0 is at time 0."""
+        return sample / self._clock_rate
 
     def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
         """The next `n` samples of all microphones, (n, m) float32, where 1 is full scale.
@@ -65,31 +69,29 @@ class SoundWorld:
         if n < 1:
             raise ValueError(f'n is {n}, expected 1 or more samples')
         start, self._next = self._next, self._next + n
-        grid = BlockGrid(start, n, moving=bool(np.any(positions != positions[0])))
-        receivers = along_block(positions, start, n, grid.instants)
-        heard = self._noise_gain * self._noise.read(start, start + n)
-        for source, signal in zip(self._sources, self._signals):
-            heard = heard + db_to_ratio(source.gain_db) * self._propagate(source, signal, grid, receivers, start)
+        if start == 0:
+            self._begin(positions[0])
+        heard = self._propagation.render(start, n, positions)
+        heard += self._noise_gain * self._noise_stream.read(start, start + n)
+        if self._reverberation is not None:
+            heard += self._reverberation.render(start, n, positions)
         return (heard.T / self._full_scale_pa).astype(np.float32)
 
-    def _propagate(self, source: Source, signal: Stream, grid: BlockGrid, receivers: NDArray, start: int) -> NDArray:
-        """Pressure (m, n) of one source at the receivers (m, intervals, 4, 3)."""
-        shape = receivers.shape[:-1]
-        times = np.broadcast_to(grid.instants / self._rate, shape).reshape(len(receivers), -1)
-        delay = retarded_delay(source.position, receivers.reshape(*times.shape, 3), times[0], self._medium.speed_of_sound).reshape(shape)
-        gain = grid.to_samples(self._medium.attenuation(delay * self._medium.speed_of_sound))
-        places = grid.samples - grid.to_samples(delay) * self._rate
-        first = int(np.floor(places.min())) - BEFORE
-        heard = signal.read(first, int(np.floor(places.max())) + AFTER + 2)
-        return gain * interpolate(heard[None], places[None] - first)[0]
+    def _begin(self, layout: NDArray) -> None:
+        """Make what needs the array's geometry (m, 3); wind hears the array as it stands now."""
+        self._noise_stream = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
+        if self._zones:
+            self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources, self._voices,
+                                                self._medium, layout, [self._seed, 2])
+        snr = self._noise.snr
+        if snr is not None:
+            at_reference = self._medium.attenuation(np.array([snr.distance_m]))[0] * db_to_ratio(self._sources[snr.source].gain_db)
+            heard = band_power(self._voices[snr.source], self._rate, snr.band_hz) * at_reference**2
+            steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
+            noise = band_power(steady, self._rate, snr.band_hz)
+            self._noise_gain = float(np.sqrt(heard / noise / 10.0 ** (snr.ratio_db / 10.0)))
 
-    def _gain_for(self, noise: Noise | None) -> float:
-        """Factor on the noise that gives the wanted ratio to the reference source."""
-        if noise is None or noise.snr is None:
-            return 1.0
-        snr = noise.snr
-        if not 0 <= snr.source < len(self._sources):
+    def _check_snr(self) -> None:
+        snr = self._noise.snr
+        if snr is not None and not 0 <= snr.source < len(self._sources):
             raise ValueError(f'snr source is {snr.source}, expected 0 to {len(self._sources) - 1}')
-        at_reference = float(self._medium.attenuation(np.array([snr.distance_m]))[0]) * db_to_ratio(self._sources[snr.source].gain_db)
-        wanted = band_power(self._signals[snr.source], self._rate, snr.band_hz) * at_reference**2 / 10.0 ** (snr.ratio_db / 10.0)
-        return float(np.sqrt(wanted / band_power(self._noise, self._rate, snr.band_hz)))

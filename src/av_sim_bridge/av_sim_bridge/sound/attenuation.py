@@ -1,0 +1,49 @@
+"""How loudness falls with distance: physics, the curves of game engines, or a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_NEAREST_M = 0.1
+_CURVES = ('spherical', 'linear', 'logarithmic', 'inverse', 'table')
+
+
+@dataclass(frozen=True)
+class Attenuation:
+    """Gain against distance.
+
+    `spherical` is 1/r, 1 at 1 m. The next three are Unreal Engine's: 1 up to `inner_m`, 0 from `outer_m` on, and between them,
+    with s the share of the way, 1 - s (linear), -ln(s) / 2 (logarithmic) or 0.02 / s (inverse), at most 1.
+    `table` runs straight between points (`distances_m`, `gains`) and is constant beyond them.
+    """
+
+    curve: str = 'spherical'
+    inner_m: float = 1.0
+    outer_m: float = 200.0
+    distances_m: Sequence[float] = ()
+    gains: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        if self.curve not in _CURVES:
+            raise ValueError(f'attenuation curve is {self.curve!r}, expected one of {_CURVES}')
+        if not 0.0 <= self.inner_m < self.outer_m:
+            raise ValueError(f'attenuation inner_m is {self.inner_m} and outer_m {self.outer_m}, expected 0 <= inner_m < outer_m')
+        pairs = len(self.distances_m)
+        if self.curve == 'table' and (pairs < 2 or pairs != len(self.gains) or np.any(np.diff(self.distances_m) <= 0.0)):
+            raise ValueError(f'attenuation distances_m are {list(self.distances_m)} and gains {list(self.gains)}, '
+                             'expected two or more rising distances and as many gains')
+
+    def __call__(self, distance: NDArray) -> NDArray:
+        """Gains at distances in m, of any shape."""
+        if self.curve == 'spherical':
+            return 1.0 / np.maximum(distance, _NEAREST_M)
+        if self.curve == 'table':
+            return np.interp(distance, self.distances_m, self.gains)
+        share = np.clip((distance - self.inner_m) / (self.outer_m - self.inner_m), 0.0, 1.0)
+        above = np.maximum(share, 1e-9)
+        gain = {'linear': 1.0 - share, 'logarithmic': -0.5 * np.log(above), 'inverse': 0.02 / above}[self.curve]
+        return np.where(share < 1.0, np.minimum(gain, 1.0), 0.0)

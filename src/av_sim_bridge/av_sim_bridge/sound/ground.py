@@ -1,0 +1,49 @@
+"""Reflection of sound by the ground: its impedance, and a spherical wave above it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import wofz
+
+# Effective flow resistivity in Pa s/m^2 (Attenborough, Li and Horoshenkov, Predicting Outdoor Sound, 2007, chapter 3; rounded).
+FLOW_RESISTIVITY = {'snow': 10e3, 'forest': 40e3, 'grass': 200e3, 'soil': 500e3, 'gravel': 1e6, 'asphalt': 20e6, 'concrete': 100e6}
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A level plane of a `surface` named in FLOW_RESISTIVITY, or with a `flow_resistivity` of its own in Pa s/m^2."""
+
+    surface: str = 'grass'
+    flow_resistivity: float | None = None
+    height_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.surface not in FLOW_RESISTIVITY:
+            raise ValueError(f'ground surface is {self.surface!r}, expected one of {", ".join(FLOW_RESISTIVITY)}')
+        if self.flow_resistivity is not None and not 1e3 <= self.flow_resistivity <= 1e9:
+            raise ValueError(f'ground flow_resistivity is {self.flow_resistivity}, expected 1e3 to 1e9 Pa s/m^2')
+
+    def reflection(self, sine_grazing: NDArray, path_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:
+        """Complex factor (..., F) on a mirror source whose sound comes (...,) at the sine of a grazing angle over `path_m`.
+
+        It is the spherical wave reflection coefficient Q (Weyl-Van der Pol; Attenborough et al. 2007, chapter 2), in the
+        sense of numpy's FFT, exp(+i omega t).
+        """
+        resistivity = self.flow_resistivity or FLOW_RESISTIVITY[self.surface]
+        admittance = 1.0 / miki_impedance(frequency_hz, resistivity)
+        sine, path = sine_grazing[..., None], path_m[..., None]
+        plane = (sine - admittance) / (sine + admittance)
+        wavenumber = 2.0 * np.pi * frequency_hz / speed_of_sound
+        distance = np.sqrt(0.5j * wavenumber * path) * (sine + admittance)  # numerical distance, exp(-i omega t)
+        boundary_loss = 1.0 + 1j * np.sqrt(np.pi) * distance * wofz(distance)
+        return np.conj(plane + (1.0 - plane) * boundary_loss)
+
+
+def miki_impedance(frequency_hz: NDArray, flow_resistivity: float) -> NDArray:
+    """Characteristic impedance relative to air's of a porous ground at positive frequencies (Miki 1990, eq. 31 and 32),
+    in the sense exp(-i omega t)."""
+    ratio = np.maximum(frequency_hz, 1e-3) / flow_resistivity
+    return 1.0 + 0.070 * ratio ** -0.632 + 0.107j * ratio ** -0.632
