@@ -62,11 +62,13 @@ class MicrophoneArray:
     def __post_init__(self) -> None:
         positions = np.asarray(self.positions, dtype=float)
         if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 2:
-            raise ValueError(f'microphones: expected at least two positions [x, y, z] in metres, got shape {positions.shape}')
+            raise ValueError(f'microphones: expected at least two positions [x, y, z] in metres, '
+                             f'got shape {positions.shape}')
         if not np.all(np.isfinite(positions)):
             raise ValueError('microphones: positions must be finite numbers in metres')
         if np.max(np.abs(positions)) > 100.0:
-            raise ValueError(f'microphones: {np.max(np.abs(positions)):g} m from the origin; positions are metres, not millimetres')
+            raise ValueError(f'microphones: {np.max(np.abs(positions)):g} m from the origin; '
+                             f'positions are metres, not millimetres')
         object.__setattr__(self, 'positions', positions)
         for i, j in combinations(range(len(positions)), 2):
             if np.linalg.norm(positions[i] - positions[j]) < MINIMUM_SPACING_M:

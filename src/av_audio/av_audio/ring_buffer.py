@@ -22,7 +22,8 @@ class RingBuffer:
         dtype = np.dtype(dtype)
         frames = capacity_bytes // (channels * dtype.itemsize) if channels > 0 else 0
         if frames < 1:
-            raise ValueError(f'capacity_bytes={capacity_bytes} does not hold one sample of {channels} channels of {dtype}')
+            raise ValueError(f'capacity_bytes={capacity_bytes} does not hold one sample of {channels} channels '
+                             f'of {dtype}')
         self._data = np.zeros((frames, channels), dtype)
         self._announced = 0  # frames that the writer has written or begun to write
         self._written = 0

@@ -45,6 +45,6 @@ class SpectrumAnalyzer:
         return fft.rfft(window, axis=1)[:, self._bins]
 
     def level_dbfs(self, spectra: NDArray) -> float:
-        """Mean power of the channels after the band-pass in dB, where 0 dB is a full-scale square wave; -inf for silence."""
+        """Mean power of the channels after the band-pass in dB, 0 dB for a full-scale square wave; -inf for silence."""
         power = self._power_scale * np.sum(self.response * np.abs(spectra) ** 2) / len(spectra)
         return float(10.0 * np.log10(power)) if power > 0.0 else -np.inf

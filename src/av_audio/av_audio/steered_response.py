@@ -16,6 +16,8 @@ GRID_POINTS_PER_PERIOD = 8.0
 NEWTON_STEPS = 3
 # Neighbouring bins share a line and the taper's main lobe; their errors count as one.
 CLUSTER_HZ = 16.0
+# The scatter is measured at the maximum, where noise has already been fitted: the weaker the peak, the more so.
+OPTIMISM = 2.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,8 @@ class SteeredResponse:
         by_delay = weighted.real @ self._cosines.T + weighted.imag @ self._sines.T  # (p, delays)
         if self._array.channels == 2:
             return np.interp(self._grid_delays[:, 0], self._delays, by_delay[0])
-        return sum(np.interp(delays, self._delays, response) for delays, response in zip(self._grid_delays.T, by_delay))
+        return sum(np.interp(delays, self._delays, response)
+                   for delays, response in zip(self._grid_delays.T, by_delay, strict=True))
 
     def _steer(self, weighted: NDArray, q: NDArray) -> NDArray:
         """Weighted cross-spectra (p, k) turned back by the delays of q: real where they agree with it."""
@@ -108,11 +111,12 @@ class SteeredResponse:
             return Peak(q, np.full_like(hessian, np.inf), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
-        covariance = inverse @ (scores @ scores.T) @ inverse
-        return Peak(q, covariance, height / spread, self._main_share(q, covariance, hessian, height, curve))
+        significance = height / spread
+        covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
+        return Peak(q, covariance, significance, self._main_share(q, covariance, hessian, height, curve))
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
-        """Posterior mass of the peak's own lobe, with the curve as log-likelihood, scaled to agree with the covariance."""
+        """Posterior mass of the peak's own lobe: the curve is a log-likelihood, scaled to agree with the covariance."""
         rank = len(q)
         trace = float(np.trace(covariance @ hessian))
         if trace <= 0.0:

@@ -10,8 +10,8 @@ from scipy.ndimage import uniform_filter1d
 
 # Widths of the running means over frequency in Hz: of the signal's power (a rotor's line), of the coherence, and of
 # the noise, which is smooth.
-LINE_HZ = 10.0
-COHERENCE_HZ = 18.0
+LINE_HZ = 20.0
+COHERENCE_HZ = 40.0
 NOISE_HZ = 260.0
 # Share of a source's power that arrives by other ways than the straight one.
 REFLECTED = 0.1

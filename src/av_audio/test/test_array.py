@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from av_audio.array import DelayCurve, MicrophoneArray
 from av_common.angles import angles_to_direction, direction_to_angles
 

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 import soundfile
+
 from av_audio.capture import FileSource, read_sound
 from av_audio.ring_buffer import RingBuffer
 

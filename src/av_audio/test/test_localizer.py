@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from av_audio.array import DelayCurve, MicrophoneArray
 from av_audio.localizer import METHODS, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound

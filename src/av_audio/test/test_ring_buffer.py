@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+
 from av_audio.ring_buffer import RingBuffer
 
 

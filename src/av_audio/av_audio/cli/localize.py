@@ -19,12 +19,15 @@ from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSetting
 def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that every program with a localizer shares."""
     defaults = LocalizerSettings()
-    parser.add_argument('--array', required=True, metavar='YAML', help='array file, such as config/arrays/two_microphones.yaml')
+    parser.add_argument('--array', required=True, metavar='YAML',
+                        help='array file, such as config/arrays/two_microphones.yaml')
     parser.add_argument('--channels', type=int, nargs='+', default=[], metavar='N',
                         help='channels of the file in the order of the microphones (default: all)')
     parser.add_argument('--method', choices=METHODS, default=defaults.method, help='estimator (default: %(default)s)')
-    parser.add_argument('--window', type=float, default=defaults.window_s, metavar='S', help='s of sound per estimate (default: %(default)s)')
-    parser.add_argument('--hop', type=float, default=defaults.hop_s, metavar='S', help='s between estimates (default: %(default)s)')
+    parser.add_argument('--window', type=float, default=defaults.window_s, metavar='S',
+                        help='s of sound per estimate (default: %(default)s)')
+    parser.add_argument('--hop', type=float, default=defaults.hop_s, metavar='S',
+                        help='s between estimates (default: %(default)s)')
     parser.add_argument('--band', type=float, nargs=2, default=defaults.band_hz, metavar=('LOW', 'HIGH'),
                         help='band-pass in Hz (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import array
 
-from av_common.node import RigNode, run
-from av_common.qos import STREAM
-from av_common.stamps import to_stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio.capture import FileSource
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
+from av_common.node import RigNode, run
+from av_common.qos import STREAM
+from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
 
 
@@ -73,7 +73,8 @@ class AudioNode(RigNode):
         if self._source.finished:
             status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
         elif self._buffer.overwritten:
-            status.mergeSummary(DiagnosticStatus.WARN, f'{self._buffer.overwritten} samples lost, the machine is too slow')
+            status.mergeSummary(DiagnosticStatus.WARN,
+                                f'{self._buffer.overwritten} samples lost, the machine is too slow')
 
 
 def main() -> None:

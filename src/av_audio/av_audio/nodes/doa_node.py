@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from av_common.angles import angles_to_direction
-from av_common.node import RigNode, run
-from av_common.qos import RESULT, STREAM
-from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio.array import MicrophoneArray
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
+from av_common.angles import angles_to_direction
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame, Doa, DoaArray
 
 # Without sound for this long the node says so.
@@ -30,7 +30,8 @@ class DoaNode(RigNode):
         """Read the array and check the settings."""
         values = self.settings
         if not values.array_file:
-            raise ValueError('array_file is empty, expected the path of an array file such as config/arrays/two_microphones.yaml')
+            raise ValueError('array_file is empty, expected the path of an array file such as '
+                             'config/arrays/two_microphones.yaml')
         self._array = MicrophoneArray.load(values.array_file)
         self._localizer_settings = LocalizerSettings(
             window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
