@@ -67,7 +67,7 @@ def test_flying_into_a_zone_starts_its_reverberation():
 
     def hear(zones):
         world = SoundWorld(RATE, [source], microphones=2, noise=Noise(None), surroundings=Surroundings(zones=zones))
-        far = PAIR + [0.0, 100.0, 0.0]
+        far = PAIR + np.array([0.0, 100.0, 0.0])
         return world.render(4 * RATE, np.array([far, far]))
 
     added = hear([ReverbZone(**HALL)]) - hear([])

@@ -79,7 +79,8 @@ def test_directivity_weighs_the_direction_of_emission():
 
 
 def test_rotors_send_tones_sideways_and_hiss_down():
-    factors = RotorDirectivity(tone_axis_db=-10.0, noise_side_db=-5.0)(np.array([[0, 0, -1.0], [1.0, 0, 0]]), np.array([50.0, 8000.0]), 0.0)
+    directivity = RotorDirectivity(tone_axis_db=-10.0, noise_side_db=-5.0)
+    factors = directivity(np.array([[0, 0, -1.0], [1.0, 0, 0]]), np.array([50.0, 8000.0]), 0.0)
     np.testing.assert_allclose(20 * np.log10(factors), [[-10.0, 0.0], [0.0, -5.0]], atol=0.1)
 
 

@@ -5,7 +5,19 @@ import pytest
 from scipy.integrate import quad
 from scipy.signal import firwin
 
-from av_sim_bridge.sound import Box, FormulaVoice, Ground, Medium, Noise, Room, SoundWorld, Source, Surroundings, ToneVoice, Trunk
+from av_sim_bridge.sound import (
+    Box,
+    FormulaVoice,
+    Ground,
+    Medium,
+    Noise,
+    Room,
+    SoundWorld,
+    Source,
+    Surroundings,
+    ToneVoice,
+    Trunk,
+)
 from av_sim_bridge.sound.diffraction import edge_loss_db, occlusion
 from av_sim_bridge.sound.ground import FLOW_RESISTIVITY, miki_impedance
 from av_sim_bridge.sound.obstacles import detours
@@ -26,7 +38,8 @@ def pulse_voice(low=100.0, high=7000.0):
 
 
 def hear(source, microphones, voice, seconds, surroundings=None):
-    world = SoundWorld(RATE, [Source(at(source), voice)], microphones=len(microphones), noise=Noise(None), surroundings=surroundings)
+    world = SoundWorld(RATE, [Source(at(source), voice)], microphones=len(microphones), noise=Noise(None),
+                       surroundings=surroundings)
     return world.render(int(seconds * RATE), np.array([microphones, microphones], float))
 
 
@@ -44,7 +57,7 @@ def test_ground_reflection_is_the_exact_integral(surface, source_z, receiver_z, 
             return np.exp(-k * admittance * q + 1j * k * (away - path)) * path / away
 
         end = 40.0 / (k * admittance.real)
-        tail = quad(lambda q: line_source(q).real, 0, end, limit=1000)[0] + 1j * quad(lambda q: line_source(q).imag, 0, end, limit=1000)[0]
+        tail = quad(line_source, 0, end, limit=1000, complex_func=True)[0]
         exact = np.conj(1.0 - 2.0 * k * admittance * tail)
         found = Ground(surface).reflection(np.array(height / path), np.array(path), np.array([frequency]), C)[0]
         assert abs(found - exact) < 0.02
@@ -86,11 +99,13 @@ def test_face_of_a_box_is_a_mirror_within_its_edges():
     image = hear([-1.0, 7.8, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3)[:, 0]
     np.testing.assert_allclose(reflected, 0.8 * image, atol=1e-3 * np.abs(image).max())
     beside = hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, surroundings)
-    assert np.array_equal(beside, hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, Surroundings(obstacles=[Trunk([90, 90])])))
+    far_away = Surroundings(obstacles=[Trunk([90, 90])])
+    assert np.array_equal(beside, hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, far_away))
 
 
 def test_box_and_ground_mirror_together():
-    surroundings = Surroundings(ground=Ground('concrete'), obstacles=[Box([0.0, 4.1, 5.0], [30.0, 0.2, 10.0], absorption=(0.0,))])
+    wall = Box([0.0, 4.1, 5.0], [30.0, 0.2, 10.0], absorption=(0.0,))
+    surroundings = Surroundings(ground=Ground('concrete'), obstacles=[wall])
     heard = hear([-1.0, 0, 2.0], [[1.0, 0, 1.0]], pulse_voice(), 0.3, surroundings)[:, 0]
     images = [[-1.0, 0, 2.0], [-1.0, 0, -2.0], [-1.0, 8.0, 2.0], [-1.0, 8.0, -2.0]]
     expected = sum(hear(place, [[1.0, 0, 1.0]], pulse_voice(), 0.3)[:, 0] for place in images)

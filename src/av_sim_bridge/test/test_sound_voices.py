@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import soundfile
+
 from av_sim_bridge.sound import RecordingVoice, RotorVoice
 
 RATE = 48000
@@ -27,7 +28,8 @@ def test_rotor_harmonics_stand_at_multiples_of_the_blade_passing():
 
 
 def test_rotor_speed_wanders_by_the_stated_jitter():
-    voice = RotorVoice(rotor_hz=(100.0,), blades=2, jitter=0.01, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,), imbalance_db=-200.0)
+    voice = RotorVoice(rotor_hz=(100.0,), blades=2, jitter=0.01, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
+                       imbalance_db=-200.0)
     samples = voice.stream(RATE, [4], nowhere).read(0, 10 * RATE)
     crossings = np.flatnonzero((samples[:-1] < 0) & (samples[1:] >= 0))
     exact = crossings + samples[crossings] / (samples[crossings] - samples[crossings + 1])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from av_sim_bridge.sound import FormulaVoice, Medium, Noise, RotorVoice, Snr, SoundWorld, Source, ToneVoice
 from av_sim_bridge.sound.delays import retarded_delay
 
@@ -50,7 +51,8 @@ def test_delay_of_fast_source_meets_the_closed_form():
 
 def test_moving_microphone_hears_the_doppler_of_its_own_motion():
     world = SoundWorld(RATE, [Source(straight([100.0, 0, 0], [0, 0, 0]), ToneVoice(1000.0, 94.0))], microphones=1, noise=SILENT)
-    blocks = [world.render(480, np.array([[[34.3 * t / RATE, 0, 0]] for t in (start, start + 480)])) for start in range(0, RATE, 480)]
+    blocks = [world.render(480, np.array([[[34.3 * t / RATE, 0, 0]] for t in (start, start + 480)]))
+              for start in range(0, RATE, 480)]
     heard = np.concatenate(blocks)[24000:, 0].astype(float) * np.hanning(24000)
     peak = np.argmax(np.abs(np.fft.rfft(heard, 16 * 24000))) * RATE / (16 * 24000)
     assert peak == pytest.approx(1000.0 * (1 + 34.3 / Medium().speed_of_sound), abs=0.2)
@@ -59,7 +61,8 @@ def test_moving_microphone_hears_the_doppler_of_its_own_motion():
 @pytest.mark.parametrize('moving', [False, True])
 def test_same_bytes_for_any_block_size(moving):
     def whole(block):
-        sources = [Source(straight([-5.0, 8.0, 3.0], [9.0, 0, 0]), RotorVoice()), Source(straight([4.0, -3.0, 1.0], [0, 2, 0]), ToneVoice())]
+        sources = [Source(straight([-5.0, 8.0, 3.0], [9.0, 0, 0]), RotorVoice()),
+                   Source(straight([4.0, -3.0, 1.0], [0, 2, 0]), ToneVoice())]
         world = SoundWorld(RATE, sources, noise=Noise(snr=Snr(10.0)), seed=7)
         parts = []
         for start in range(0, 14400, block):

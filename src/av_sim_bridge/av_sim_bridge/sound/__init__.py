@@ -16,7 +16,7 @@ from av_sim_bridge.sound.voices import FormulaVoice, RecordingVoice, ToneVoice, 
 from av_sim_bridge.sound.world import SoundWorld
 
 __all__ = [
-    'Attenuation', 'Box', 'CardioidDirectivity', 'FormulaVoice', 'Ground', 'Medium', 'Noise', 'OwnRotors', 'RecordingVoice', 'ReverbZone', 'Room',
-    'RotorDirectivity', 'RotorVoice', 'Snr', 'SoundWorld', 'Source', 'Surroundings', 'ToneVoice', 'Trunk', 'Voice', 'Wind',
-    'load_profile',
+    'Attenuation', 'Box', 'CardioidDirectivity', 'FormulaVoice', 'Ground', 'Medium', 'Noise', 'OwnRotors',
+    'RecordingVoice', 'ReverbZone', 'Room', 'RotorDirectivity', 'RotorVoice', 'Snr', 'SoundWorld', 'Source',
+    'Surroundings', 'ToneVoice', 'Trunk', 'Voice', 'Wind', 'load_profile',
 ]

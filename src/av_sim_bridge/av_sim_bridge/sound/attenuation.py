@@ -16,9 +16,9 @@ _CURVES = ('spherical', 'linear', 'logarithmic', 'inverse', 'table')
 class Attenuation:
     """Gain against distance.
 
-    `spherical` is 1/r, 1 at 1 m. The next three are Unreal Engine's: 1 up to `inner_m`, 0 from `outer_m` on, and between them,
-    with s the share of the way, 1 - s (linear), -ln(s) / 2 (logarithmic) or 0.02 / s (inverse), at most 1.
-    `table` runs straight between points (`distances_m`, `gains`) and is constant beyond them.
+    `spherical` is 1/r, 1 at 1 m. The next three are Unreal Engine's: 1 up to `inner_m`, 0 from `outer_m` on, and
+    between them, with s the share of the way, 1 - s (linear), -ln(s) / 2 (logarithmic) or 0.02 / s (inverse), at most
+    1. `table` runs straight between points (`distances_m`, `gains`) and is constant beyond them.
     """
 
     curve: str = 'spherical'
@@ -31,7 +31,8 @@ class Attenuation:
         if self.curve not in _CURVES:
             raise ValueError(f'attenuation curve is {self.curve!r}, expected one of {_CURVES}')
         if not 0.0 <= self.inner_m < self.outer_m:
-            raise ValueError(f'attenuation inner_m is {self.inner_m} and outer_m {self.outer_m}, expected 0 <= inner_m < outer_m')
+            raise ValueError(f'attenuation inner_m is {self.inner_m} and outer_m {self.outer_m}, '
+                             'expected 0 <= inner_m < outer_m')
         pairs = len(self.distances_m)
         if self.curve == 'table' and (pairs < 2 or pairs != len(self.gains) or np.any(np.diff(self.distances_m) <= 0.0)):
             raise ValueError(f'attenuation distances_m are {list(self.distances_m)} and gains {list(self.gains)}, '

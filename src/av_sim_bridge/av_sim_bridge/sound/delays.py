@@ -15,10 +15,11 @@ _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 
 
 def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed_of_sound: float) -> NDArray:
-    """Travel times in s to `receivers` (..., k, 3) at `times` (k,), by the secant rule on c * delay = |receiver - source(t - delay)|.
+    """Travel times in s (..., k) to `receivers` (..., k, 3) at `times` (k,).
 
-    The rule starts from the delay of a source at rest; below 0.3 c and beyond a metre it ends within 1e-12 s.
-    Returns (..., k). The emission distance is speed_of_sound times it.
+    They are found by the secant rule on c * delay = |receiver - source(t - delay)|.
+    The rule starts from the delay of a source at rest; below 0.3 c and beyond a metre it ends within 1e-12 s. Returns
+    (..., k). The emission distance is speed_of_sound times it.
     """
     shape = receivers.shape[:-1]
 

@@ -1,4 +1,4 @@
-"""Loss of sound behind edges (Kurze and Anderson, Sound attenuation by barriers, Applied Acoustics 4, 1971; after Maekawa 1968)."""
+"""Loss of sound behind edges (Kurze and Anderson, Sound attenuation by barriers, 1971; after Maekawa 1968)."""
 
 from __future__ import annotations
 

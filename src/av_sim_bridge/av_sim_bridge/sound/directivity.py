@@ -16,9 +16,9 @@ Directivity = Callable[[NDArray, NDArray, float], NDArray]
 class RotorDirectivity:
     """Rotors seen from the side and from below.
 
-    Blade tones go to the sides, in the rotors' plane, and fade by `tone_axis_db` towards the axis; broadband noise is a dipole
-    along the axis that fades by `noise_side_db` in the plane. In between, levels follow the square of the angle's cosine. The
-    two parts meet at `meet_hz`. The rotors' axis is vertical.
+    Blade tones go to the sides, in the rotors' plane, and fade by `tone_axis_db` towards the axis; broadband noise is a
+    dipole along the axis that fades by `noise_side_db` in the plane. In between, levels follow the square of the
+    angle's cosine. The two parts meet at `meet_hz`. The rotors' axis is vertical.
     """
 
     tone_axis_db: float = -6.0
@@ -26,6 +26,7 @@ class RotorDirectivity:
     meet_hz: float = 800.0
 
     def __call__(self, directions: NDArray, frequency_hz: NDArray, time_s: float) -> NDArray:
+        """See Directivity."""
         along_axis = directions[:, 2:] ** 2
         tones = 1.0 - along_axis * (1.0 - 10.0 ** (self.tone_axis_db / 10.0))
         noise = 1.0 - (1.0 - along_axis) * (1.0 - 10.0 ** (self.noise_side_db / 10.0))
@@ -41,6 +42,7 @@ class CardioidDirectivity:
     share: float = 0.5
 
     def __call__(self, directions: NDArray, frequency_hz: NDArray, time_s: float) -> NDArray:
+        """See Directivity."""
         ahead = directions @ (np.asarray(self.axis) / np.linalg.norm(self.axis))
         factor = np.abs(1.0 - self.share + self.share * ahead)
         return np.repeat(factor[:, None], len(frequency_hz), axis=1)

@@ -26,7 +26,8 @@ def field_noise(key: Sequence[int], sample_rate: int, layout: NDArray, density: 
     power = density(np.maximum(frequency, frequency[1])) * (frequency > 0.0)
     matrix = coherence(layout[None, :] - layout[:, None], frequency)
     values, vectors = np.linalg.eigh(matrix)
-    mix = vectors * np.sqrt(np.maximum(values, 0.0))[:, None] * (np.sqrt(power / power.sum()) * size / np.sqrt(2.0))[:, None, None]
+    amplitude = np.sqrt(power / power.sum() / 2.0) * size
+    mix = vectors * np.sqrt(np.maximum(values, 0.0))[:, None] * amplitude[:, None, None]
     window = np.sin(np.pi * (np.arange(size) + 0.5) / size)
 
     @lru_cache(maxsize=4)
@@ -45,12 +46,18 @@ def diffuse(speed_of_sound: float) -> Coherence:
 
 def horizontal(speed_of_sound: float) -> Coherence:
     """Sound from all directions along the ground: J0(kd)."""
-    return lambda apart, frequency: j0(2.0 * np.pi * _turns(np.hypot(apart[..., 0], apart[..., 1]), frequency, speed_of_sound)) + 0j
+    def coherence(apart: NDArray, frequency: NDArray) -> NDArray:
+        return j0(2.0 * np.pi * _turns(np.hypot(apart[..., 0], apart[..., 1]), frequency, speed_of_sound)) + 0j
+
+    return coherence
 
 
 def corcos(velocity: Sequence[float]) -> Coherence:
-    """Turbulence carried past the microphones by a wind (x, y, z) in m/s (Corcos 1963): it decays along and across the wind
-    with the number of turns of phase, and arrives later downwind. Eddies travel at 0.7 of the wind's speed."""
+    """Turbulence carried past the microphones by a wind (x, y, z) in m/s (Corcos 1963).
+
+    It decays along and across the wind with the number of turns of phase, and arrives later downwind. Eddies travel at
+    0.7 of the wind's speed.
+    """
     speed = float(np.linalg.norm(velocity))
     way = np.asarray(velocity, float) / speed
 

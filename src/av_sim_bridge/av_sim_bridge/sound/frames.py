@@ -19,7 +19,7 @@ _FRAME_S = 0.02
 
 @dataclass(frozen=True)
 class Frame:
-    """Signals (sources, rays, length) that begin at emission samples `first` (sources, rays); only `active` ones carry sound."""
+    """Signals (sources, rays, length) from emission samples `first` (sources, rays) on; only `active` ones carry sound."""
 
     signals: NDArray
     first: NDArray

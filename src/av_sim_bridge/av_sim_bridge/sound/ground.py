@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import wofz
 
 # Effective flow resistivity in Pa s/m^2 (Attenborough, Li and Horoshenkov, Predicting Outdoor Sound, 2007, chapter 3; rounded).
-FLOW_RESISTIVITY = {'snow': 10e3, 'forest': 40e3, 'grass': 200e3, 'soil': 500e3, 'gravel': 1e6, 'asphalt': 20e6, 'concrete': 100e6}
+FLOW_RESISTIVITY = {
+    'snow': 10e3, 'forest': 40e3, 'grass': 200e3, 'soil': 500e3, 'gravel': 1e6, 'asphalt': 20e6, 'concrete': 100e6,
+}
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,8 @@ class Ground:
     def reflection(self, sine_grazing: NDArray, path_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:
         """Complex factor (..., F) on a mirror source whose sound comes (...,) at the sine of a grazing angle over `path_m`.
 
-        It is the spherical wave reflection coefficient Q (Weyl-Van der Pol; Attenborough et al. 2007, chapter 2), in the
-        sense of numpy's FFT, exp(+i omega t).
+        It is the spherical wave reflection coefficient Q (Weyl-Van der Pol; Attenborough et al. 2007, chapter 2), in
+        the sense of numpy's FFT, exp(+i omega t).
         """
         resistivity = self.flow_resistivity or FLOW_RESISTIVITY[self.surface]
         admittance = 1.0 / miki_impedance(frequency_hz, resistivity)
@@ -43,7 +45,6 @@ class Ground:
 
 
 def miki_impedance(frequency_hz: NDArray, flow_resistivity: float) -> NDArray:
-    """Characteristic impedance relative to air's of a porous ground at positive frequencies (Miki 1990, eq. 31 and 32),
-    in the sense exp(-i omega t)."""
+    """Impedance (F,) of a porous ground relative to air's (Miki 1990), in the sense exp(-i omega t)."""
     ratio = np.maximum(frequency_hz, 1e-3) / flow_resistivity
     return 1.0 + 0.070 * ratio ** -0.632 + 0.107j * ratio ** -0.632

@@ -27,15 +27,15 @@ _KERNELS = _table()
 
 
 def kernels(fractions: NDArray) -> NDArray:
-    """Weights (..., TAPS) that put a unit pulse at `fractions` (...,) of a sample, 0 to 1, on samples -BEFORE ... AFTER around it."""
+    """Weights (..., TAPS) on samples -BEFORE ... AFTER for a unit pulse at `fractions` (...,) of a sample, 0 to 1."""
     return _KERNELS[np.rint(np.asarray(fractions) * _PHASES).astype(int)]
 
 
 def interpolate(signals: NDArray, rows: NDArray, places: NDArray) -> NDArray:
     """Values at `places` in samples from the beginning of rows `rows` of `signals` (count, length); all arrays of one shape.
 
-    Raises ValueError unless BEFORE <= place < length - AFTER. Flat to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz and
-    -80 dB at 10 kHz.
+    Raises ValueError unless BEFORE <= place < length - AFTER. Flat to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz
+    and -80 dB at 10 kHz.
     """
     length = signals.shape[1]
     if places.size and not (places.min() >= BEFORE and places.max() < length - AFTER - 1):

@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from av_common.acoustics import speed_of_sound
 from numpy.typing import NDArray
 
+from av_common.acoustics import speed_of_sound
 from av_sim_bridge.sound.absorption import absorption_db_per_m
 from av_sim_bridge.sound.attenuation import Attenuation
 
 
 @dataclass(frozen=True)
 class Medium:
-    """Air at rest; `absorption` turns on that of ISO 9613-1. As `attenuation` any function from distances in m to gains will do."""
+    """Air at rest.
+
+    `absorption` turns on that of ISO 9613-1. As `attenuation` any function from distances in m to gains will do.
+    """
 
     temperature_c: float = 20.0
     humidity_percent: float = 50.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)
 
 @dataclass(frozen=True)
 class Snr:
-    """Power of a source over that of all noise at one microphone, both inside `band_hz`, with the source at `distance_m` in the open."""
+    """Power of a source, at `distance_m` in the open, over that of all noise at one microphone, both inside `band_hz`."""
 
     ratio_db: float
     distance_m: float = 10.0
@@ -34,8 +34,8 @@ class Snr:
 class Wind:
     """Wind past the microphones: `velocity` (x, y, z) in m/s, world ENU. Its noise is turbulence, not sound.
 
-    Pressure grows with the square of the speed; the mean `level_db_spl` is 35 dB + 40 dB lg(speed) by default, a microphone
-    behind a foam screen. Gusts change the speed by `gusts` (relative, root mean square) at rates up to 1 Hz.
+    Pressure grows with the square of the speed; the mean `level_db_spl` is 35 dB + 40 dB lg(speed) by default, a
+    microphone behind a foam screen. Gusts change the speed by `gusts` (relative, root mean square) at rates up to 1 Hz.
     """
 
     velocity: Sequence[float] = (5.0, 0.0, 0.0)
@@ -61,9 +61,9 @@ class Wind:
 class Noise:
     """All noise; levels are at one microphone. None leaves a kind out.
 
-    `self_noise_db_spl` is the microphones' own, white up to half the sample rate. `urban_db_spl` is traffic, from all sides along
-    the ground, that swells and fades by `urban_swing_db`. `diffuse_db_spl` is pink and comes from everywhere.
-    With `snr`, the levels only set the ratios between the kinds, and their sum is scaled.
+    `self_noise_db_spl` is the microphones' own, white up to half the sample rate. `urban_db_spl` is traffic, from all
+    sides along the ground, that swells and fades by `urban_swing_db`. `diffuse_db_spl` is pink and comes from
+    everywhere. With `snr`, the levels only set the ratios between the kinds, and their sum is scaled.
     """
 
     self_noise_db_spl: float | None = 30.0
@@ -111,7 +111,7 @@ def _scaled(noise: Stream, level_db_spl: float) -> Stream:
     return Stream(lambda index: level * noise.read(index * CHUNK, (index + 1) * CHUNK))
 
 
-def _swelling(noise: Stream, sample_rate: int, level) -> Stream:
+def _swelling(noise: Stream, sample_rate: int, level: Callable[[NDArray], NDArray]) -> Stream:
     """Noise times a slow level, given at times (k,) in s."""
     def make(index: int) -> NDArray:
         places = index * CHUNK + np.arange(0, CHUNK + 1, CHUNK // 16)

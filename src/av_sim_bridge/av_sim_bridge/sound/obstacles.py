@@ -47,11 +47,13 @@ class Box(Obstacle):
 
     def __post_init__(self) -> None:
         if len(self.center) != 3 or len(self.size) != 3 or min(self.size) <= 0.0:
-            raise ValueError(f'box center is {list(self.center)} and size {list(self.size)}, expected x, y, z and three positive lengths')
+            raise ValueError(f'box center is {list(self.center)} and size {list(self.size)}, '
+                             'expected x, y, z and three positive lengths')
         reflection_factor(self.absorption, np.zeros(1))
 
     @cached_property
     def footprint(self) -> NDArray:
+        """See Obstacle."""
         yaw = np.deg2rad(self.yaw_deg)
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(self.size[:2], float) / 2.0
@@ -59,16 +61,18 @@ class Box(Obstacle):
 
     @property
     def bottom(self) -> float:
+        """See Obstacle."""
         return self.center[2] - self.size[2] / 2.0
 
     @property
     def top(self) -> float:
+        """See Obstacle."""
         return self.center[2] + self.size[2] / 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Trunk(Obstacle):
-    """A tree trunk or a column that stands at (x, y) and reaches from z = `bottom` to `top` in m, as an octagon. It does not mirror."""
+    """A tree trunk or a column at (x, y), from z = `bottom` to `top` in m, as an octagon. It does not mirror."""
 
     center: Sequence[float]
     radius: float = 0.2
@@ -80,11 +84,12 @@ class Trunk(Obstacle):
 
     def __post_init__(self) -> None:
         if len(self.center) != 2 or self.radius <= 0.0 or self.top <= self.bottom:
-            raise ValueError(f'trunk center is {list(self.center)}, radius {self.radius}, bottom {self.bottom} and top {self.top}, '
-                             'expected x, y, a positive radius and bottom < top')
+            raise ValueError(f'trunk center is {list(self.center)}, radius {self.radius}, bottom {self.bottom} and top '
+                             f'{self.top}, expected x, y, a positive radius and bottom < top')
 
     @cached_property
     def footprint(self) -> NDArray:
+        """See Obstacle."""
         angle = np.arange(8) * np.pi / 4.0
         return np.asarray(self.center, float) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -111,10 +116,11 @@ class Face:
 
 
 def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray | None:
-    """How much longer than straight the ways around an obstacle are, in m: left, right, over and, where there is room, under it.
+    """How much longer than straight the ways around an obstacle are, in m: left, right, over and, given a gap, under it.
 
-    A negative number belongs to a way that is clear: the straight line passes that edge on the open side, and over the edge
-    would be longer by that much. None means that the obstacle is not between source and receiver (each (3,), world ENU).
+    A negative number belongs to a way that is clear: the straight line passes that edge on the open side, and over the
+    edge would be longer by that much. None means that the obstacle is not between source and receiver (each (3,), world
+    ENU).
     """
     rise = float(receiver[2] - source[2])
     length = float(np.hypot(*(receiver - source)[:2]))
@@ -170,7 +176,7 @@ def _crossing(polygon: NDArray) -> NDArray:
 
 
 def _detour(corners: NDArray, length: float) -> float:
-    """How much longer than `length` a string is that is pulled tight from (0, 0) to (length, 0) around corners (n, 2) on one side.
+    """How much longer than `length` a string is, tight from (0, 0) to (length, 0) around corners (n, 2) on one side.
 
     The ends and the string are the outline of a convex hull.
     """

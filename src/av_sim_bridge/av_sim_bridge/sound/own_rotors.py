@@ -35,10 +35,7 @@ class OwnRotors:
             raise ValueError(f'own rotors name microphones of shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
         away = np.asarray(self.rotors, float)[:, None] - np.asarray(self.microphones, float)
         distance = np.maximum(np.linalg.norm(away, axis=-1), 0.05)[..., None]  # (rotors, m, 1)
-        share_db = 10.0 * np.log10(len(self.rotors))
-        voices = [replace(self.voice, rotor_hz=(speed,), speed=self._speed_of(number), tone_db_spl=self.voice.tone_db_spl - share_db,
-                          broadband_db_spl=self.voice.broadband_db_spl - share_db).stream(sample_rate, [*key, number], _at_rest)
-                  for number, speed in enumerate(self.voice.rotor_hz)]
+        voices = [self._voice_of(number).stream(sample_rate, [*key, number], _at_rest) for number in range(len(self.rotors))]
         delay = distance * (sample_rate / speed_of_sound)
         reach = int(delay.max()) + BEFORE + 2
         places = np.arange(CHUNK) + reach - delay
@@ -50,10 +47,15 @@ class OwnRotors:
 
         return Stream(make)
 
-    def _speed_of(self, rotor: int):
-        """The speed of one rotor of the voice's manoeuvre."""
-        speed = self.voice.speed
-        return None if speed is None else lambda times: np.broadcast_to(speed(times), (len(times), len(self.rotors)))[:, [rotor]]
+    def _voice_of(self, rotor: int) -> RotorVoice:
+        """One rotor alone, with its share of the vehicle's power."""
+        share_db = 10.0 * np.log10(len(self.rotors))
+
+        def speed(times: NDArray) -> NDArray:
+            return np.broadcast_to(self.voice.speed(times), (len(times), len(self.rotors)))[:, [rotor]]
+
+        return replace(self.voice, rotor_hz=(self.voice.rotor_hz[rotor],), speed=speed if self.voice.speed else None,
+                       tone_db_spl=self.voice.tone_db_spl - share_db, broadband_db_spl=self.voice.broadband_db_spl - share_db)
 
 
 def _at_rest(times: NDArray) -> NDArray:

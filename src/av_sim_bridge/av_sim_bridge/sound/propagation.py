@@ -19,8 +19,11 @@ from av_sim_bridge.sound.surroundings import Surroundings
 
 
 class Propagation:
-    """Delays and spreading are those of each microphone at each sample; what depends on frequency (air, ground, faces, edges,
-    directivity) is computed for the array's centre at the beginning of each frame of about 20 ms."""
+    """The sum over all sources and rays.
+
+    Delays and spreading are those of each microphone at each sample; what depends on frequency (air, ground, faces,
+    edges, directivity) is computed for the array's centre at the beginning of each frame of about 20 ms.
+    """
 
     def __init__(self, sample_rate: int, clock_ratio: float, sources: Sequence[Source], voices: Sequence[Stream],
                  medium: Medium, surroundings: Surroundings):
@@ -68,7 +71,8 @@ class Propagation:
             values = interpolate(signals.reshape(-1, signals.shape[-1]), rows, places)
         except ValueError as error:
             when = grid.samples[0] / self._rate
-            raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of sound, near {when:.2f} s') from error
+            raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of sound, '
+                             f'near {when:.2f} s') from error
         gain = db_to_ratio(self._sources[number].gain_db) * grid.to_samples(self._medium.attenuation(delay * c))
         return np.einsum('rmn,rmn->mn', gain, values)
 

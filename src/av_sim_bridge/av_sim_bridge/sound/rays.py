@@ -1,8 +1,8 @@
 """The ways sound takes: direct, over the ground, off the faces of obstacles and the walls of a room.
 
-A reflected ray is a straight one to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (3,), so that
-the image is mirror @ receiver + shift, and a `factor` (F,) on the amplitude at the frequencies the rays were made for, or
-None while nothing comes that way.
+A reflected ray is a straight one to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (3,), so
+that the image is mirror @ receiver + shift, and a `factor` (F,) on the amplitude at the frequencies the rays were made
+for, or None while nothing comes that way.
 """
 
 from __future__ import annotations
@@ -82,6 +82,7 @@ class DirectRay:
         self._shade = shade
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
+        """See Ray."""
         return self._shade.factor(source, receiver)
 
 
@@ -94,6 +95,7 @@ class GroundRay:
         self._ground, self._shade = ground, shade
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
+        """See Ray."""
         above, heard_above = source[2] - self._ground.height_m, receiver[2] - self._ground.height_m
         if above < 0.0 or heard_above < 0.0:
             return None
@@ -121,6 +123,7 @@ class FaceRay:
         self._face, self._kept, self._shade, self._obstacle, self._ground = face, kept, shade, obstacle, ground
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
+        """See Ray."""
         before, behind = (self._face.normal @ point - self._face.offset for point in (source, receiver))
         if before <= 0.0 or behind <= 0.0:
             return None
@@ -144,11 +147,12 @@ class WallsRay:
     kept: NDArray
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
+        """See Ray."""
         return self.kept
 
 
 def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
-    """All rays with 1 to `order` reflections (Allen and Berkley 1979, eq. 10, with the receiver mirrored instead of the source)."""
+    """All rays with 1 to `order` reflections (Allen and Berkley 1979, but the receiver is mirrored, not the source)."""
     low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
     kept = np.array([reflection_factor(absorption, frequency_hz) for absorption in room.walls]).reshape(3, 2, -1)
     reach = range(-room.order, room.order + 1)

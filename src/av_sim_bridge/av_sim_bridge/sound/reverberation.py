@@ -24,10 +24,11 @@ _PRE_DELAY_S = 0.01
 class ReverbZone:
     """A box of world space that answers sound when the source or the rig is inside.
 
-    `decay_s` is the time of 60 dB below the frequencies that air swallows. `density` is the number of separate echoes in a
-    second; `diffusion`, 0 to 1, the share of the energy that is smooth instead. `gain_db` is the energy of all reverberation over
-    that of the direct sound at 1 m; by default it follows from Sabine's formula and the zone's volume. Within `edge_m` of the box
-    the zone fades in; a partner that stays outside is heard as 1/r of its distance to the box.
+    `decay_s` is the time of 60 dB below the frequencies that air swallows. `density` is the number of separate echoes
+    in a second; `diffusion`, 0 to 1, the share of the energy that is smooth instead. `gain_db` is the energy of all
+    reverberation over that of the direct sound at 1 m; by default it follows from Sabine's formula and the zone's
+    volume. Within `edge_m` of the box the zone fades in; a partner that stays outside is heard as 1/r of its distance
+    to the box.
     """
 
     minimum: Sequence[float]
@@ -40,7 +41,8 @@ class ReverbZone:
 
     def __post_init__(self) -> None:
         if not np.all(np.less(self.minimum, self.maximum)):
-            raise ValueError(f'zone minimum is {list(self.minimum)} and maximum {list(self.maximum)}, expected minimum < maximum')
+            raise ValueError(f'zone minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
+                             'expected minimum < maximum')
         for name, value, low, high in (('decay_s', self.decay_s, 0.05, 20.0), ('density', self.density, 1.0, 1e5),
                                        ('diffusion', self.diffusion, 0.0, 1.0)):
             if not low <= value <= high:
@@ -95,7 +97,10 @@ class Reverberation:
 
 
 def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, key: Sequence[int]) -> NDArray:
-    """The zone's answer (m, length) to a pulse: smooth diffuse noise and echoes as plane waves from random directions, both decaying."""
+    """The zone's answer (m, length) to a pulse.
+
+    It is diffuse noise plus echoes, which are plane waves from random directions; both decay.
+    """
     length = int(1.1 * zone.decay_s * sample_rate)
     smooth = field_noise([*key, 0], sample_rate, layout, np.ones_like, diffuse(medium.speed_of_sound)).read(0, length)
     random = np.random.default_rng([*key, 1])

@@ -49,12 +49,12 @@ def _hover(times: NDArray) -> NDArray:
 class RotorVoice:
     """Several rotors. Levels are those of the whole vehicle at 1 m.
 
-    A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first (beyond the
-    list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the first harmonic at `imbalance_db`.
-    Turbulence makes each rotor's speed wander by `jitter` (relative, root mean square) at rates up to `jitter_hz`.
-    `rotor_hz` is hovering; with `follow` the speeds change with the thrust that the source's motion takes, or as `speed` says:
-    relative to `rotor_hz`, at times (k,) as (k, rotors) or (k, 1).
-    The broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
+    A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first
+    (beyond the list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the
+    first harmonic at `imbalance_db`. Turbulence makes each rotor's speed wander by `jitter` (relative, root mean
+    square) at rates up to `jitter_hz`. `rotor_hz` is hovering; with `follow` the speeds change with the thrust that the
+    source's motion takes, or as `speed` says: relative to `rotor_hz`, at times (k,) as (k, rotors) or (k, 1). The
+    broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
     """
 
     rotor_hz: Sequence[float] = (92.0, 94.5, 90.5, 96.0)
@@ -82,6 +82,7 @@ class RotorVoice:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
         speed = self.speed or (thrust_speed(position) if self.follow else _hover)
         turns = _Turns(self, speed, sample_rate, key)
         waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
@@ -94,7 +95,7 @@ class RotorVoice:
         def make(index: int) -> NDArray:
             turned = turns.chunk(index)
             fraction = turned - np.floor(turned)
-            tone = sum(np.take(wave, (part * _TABLE).astype(int)) for wave, part in zip(waveforms, fraction))
+            tone = sum(np.take(wave, (part * _TABLE).astype(int)) for wave, part in zip(waveforms, fraction, strict=True))
             swell = 1.0 + self.modulation * np.cos(2 * np.pi * self.blades * fraction).mean(axis=0)
             return tone + gain * swell * hiss.read(index * CHUNK, (index + 1) * CHUNK)
 
@@ -107,7 +108,8 @@ class RotorVoice:
         beyond = listed[-1] - self.rolloff_db * np.arange(1, self.harmonics - len(listed) + 1)
         amplitude = np.zeros(_TABLE // 2 + 1)
         amplitude[1:self.blades] = db_to_ratio(self.imbalance_db)
-        amplitude[self.blades:self.blades * (self.harmonics + 1):self.blades] = 10.0 ** (np.concatenate([listed, beyond]) / 20.0)
+        levels_db = np.concatenate([listed, beyond])
+        amplitude[self.blades:self.blades * (self.harmonics + 1):self.blades] = 10.0 ** (levels_db / 20.0)
         amplitude[int(0.45 * sample_rate / (_FASTEST * max(self.rotor_hz))):] = 0.0
         amplitude *= spl_to_pascal(self.tone_db_spl) * np.sqrt(2.0 / (rotors * np.sum(amplitude**2)))
         phase = np.exp(2j * np.pi * random.random((rotors, len(amplitude))))
@@ -131,7 +133,7 @@ class _Turns:
         return spline(np.arange(CHUNK) / self._rate + places[0]).T
 
     def _integrate(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Instants (2 * _STEPS + 1,), speeds there, and turns since the chunk's start after every second one (Simpson's rule)."""
+        """Instants (2 * _STEPS + 1,), speeds there, and turns since the first at every second one (Simpson's rule)."""
         places = (index + np.arange(2 * _STEPS + 1) / (2 * _STEPS)) * (CHUNK / self._rate)
         speeds = self._speed(places)
         step = CHUNK / self._rate / _STEPS

@@ -17,7 +17,8 @@ from av_sim_bridge.sound.reverberation import ReverbZone
 class Room:
     """A box around everything, whose walls mirror sound up to `order` times (image sources, Allen and Berkley 1979).
 
-    `absorption` is that of all walls, unless `wall_absorption` gives one for each: at the least and greatest x, y and z.
+    `absorption` is that of all walls, unless `wall_absorption` gives one for each: at the least and greatest x, y and
+    z.
     """
 
     minimum: Sequence[float]
@@ -28,7 +29,8 @@ class Room:
 
     def __post_init__(self) -> None:
         if not np.all(np.less(self.minimum, self.maximum)):
-            raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, expected minimum < maximum')
+            raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
+                             'expected minimum < maximum')
         if self.order < 0:
             raise ValueError(f'room order is {self.order}, expected 0 or more')
         if len(self.walls) != 6:

@@ -1,7 +1,8 @@
-"""What sources sound like: recordings, tones and formulas. (Rotors are in rotor.py.)
+"""What sources sound like: recordings, tones and formulas; rotors are in rotor.py.
 
-A voice is a plain description; `voice.stream(sample_rate, key, position)` makes its signal: the sound pressure in Pa at 1 m
-against time of emission, sample 0 at time 0. `key` names its random numbers, `position` is its source's, for voices that follow it.
+A voice is a plain description; `voice.stream(sample_rate, key, position)` makes its signal: the sound pressure in Pa at
+1 m against time of emission, sample 0 at time 0. `key` names its random numbers, `position` is its source's, for voices
+that follow it.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ class FormulaVoice:
     pressure: Callable[[NDArray], NDArray]
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
         return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate))
 
 
@@ -47,6 +49,7 @@ class ToneVoice:
     level_db_spl: float = 74.0
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
         amplitude = np.sqrt(2.0) * spl_to_pascal(self.level_db_spl)
         return FormulaVoice(lambda t: amplitude * np.sin(2 * np.pi * self.frequency_hz * t)).stream(sample_rate, key, position)
 
@@ -55,8 +58,8 @@ class ToneVoice:
 class RecordingVoice:
     """A sound file of any format and rate that libsndfile reads; channels are averaged unless one is chosen.
 
-    The level is that of the whole file at 1 m. `pitch` above 1 plays it faster and higher. A loop is joined by a cross-fade
-    of `fade_s`; one shot begins at `start_s` and is followed by silence.
+    The level is that of the whole file at 1 m. `pitch` above 1 plays it faster and higher. A loop is joined by a
+    cross-fade of `fade_s`; one shot begins at `start_s` and is followed by silence.
     """
 
     file: str | Path
@@ -74,6 +77,7 @@ class RecordingVoice:
             raise ValueError(f'voice pitch is {self.pitch}, expected 0.1 to 10')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
         samples = self._load(sample_rate)
         if self.loop:
             samples = _join_ends(samples, int(self.fade_s * sample_rate))
@@ -91,10 +95,11 @@ class RecordingVoice:
     def _load(self, sample_rate: int) -> NDArray:
         try:
             recorded, rate = soundfile.read(self.file, always_2d=True)
-        except soundfile.LibsndfileError as error:
+        except RuntimeError as error:
             raise ValueError(f'voice file {str(self.file)!r} cannot be read: {error}') from error
         if self.channel is not None and not 0 <= self.channel < recorded.shape[1]:
-            raise ValueError(f'voice channel is {self.channel}, but {str(self.file)!r} has channels 0 to {recorded.shape[1] - 1}')
+            raise ValueError(f'voice channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
+                             f'{recorded.shape[1] - 1}')
         mono = recorded.mean(axis=1) if self.channel is None else recorded[:, self.channel]
         ratio = Fraction(sample_rate / (rate * self.pitch)).limit_denominator(1000)
         samples = resample_poly(mono, ratio.numerator, ratio.denominator)

@@ -11,9 +11,10 @@ _TERMS = 24
 
 
 class Wander:
-    """A Gaussian-like process of mean 0 and variance 1 as a sum of sines (Shinozuka 1972): known at every instant without a history.
+    """A random process of mean 0 and variance 1, known at every instant without a history.
 
-    Its rates spread from 0.02 % of `fastest_hz` to `fastest_hz`, most of them low.
+    It is a sum of sines (Shinozuka 1972) and nearly Gaussian.     Its rates spread from 0.02 % of `fastest_hz` to
+    `fastest_hz`, most of them low.
     """
 
     def __init__(self, key: Sequence[int], fastest_hz: float, channels: int = 1):

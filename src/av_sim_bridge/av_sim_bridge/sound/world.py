@@ -20,9 +20,9 @@ from av_sim_bridge.sound.surroundings import Surroundings
 class SoundWorld:
     """Renders what each microphone hears, block by block.
 
-    The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where the
-    microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however time is cut
-    into blocks; with moving microphones, blocks must be multiples of 32 samples for that.
+    The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where
+    the microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however
+    time is cut into blocks; with moving microphones, blocks must be multiples of 32 samples for that.
     """
 
     def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
@@ -59,13 +59,14 @@ class SoundWorld:
     def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
         """The next `n` samples of all microphones, (n, m) float32, where 1 is full scale.
 
-        microphone_positions (k, m, 3): world ENU in m at k >= 2 instants evenly spaced from the block's start to its end
-        inclusive; between them microphones move in straight lines (5 ms or less between instants keeps a turning rig exact).
-        Raises ValueError when the shape is wrong.
+        microphone_positions (k, m, 3): world ENU in m at k >= 2 instants evenly spaced from the block's start to its
+        end inclusive; between them microphones move in straight lines (5 ms or less between instants keeps a turning
+        rig exact). Raises ValueError when the shape is wrong.
         """
         positions = np.asarray(microphone_positions, float)
         if positions.ndim != 3 or positions.shape[1:] != (self._microphones, 3) or len(positions) < 2:
-            raise ValueError(f'microphone_positions has shape {positions.shape}, expected (k, {self._microphones}, 3) with k >= 2')
+            raise ValueError(f'microphone_positions has shape {positions.shape}, '
+                             f'expected (k, {self._microphones}, 3) with k >= 2')
         if n < 1:
             raise ValueError(f'n is {n}, expected 1 or more samples')
         start, self._next = self._next, self._next + n
@@ -81,11 +82,12 @@ class SoundWorld:
         """Make what needs the array's geometry (m, 3); wind hears the array as it stands now."""
         self._noise_stream = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
         if self._zones:
-            self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources, self._voices,
-                                                self._medium, layout, [self._seed, 2])
+            self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources,
+                                                self._voices, self._medium, layout, [self._seed, 2])
         snr = self._noise.snr
         if snr is not None:
-            at_reference = self._medium.attenuation(np.array([snr.distance_m]))[0] * db_to_ratio(self._sources[snr.source].gain_db)
+            spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
+            at_reference = spreading * db_to_ratio(self._sources[snr.source].gain_db)
             heard = band_power(self._voices[snr.source], self._rate, snr.band_hz) * at_reference**2
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
             noise = band_power(steady, self._rate, snr.band_hz)
