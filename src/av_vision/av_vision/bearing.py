@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from av_common.angles import direction_to_angles
-from av_common.frames import FLU_TO_OPTICAL
 from numpy.typing import ArrayLike, NDArray
 
+from av_common.angles import direction_to_angles
+from av_common.frames import FLU_TO_OPTICAL
 from av_vision.camera import PinholeCamera
 
 
@@ -39,7 +39,7 @@ class BearingModel:
 
 @dataclass(frozen=True)
 class Bearings:
-    """Azimuth and elevation in rad in the camera's body frame (x forward, y left, z up), variances in rad squared, each (n,)."""
+    """Azimuths and elevations (n,) in rad in the camera's body frame (x forward, y left, z up), variances in rad squared."""
 
     azimuth: NDArray[np.float64]
     elevation: NDArray[np.float64]

@@ -41,5 +41,5 @@ def suppress(boxes: NDArray, scores: NDArray, classes: NDArray, iou: float, limi
     corners = boxes - boxes.min(axis=0)[[0, 1, 0, 1]]
     corners = corners + (classes * (corners.max() + 1.0))[:, None]
     xywh = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1).astype(np.float64)
-    kept = cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou, top_k=limit)
-    return np.asarray(kept, np.intp).reshape(-1)
+    kept = cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou)
+    return np.asarray(kept, np.intp).reshape(-1)[:limit]

@@ -54,8 +54,9 @@ class Detector:
                            settings.input_size)
         self.threshold = settings.score_threshold or float(self.model.metadata.get('score_threshold', 0.25))
         names = [settings.rename.get(name, name) for name in self.model.class_names]
-        if settings.keep and not set(settings.keep) & set(names):
-            raise ModelError(f'keep is {list(settings.keep)}, but {model_path} knows only {sorted(set(names))}')
+        for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
+            if unknown := sorted(set(given) - set(known)):
+                raise ModelError(f'{name} names {unknown}, but {model_path} knows {sorted(set(known))}')
         # Classes that share a name share a number, so that one object seen as a bird and as a kite is one drone.
         self._names = list(dict.fromkeys(names))
         self._number = np.array([self._names.index(name) for name in names], np.intp)

@@ -51,7 +51,11 @@ class Model:
         """Output (n, a, b) of a batch (n, 3, height, width); one by one where the model takes no batches."""
         if len(tensor) > 1 and not self.dynamic_batch:
             return np.concatenate([self.run(one[None]) for one in tensor])
-        return self.session.run([self._output_name], {self._input.name: tensor})[0].astype(np.float32, copy=False)
+        try:
+            output = self.session.run([self._output_name], {self._input.name: tensor})[0]
+        except Exception as error:  # onnxruntime's exceptions have no common base
+            raise ModelError(f'{self.path} does not run on pictures of shape {tensor.shape}: {error}') from error
+        return output.astype(np.float32, copy=False)
 
     def _check_input(self) -> onnxruntime.NodeArg:
         inputs, outputs = self.session.get_inputs(), self.session.get_outputs()
@@ -83,10 +87,7 @@ class Model:
 
     def _probe(self) -> NDArray[np.float32]:
         grey = np.full((1, 3, *self.size), PADDING / 255.0, self.dtype)
-        try:
-            return self.run(grey)
-        except Exception as error:  # onnxruntime's exceptions have no common base
-            raise ModelError(f'{self.path} does not run on a picture of {self.size[0]}x{self.size[1]}: {error}') from error
+        return self.run(grey)
 
     def _layout(self, name: str, output: NDArray) -> Layout:
         if name not in ('auto', *LAYOUTS):
@@ -97,9 +98,11 @@ class Model:
             raise ModelError(f'{self.path}: {error}') from error
 
     def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
-        names = COCO if given == ('coco',) else given or names_of(self.metadata)
+        names = given or names_of(self.metadata)
         if names and count and len(names) != count:
             raise ModelError(f'{self.path} tells {count} classes apart, but {len(names)} class names are given: {names}')
+        if not names and count == len(COCO):
+            return COCO  # exports without names and with 80 classes are COCO models
         # An end-to-end export does not show how many classes it knows.
         return names or tuple(f'class_{i}' for i in range(count or 1000))
 

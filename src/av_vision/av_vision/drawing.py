@@ -1,0 +1,26 @@
+"""Detections drawn into a picture, for people."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from av_vision.image import to_bgr8
+from av_vision.yolo.detections import Detections
+
+GREEN = (80, 220, 60)
+
+
+def draw(image: NDArray, detections: Detections, tracks: Sequence[int]) -> NDArray[np.uint8]:
+    """A copy of a picture with a box and `class score #track` for each detection."""
+    canvas = to_bgr8(image).copy()
+    rows = zip(np.rint(detections.boxes).astype(int).tolist(), detections.class_names, detections.scores, tracks,
+               strict=True)
+    for (x1, y1, x2, y2), name, score, track in rows:
+        cv2.rectangle(canvas, (x1, y1), (x2, y2), GREEN, 1)
+        cv2.putText(canvas, f'{name} {score:.2f} #{track}', (x1, max(y1 - 4, 10)), cv2.FONT_HERSHEY_SIMPLEX, 0.4, GREEN, 1,
+                    cv2.LINE_AA)
+    return canvas

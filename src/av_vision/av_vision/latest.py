@@ -1,0 +1,38 @@
+"""The hand-over from a fast giver to a slow taker without a queue."""
+
+from __future__ import annotations
+
+import threading
+from typing import Generic, TypeVar
+
+Item = TypeVar('Item')
+
+
+class Latest(Generic[Item]):
+    """Holds the newest item only; what it replaces is counted in `dropped`."""
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._item: Item | None = None
+        self._closed = False
+        self._changed = threading.Condition()
+
+    def put(self, item: Item) -> None:
+        """Give the newest item; never waits for the taker."""
+        with self._changed:
+            self.dropped += self._item is not None
+            self._item = item
+            self._changed.notify()
+
+    def take(self) -> Item | None:
+        """Wait for an item and take it; None once closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._item is not None)
+            item, self._item = self._item, None
+            return None if self._closed else item
+
+    def close(self) -> None:
+        """Let the taker go."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()

@@ -1,0 +1,106 @@
+"""Pictures of a file or a camera as Image and CameraInfo messages."""
+
+from __future__ import annotations
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from sensor_msgs.msg import CameraInfo, Image
+
+from av_common.node import RigNode, run
+from av_common.qos import PICTURE, RESULT
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_stamp
+from av_vision.calibration import load_calibration
+from av_vision.camera import PinholeCamera
+from av_vision.image import encoding_of, fill_message
+from av_vision.nodes.camera_node_parameters import camera_node as parameters
+from av_vision.sources import Capture, Picture, Source
+from av_vision.sources.files import FileSource
+
+# Without a picture for this long the node says so.
+STALE_S = 2.0
+
+
+class CameraNode(RigNode):
+    """Publishes `camera/image_raw` and `camera/camera_info` from the capturing thread, stamped with the capture's time."""
+
+    def __init__(self, **kwargs: object) -> None:
+        super().__init__('camera_node', parameters, **kwargs)
+
+    def configure(self) -> None:
+        """Read the calibration and make the source."""
+        settings = self.settings
+        self._frame_id = settings.frame_id
+        self._fov = math.radians(settings.horizontal_fov_deg)
+        self._calibration = load_calibration(settings.calibration_file) if settings.calibration_file else None
+        self._source = self._make_source(settings)
+        self._images = self.create_publisher(Image, 'camera/image_raw', PICTURE)
+        self._infos = self.create_publisher(CameraInfo, 'camera/camera_info', RESULT)
+
+    def _make_source(self, settings: object) -> Source:
+        if settings.source == 'device':
+            raise ValueError('source=device is not available yet, use file')
+        if not settings.file:
+            raise ValueError('file is empty, expected a video, an image or a folder of images')
+        return FileSource(settings.file, settings.rate, settings.loop, self._now)
+
+    def _now(self) -> float:
+        return 1e-9 * self.get_clock().now().nanoseconds
+
+    def activate(self) -> None:
+        """Begin to capture."""
+        self._pictures = RateMeter()
+        self._capture = Capture(self._source, self._publish)
+        self._capture.start()
+
+    def deactivate(self) -> None:
+        """Stop capturing."""
+        self._capture.stop()
+
+    def cleanup(self) -> None:
+        """Drop what `configure` made."""
+        self.destroy_publisher(self._images)
+        self.destroy_publisher(self._infos)
+
+    def _publish(self, picture: Picture) -> None:
+        self._pictures.tick()
+        message = fill_message(Image(), picture.image, encoding_of(picture.image))
+        message.header.stamp = to_stamp(picture.time)
+        message.header.frame_id = self._frame_id
+        self._images.publish(message)
+        self._infos.publish(camera_info(self._camera_of(picture), message.header))
+
+    def _camera_of(self, picture: Picture) -> PinholeCamera:
+        height, width = picture.image.shape[:2]
+        camera = self._calibration or picture.camera or PinholeCamera.from_fov(width, height, self._fov)
+        return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Rate, losses and the end of a file."""
+        status.add('pictures per second', f'{self._pictures.rate:.1f}')
+        status.add('reconnections', str(self._capture.reconnections))
+        status.add('skipped', str(getattr(self._source, 'skipped', 0)))
+        if self._capture.problem:
+            status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
+        elif self._capture.finished:
+            status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
+        elif self._pictures.age > STALE_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no pictures')
+
+
+def camera_info(camera: PinholeCamera, header: object) -> CameraInfo:
+    """The CameraInfo of an unrectified picture with a header."""
+    info = CameraInfo(header=header, width=camera.width, height=camera.height)
+    info.distortion_model = 'rational_polynomial' if len(camera.distortion) > 5 else 'plumb_bob'
+    info.d = list(camera.distortion or (0.0,) * 5)
+    info.k = camera.matrix.ravel().tolist()
+    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    info.p = [camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
+    return info
+
+
+def main() -> None:
+    """Entry point."""
+    run(CameraNode)

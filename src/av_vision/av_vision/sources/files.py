@@ -1,0 +1,118 @@
+"""Videos and folders of images as a camera."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+from numpy.typing import NDArray
+
+from av_vision.sources.capture import Picture, SourceError
+
+IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
+
+
+def image_files(folder: Path) -> list[Path]:
+    """The images in a folder in the order of their names; raises SourceError when there are none."""
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        raise SourceError(f'the folder {folder} holds no images ({", ".join(sorted(IMAGE_SUFFIXES))})')
+    return files
+
+
+class Recording:
+    """A video or a folder of images, frame by frame: `rate` in frames/s (a video's own when 0), `count` of frames or 0.
+
+    Raises SourceError for a path that is neither, a video that does not open and an image that cannot be read.
+    """
+
+    def __init__(self, path: str | Path, rate: float = 0.0) -> None:
+        self.path = Path(path)
+        if not self.path.exists():
+            raise SourceError(f'{self.path} does not exist, expected a video, an image or a folder of images')
+        is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
+        self._files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
+        if self._files:
+            self.rate, self.count = rate or 30.0, len(self._files)
+            return
+        video = self._open_video()
+        self.rate = rate or video.get(cv2.CAP_PROP_FPS) or 30.0
+        self.count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        video.release()
+
+    def frames(self, wanted: Callable[[int], bool] = lambda index: True) -> Iterator[tuple[int, NDArray]]:
+        """Frames as (index, picture) in order, without decoding those that are not wanted."""
+        if self._files:
+            for index, path in enumerate(self._files):
+                if wanted(index):
+                    yield index, self._read_image(path)
+            return
+        video = self._open_video()
+        index = 0
+        while video.grab():
+            if wanted(index):
+                good, image = video.retrieve()
+                if good:
+                    yield index, image
+            index += 1
+        video.release()
+
+    def _open_video(self) -> cv2.VideoCapture:
+        video = cv2.VideoCapture(str(self.path))
+        if not video.isOpened():
+            raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
+        return video
+
+    def _read_image(self, path: Path) -> NDArray:
+        image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+        if image is None:
+            raise SourceError(f'{path} ({path.stat().st_size} bytes) cannot be read as an image')
+        return image
+
+
+class FileSource:
+    """Plays a recording at its own pace. A frame's time is the start's plus its own in the file.
+
+    Frames that are late by more than a period are left out and counted in `skipped`, as a camera would.
+    """
+
+    def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time) -> None:
+        self.skipped = 0
+        self._recording = Recording(path, rate)
+        self._loop = loop
+        self._now = now
+        self._closed = threading.Event()
+
+    def open(self) -> None:
+        """Start at the first frame, now."""
+        self._closed.clear()
+        self._start = self._now()
+        self._frames = self._recording.frames(self._in_time)
+        self._last = -1
+
+    def read(self) -> Picture | None:
+        """The next frame at its time; None at the end of a file that is not looped."""
+        item = next(self._frames, None)
+        if item is None:
+            if not self._loop or self._last < 0:
+                return None
+            self._start += (self._last + 1) / self._recording.rate
+            self._frames, self._last = self._recording.frames(self._in_time), -1
+            return self.read()
+        self._last, image = item
+        due = self._start + self._last / self._recording.rate
+        self._closed.wait(max(due - self._now(), 0.0))
+        return Picture(image, due)
+
+    def close(self) -> None:
+        """Stop waiting."""
+        self._closed.set()
+
+    def _in_time(self, index: int) -> bool:
+        late = self._now() - self._start - index / self._recording.rate > 1.0 / self._recording.rate
+        self.skipped += late
+        self._last = index
+        return not late
