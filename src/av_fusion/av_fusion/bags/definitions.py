@@ -26,7 +26,7 @@ def rig_types() -> Typestore:
 
 
 def learn(name: str) -> Typestore:
-    """`rig_types()` with the message `name` ('package/msg/Type') and all it consists of, from the package's share folder.
+    """`rig_types()` with the message `name` ('package/msg/Type') and its parts, from the packages' share folders.
 
     Raises UnknownTypeError naming the package that is not installed or lacks the message.
     """
@@ -60,7 +60,7 @@ def _definition_file(name: str) -> Path:
     try:
         file = Path(get_package_share_directory(package), 'msg', f'{kind}.msg')
     except (PackageNotFoundError, ValueError) as error:
-        raise UnknownTypeError(f'the message type {name} is unknown: the package {package!r} is not installed') from error
+        raise UnknownTypeError(f'the message type {name} is unknown: package {package!r} is not installed') from error
     if not file.is_file():
         raise UnknownTypeError(f'the message type {name} is unknown: {file} does not exist')
     return file

@@ -1,4 +1,4 @@
-"""The parts of a bag that only rosbag2 asks for: metadata.yaml beside the file, and the quality of service of each topic."""
+"""What only rosbag2 asks for: metadata.yaml beside the file, and the quality of service of each topic."""
 
 from __future__ import annotations
 
@@ -12,6 +12,14 @@ FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 VERSION = 5
 
 
+class PlainDumper(yaml.SafeDumper):
+    """Writes equal parts out each time: not every reader knows YAML's anchors."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        """Make no anchor, whatever the data."""
+        return True
+
+
 @dataclass(frozen=True)
 class TopicQos:
     """Quality of service with the numbers of rmw: 1 reliable, 2 best effort; 1 transient local, 2 volatile."""
@@ -21,10 +29,10 @@ class TopicQos:
 
     def to_yaml(self) -> str:
         """As rosbag2 writes it."""
-        return yaml.safe_dump([{
-            'history': 3, 'depth': 0, 'reliability': self.reliability, 'durability': self.durability, 'deadline': FOREVER,
-            'lifespan': FOREVER, 'liveliness': 1, 'liveliness_lease_duration': FOREVER,
-            'avoid_ros_namespace_conventions': False}], sort_keys=False)
+        return to_yaml([{
+            'history': 3, 'depth': 0, 'reliability': self.reliability, 'durability': self.durability,
+            'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 1, 'liveliness_lease_duration': FOREVER,
+            'avoid_ros_namespace_conventions': False}])
 
 
 DEFAULT_QOS = TopicQos()
@@ -55,5 +63,10 @@ def write_metadata(file: Path, topics: list[TopicRecord], start_ns: int, end_ns:
         'compression_format': '', 'compression_mode': '', 'relative_file_paths': [file.name],
         'files': [{'path': file.name, **span, 'message_count': count}]}}
     draft = file.with_name('metadata.yaml.tmp')
-    draft.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+    draft.write_text(to_yaml(content), encoding='utf-8')
     draft.replace(file.with_name('metadata.yaml'))
+
+
+def to_yaml(content: object) -> str:
+    """YAML without anchors, in the order given."""
+    return yaml.dump(content, Dumper=PlainDumper, sort_keys=False)

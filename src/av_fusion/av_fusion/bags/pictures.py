@@ -12,9 +12,10 @@ IMAGE, COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 
 
 def compress(data: bytes, quality: int) -> memoryview:
-    """A serialised Image as a serialised CompressedImage: JPEG of 8 bits, lossless PNG of 16, named as image_transport does.
+    """A serialised Image as a serialised CompressedImage, described as image_transport does.
 
-    Raises ValueError for what is no picture, and for floats, which neither format holds.
+    Pictures of 8 bits become JPEG, those of 16 bits PNG without loss. Raises ValueError for floats, which neither
+    format holds, and for what is no picture.
     """
     types = rig_types()
     message = types.deserialize_cdr(data, IMAGE)
@@ -24,5 +25,5 @@ def compress(data: bytes, quality: int) -> memoryview:
     kind = 'jpeg' if picture.dtype == np.uint8 else 'png'
     _, encoded = cv2.imencode(f'.{kind}', picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
     name = encoding_of(picture)
-    small = types.types[COMPRESSED](header=message.header, format=f'{name}; {kind} compressed {name}', data=encoded.reshape(-1))
+    small = types.types[COMPRESSED](message.header, f'{name}; {kind} compressed {name}', encoded.reshape(-1))
     return types.serialize_cdr(small, COMPRESSED)

@@ -19,9 +19,9 @@ SYNC_PERIODS = 4
 class Recording:
     """Takes messages from any thread and writes them to a bag of its own thread, several times a second.
 
-    While the disk is full or slow, up to `queue_bytes` wait in memory; what comes beyond is dropped and counted, and the
-    recording goes on when there is room again. `problem` says what is wrong with the disk now, `complaint` what was wrong
-    with the last message that could not be encoded; both are empty when all is well.
+    While the disk is full or slow, up to `queue_bytes` wait in memory; what comes beyond is dropped and counted, and
+    the recording goes on when there is room again. `problem` says what is wrong with the disk now, `complaint` what
+    was wrong with the last message that could not be encoded; both are empty when all is well.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4', queue_bytes: int = 64_000_000) -> None:

@@ -27,8 +27,8 @@ COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd'
 class BagWriter:
     """One mcap file (https://mcap.dev/spec) of messages in CDR, with their definitions.
 
-    A path that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml. Folders on
-    the way are created; a path that exists is refused with a BagError. Same messages in the same order make the same bytes.
+    A path that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml. Folders
+    on the way are created; a path that exists is refused with a BagError. Equal messages make equal files.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4') -> None:
@@ -43,7 +43,7 @@ class BagWriter:
             self.file.parent.mkdir(parents=True, exist_ok=True)
             self._stream = PatientFile(self.file)
         except OSError as error:
-            raise BagError(f'{self.file} cannot be created: {error.strerror}') from error
+            raise BagError(f'{self.file} cannot be created: {error}') from error
         self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=COMPRESSIONS[compression])
         self._writer.start(profile='ros2', library=LIBRARY)
         self._topics: dict[str, TopicRecord] = {}
@@ -66,11 +66,12 @@ class BagWriter:
         return self._stream.waiting
 
     def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS) -> None:
-        """Announce a topic of messages 'package/msg/Type'. Raises UnknownTypeError when they are not defined anywhere."""
+        """Announce a topic of messages 'package/msg/Type'. Raises UnknownTypeError when their package is missing."""
         if kind not in self._schemas:
             text, _ = definition(kind)
             self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text.encode())
-        channel = self._writer.register_channel(name, 'cdr', self._schemas[kind], {'offered_qos_profiles': qos.to_yaml()})
+        metadata = {'offered_qos_profiles': qos.to_yaml()}
+        channel = self._writer.register_channel(name, 'cdr', self._schemas[kind], metadata)
         self._topics[name] = TopicRecord(name, kind, qos, channel)
 
     def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
@@ -86,7 +87,10 @@ class BagWriter:
             self._stream.commit()
 
     def flush(self, sync: bool = False) -> None:
-        """Bring everything to the file, and with `sync` to the disk. Raises OSError; may then be called again, without loss."""
+        """Bring everything to the file, and with `sync` to the disk.
+
+        Raises OSError; may then be called again, without loss.
+        """
         self._writer.flush()
         self._stream.commit()
         if sync:
@@ -105,5 +109,6 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
         self.close()

@@ -77,8 +77,10 @@ class RecorderNode(RigNode):
             recorded_as, recorded_kind = f'{name}/compressed', COMPRESSED
             encode = partial(compress, quality=self._settings.jpeg_quality)
         qos = common_qos(publishers)
-        self._recording.add_topic(recorded_as, recorded_kind, TopicQos(int(qos.reliability), int(qos.durability)), encode)
-        self.while_active(self.create_subscription, get_message(kind), name, self._writer_of(recorded_as), qos, raw=True)
+        offered = TopicQos(int(qos.reliability), int(qos.durability))
+        self._recording.add_topic(recorded_as, recorded_kind, offered, encode)
+        self.while_active(self.create_subscription, get_message(kind), name, self._writer_of(recorded_as), qos,
+                          raw=True)
 
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:
         put, clock = self._recording.put, self.get_clock()
@@ -87,10 +89,11 @@ class RecorderNode(RigNode):
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """What is recorded, and what is lost."""
         recording = self._recording
-        if self._unusable:
-            status.mergeSummary(DiagnosticStatus.WARN, '; '.join(f'{name}: {why}' for name, why in self._unusable.items()))
+        for name, why in self._unusable.items():
+            status.mergeSummary(DiagnosticStatus.WARN, f'{name} is not recorded: {why}')
         if recording.dropped:
-            status.mergeSummary(DiagnosticStatus.WARN, f'{recording.dropped} messages lost {recording.complaint}'.strip())
+            why = recording.complaint or 'the disk is too slow'
+            status.mergeSummary(DiagnosticStatus.WARN, f'{recording.dropped} messages lost: {why}')
         if recording.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, recording.problem)
         status.add('file', str(recording.file))

@@ -1,0 +1,220 @@
+"""Reads bags: mcap or sqlite3, a file or rosbag2's folder, from here or from elsewhere, whole or damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from av_fusion.bags.definitions import learn, rig_types
+from av_fusion.bags.errors import BagError
+from av_fusion.bags.salvage import Salvage
+
+MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
+SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+FOREVER = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: `kind` is its messages' type."""
+
+    name: str
+    kind: str
+    count: int
+
+
+class Bag:
+    """A bag to read. Raises BagError that names the bag and what is wrong with it.
+
+    A damaged bag opens as far as it can be read; `problems` says what is missing, also after reading. Times are in ns.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path).expanduser()
+        self.problems: list[str] = []
+        storage = _storage_of(self.path)
+        self._files = sorted(storage.glob('*.mcap')) if storage.is_dir() else [storage]
+        self._source = self._open(storage)
+        self.topics = {topic.name: topic for topic in self._source.topics}
+        if not any(topic.count for topic in self.topics.values()):
+            raise BagError(f'{self.path}: the bag holds no messages{self._because()}')
+
+    def _open(self, storage: Path) -> _Intact | _Damaged:
+        try:
+            return _Intact(storage)
+        except Exception as error:  # whatever a library makes of broken bytes
+            if not self._can_be_salvaged:
+                raise BagError(f'{self.path} cannot be read: {error}') from error
+            damaged = _Damaged(self._files)
+            self.problems += damaged.problems
+            return damaged
+
+    @property
+    def _can_be_salvaged(self) -> bool:
+        return bool(self._files) and all(file.suffix == '.mcap' for file in self._files)
+
+    def _because(self) -> str:
+        return f' ({"; ".join(self.problems)})' if self.problems else ''
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first message."""
+        return self._source.start_ns
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last message."""
+        return self._source.end_ns
+
+    def messages(self, topics: Collection[str] | None = None, start_ns: int = 0,
+                 stop_ns: int = FOREVER) -> Iterator[tuple[str, int, bytes]]:
+        """Topic, time and CDR of each message of `topics` (all by default), in order of time."""
+        wanted = set(self.topics if topics is None else topics)
+        reached = start_ns
+        try:
+            for topic, time_ns, data in self._source.messages(wanted, start_ns, stop_ns):
+                yield topic, time_ns, data
+                reached = time_ns
+        except Exception as error:  # noqa: BLE001  whatever a library makes of broken bytes
+            self.problems.append(f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})')
+            if self._can_be_salvaged and isinstance(self._source, _Intact):
+                yield from _Damaged(self._files).messages(wanted, reached + 1, stop_ns)
+
+    def decode(self, topic: str, data: bytes) -> object:
+        """The message with its fields as attributes. Raises BagError when the bytes are not of the topic's type."""
+        kind = self.topics[topic].kind
+        if kind not in self.types.fielddefs:
+            raise BagError(f'{self.path}: {topic} cannot be read, {kind} is defined neither in the bag nor here')
+        try:
+            return self.types.deserialize_cdr(data, kind)
+        except (SerdeError, ValueError) as error:
+            raise BagError(f'{self.path}: a message of {topic} is no {kind}: {error}') from error
+
+    @cached_property
+    def types(self) -> Typestore:
+        """The types as the bag defines them; those that it does not define, as they are installed here."""
+        defined: dict = {}
+        for name, text in self._source.definitions.items():
+            with suppress(Exception):  # a definition that rosbags cannot parse is taken from here
+                defined.update(_parse(name, text))
+        for topic in self.topics.values():
+            if topic.kind not in defined:
+                with suppress(ValueError):
+                    learn(topic.kind)
+        types = get_typestore(Stores.EMPTY)
+        types.register({**rig_types().fielddefs, **defined})
+        return types
+
+    def close(self) -> None:
+        """Close the file."""
+        self._source.close()
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+
+class _Intact:
+    """A bag that rosbags reads."""
+
+    def __init__(self, path: Path) -> None:
+        self._reader = Reader(path)
+        self._reader.open()
+        self._connections: list[Connection] = list(self._reader.connections)
+        self.start_ns = self._reader.start_time
+        self.end_ns = self._reader.end_time - 1
+        self.topics = [Topic(c.topic, c.msgtype, c.msgcount) for c in self._connections]
+        self.definitions = {c.msgtype: c.msgdef for c in self._connections
+                            if c.msgdef.format != MessageDefinitionFormat.NONE}
+
+    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
+        wanted = [c for c in self._connections if c.topic in topics]
+        if wanted:
+            for connection, time_ns, data in self._reader.messages(wanted, start_ns, stop_ns):
+                yield connection.topic, time_ns, data
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+class _Damaged:
+    """Files of one bag, of which at least one is damaged; messages of encodings other than CDR are left out."""
+
+    def __init__(self, files: list[Path]) -> None:
+        self._parts = sorted((Salvage(file) for file in files), key=lambda part: part.start_ns)
+        self.problems = [problem for part in self._parts for problem in part.problems]
+        self.start_ns = min(part.start_ns for part in self._parts)
+        self.end_ns = max(part.end_ns for part in self._parts)
+        counts: dict[tuple[str, str], int] = {}
+        self.definitions: dict[str, MessageDefinition] = {}
+        for part in self._parts:
+            for number, channel in part.channels.items():
+                schema = part.definitions.get(channel.schema_id)
+                if channel.message_encoding == 'cdr' and schema is not None:
+                    key = (channel.topic, schema.name)
+                    counts[key] = counts.get(key, 0) + part.counts.get(number, 0)
+                    form = MessageDefinitionFormat.MSG if schema.encoding == 'ros2msg' else MessageDefinitionFormat.IDL
+                    self.definitions[schema.name] = MessageDefinition(form, schema.data.decode(errors='replace'))
+                else:
+                    self.problems.append(f'{channel.topic}: messages in {channel.message_encoding!r} are not read')
+        self.topics = [Topic(name, kind, count) for (name, kind), count in counts.items()]
+
+    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
+        known = {topic.name for topic in self.topics}
+        for part in self._parts:
+            names = {number: channel.topic for number, channel in part.channels.items()
+                     if channel.topic in topics and channel.topic in known}
+            for number, time_ns, data in part.messages(start_ns, stop_ns):
+                if number in names:
+                    yield names[number], time_ns, data
+
+    def close(self) -> None:
+        pass
+
+
+def _storage_of(path: Path) -> Path:
+    """The file or folder for the libraries to read. Raises BagError for what is no bag."""
+    if not path.exists():
+        raise BagError(f'{path}: no such bag')
+    if path.is_dir():
+        if (path / 'metadata.yaml').is_file():
+            return path
+        files = [file for file in sorted(path.iterdir()) if file.suffix in SUFFIXES]
+        if not files:
+            raise BagError(f'{path} is no bag: a folder without metadata.yaml, .mcap or .db3')
+        return files[0] if len(files) == 1 else path
+    with path.open('rb') as file:
+        head = file.read(16)
+    kinds = [kind for kind, magic in MAGICS.items() if head.startswith(magic)]
+    if not head:
+        raise BagError(f'{path} is empty: 0 bytes')
+    if kinds == ['ros1']:
+        raise BagError(f'{path} is a bag of ROS 1; convert it with: rosbags-convert --src {path} --dst FOLDER')
+    if path.suffix not in SUFFIXES or kinds != [SUFFIXES[path.suffix]]:
+        what = f'its content is {kinds[0]}' if kinds else 'its content is neither mcap nor sqlite3'
+        raise BagError(f'{path} is no bag: {what}, expected a .mcap or .db3 file or a folder of them')
+    return path
+
+
+def _parse(name: str, text: MessageDefinition) -> dict:
+    if text.format == MessageDefinitionFormat.MSG:
+        return get_types_from_msg(text.data, name)
+    separator = '=' * 80 + '\n'
+    found: dict = {}
+    for part in text.data.split(separator):
+        if part.strip():
+            found.update(get_types_from_idl(part.split('\n', 1)[1] if part.startswith('IDL: ') else part))
+    return found
