@@ -8,13 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from av_audio.array import MicrophoneArray
+from av_audio.baselines import Music, Mvdr
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
-from av_audio.weighting import WEIGHTINGS
+from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
 from av_common.acoustics import speed_of_sound
 from av_common.angles import direction_to_angles, wrap
 
-METHODS = tuple(WEIGHTINGS)
+METHODS: dict[str, tuple[type[SteeredResponse], Weighting]] = {
+    'ml': (SteeredResponse, maximum_likelihood),
+    'phat': (SteeredResponse, phat),
+    'plain': (SteeredResponse, plain),
+    'music': (Music, maximum_likelihood),
+    'mvdr': (Mvdr, maximum_likelihood),
+}
 # A significance of 2.8 is as likely noise as a source; both numbers were fitted to the share of wrong peaks over
 # simulated drones in noise (`ros2 run av_audio benchmark sigma` shows how well they hold).
 EVEN_SIGNIFICANCE = 2.8
@@ -56,7 +63,8 @@ class DoaEstimate:
 
     time: s of the window's centre since sample 0; azimuth, elevation in rad in the array's frame, variances in rad^2
     (inf where the array cannot tell); confidence 0..1; group: mirror images share a number, exactly one of them is
-    true; end_fire: the angle is hardly resolved; level in dB relative to full scale after the band-pass.
+    true; end_fire: the angle is hardly resolved; level in dB relative to full scale after the band-pass; q (rank,) is
+    what was measured, before calibration: the direction's projection on the array's basis.
     """
 
     time: float
@@ -69,6 +77,7 @@ class DoaEstimate:
     group: NDArray
     end_fire: NDArray
     level_dbfs: float
+    q: NDArray
 
 
 class Localizer:
@@ -86,8 +95,9 @@ class Localizer:
         self._window = round(settings.window_s * sample_rate)
         self._hop = max(1, round(settings.hop_s * sample_rate))
         self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz)
-        self._estimator = SteeredResponse(array, self._analyzer.frequencies, self._analyzer.response,
-                                          speed_of_sound(settings.temperature_c), WEIGHTINGS[settings.method])
+        estimator, weighting = METHODS[settings.method]
+        self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
+                                    speed_of_sound(settings.temperature_c), weighting)
         self._elevations = np.radians(settings.elevation_deg)
         self._buffer = np.zeros((array.channels, self._window), np.float32)
         self._filled = 0  # negative while samples between two windows are skipped
@@ -132,7 +142,7 @@ class Localizer:
         if level < SILENCE_DBFS:
             nothing = np.zeros(0)
             return DoaEstimate(centre / self.sample_rate, centre, nothing, nothing, nothing, nothing, nothing,
-                               np.zeros(0, int), np.zeros(0, bool), level)
+                               np.zeros(0, int), np.zeros(0, bool), level, nothing)
         peak = self._estimator.estimate(spectra)
         q, covariance = self._straighten(peak)
         angles, variances = self._directions(q, covariance)
@@ -141,13 +151,12 @@ class Localizer:
         end_fire = self.array.rank == 1 and abs(q[0]) > END_FIRE_COSINE
         return DoaEstimate(
             centre / self.sample_rate, centre, *angles[:, kept], *variances[:, kept],
-            np.full(count, self._confidence(peak)), np.zeros(count, int), np.full(count, end_fire), level)
+            np.full(count, self._confidence(peak)), np.zeros(count, int), np.full(count, end_fire), level, peak.q)
 
     def _confidence(self, peak: Peak) -> float:
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
         clipped = np.count_nonzero(np.abs(self._buffer) >= FULL_SCALE) / self._buffer.size
-        identical = bool(np.all(self._buffer == self._buffer[0]))
-        return 0.0 if identical else float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
+        return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
 
     def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:
         """Return q and its covariance with the array's delay curve undone."""

@@ -69,8 +69,7 @@ class SteeredResponse:
         scale = self._response * self._weighting(cross, power, self._bin_hz)
         weighted = cross * scale
         curve = self.curve(weighted)
-        q = self._refine(weighted, self._grid[np.argmax(curve)])
-        return self._judge(weighted, q, curve)
+        return self._judge(weighted, self._search(spectra, weighted, curve), curve)
 
     def curve(self, weighted: NDArray) -> NDArray:
         """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
@@ -85,8 +84,9 @@ class SteeredResponse:
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
         return weighted * (np.cos(angles) - 1j * np.sin(angles))
 
-    def _refine(self, weighted: NDArray, q: NDArray) -> NDArray:
-        start = q
+    def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
+        """The place q (rank,) of the maximum."""
+        start = q = self._grid[np.argmax(curve)]
         reach = 2.0 / (GRID_POINTS_PER_PERIOD * self._omega[-1] / (2.0 * np.pi)) / np.abs(self._slowness).max()
         for _ in range(NEWTON_STEPS):
             gradient, hessian = self._derivatives(self._steer(weighted, q))

@@ -63,6 +63,3 @@ def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
 
 def _smooth(values: NDArray, bins: float) -> NDArray:
     return uniform_filter1d(values, max(1, round(bins)), axis=-1, mode='nearest')
-
-
-WEIGHTINGS: dict[str, Weighting] = {'ml': maximum_likelihood, 'phat': phat, 'plain': plain}

@@ -1,0 +1,83 @@
+"""MUSIC and MVDR, to compare with: they search by narrow-band covariances, and are judged like the steered response."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.array import MicrophoneArray
+from av_audio.steered_response import SteeredResponse
+from av_audio.weighting import Weighting
+
+# Bins of one band are snapshots of one covariance matrix: many enough to average, close enough to share the delays.
+BAND_HZ = 40.0
+LOADING = 1e-3
+ZOOM_ROUNDS = 6
+
+
+class NarrowbandSearch(SteeredResponse):
+    """Finds q by a cost over narrow bands, on a grid and then on ever smaller grids around its minimum.
+
+    Variance and confidence are those of the weighted correlation at the q found.
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
+                 weighting: Weighting) -> None:
+        super().__init__(array, frequencies, response, speed_of_sound, weighting)
+        bins = max(array.channels, round(BAND_HZ / self._bin_hz))
+        self._bands = len(frequencies) // bins
+        self._used = self._bands * bins
+        centres = frequencies[:self._used].reshape(self._bands, bins).mean(axis=1)
+        self._weights = response[:self._used].reshape(self._bands, bins).mean(axis=1)[:, None]
+        # phase per unit of q (bands, m, rank): nearer microphones are ahead
+        self._phase = 2.0 * np.pi * centres[:, None, None] * (array.positions @ array.basis) / speed_of_sound
+        self._grid_steering = self._steering(self._grid)
+
+    def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
+        bands = spectra[:, :self._used].reshape(len(spectra), self._bands, -1).transpose(1, 0, 2)
+        covariances = bands @ bands.conj().swapaxes(1, 2)
+        trace = np.trace(covariances, axis1=1, axis2=2).real
+        covariances = covariances / np.maximum(trace, np.finfo(np.float32).tiny)[:, None, None]
+        matrices = self._matrices(covariances)
+        q = self._grid[np.argmin(self._cost(matrices, self._grid_steering))]
+        step = 1.0 / np.sqrt(len(self._grid))
+        around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * len(q), indexing='ij'), -1).reshape(-1, len(q))
+        for _ in range(ZOOM_ROUNDS):
+            candidates = q + step * around
+            q = candidates[np.argmin(self._cost(matrices, self._steering(candidates)))]
+            step /= 4.0
+        return q
+
+    def _steering(self, points: NDArray) -> NDArray:
+        """Steering vectors (bands, m, g) of points (g, rank)."""
+        return np.exp(1j * (self._phase @ points.T)).astype(np.complex64)
+
+    def _matrices(self, covariances: NDArray) -> NDArray:
+        """What the cost needs of covariances (bands, m, m)."""
+        raise NotImplementedError
+
+    def _cost(self, matrices: NDArray, steering: NDArray) -> NDArray:
+        """Cost (g,), lowest where the source is."""
+        raise NotImplementedError
+
+
+class Music(NarrowbandSearch):
+    """Power of the steering vector inside the noise subspace for one source (Schmidt, 1986), summed over bands."""
+
+    def _matrices(self, covariances: NDArray) -> NDArray:
+        return np.linalg.eigh(covariances)[1][:, :, -1:]
+
+    def _cost(self, matrices: NDArray, steering: NDArray) -> NDArray:
+        power = np.abs(matrices.conj().swapaxes(1, 2) @ steering)[:, 0] ** 2
+        return -np.sum(self._weights * power, axis=0)
+
+
+class Mvdr(NarrowbandSearch):
+    """Power behind the distortionless beam of least noise (Capon, 1969), summed over bands of equal total power."""
+
+    def _matrices(self, covariances: NDArray) -> NDArray:
+        return np.linalg.inv(covariances + LOADING * np.eye(covariances.shape[1], dtype=covariances.dtype))
+
+    def _cost(self, matrices: NDArray, steering: NDArray) -> NDArray:
+        power = 1.0 / np.sum(steering.conj() * (matrices @ steering), axis=1).real
+        return -np.sum(self._weights * power, axis=0)

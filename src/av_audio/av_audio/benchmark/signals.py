@@ -1,0 +1,95 @@
+"""Sound with known delays: sums of sinusoids whose delays are exact by construction, and recordings shifted by phase.
+
+Every function takes delays (m,) in s and returns sound (n, m): channel k is the source's sound delays[k] later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy import signal
+
+from av_audio.capture import read_sound
+
+RATE = 48_000
+BAND_HZ = (200.0, 4000.0)
+
+Source = Callable[[Generator, float, NDArray], NDArray]
+
+
+def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, float] = BAND_HZ) -> NDArray:
+    """Gaussian noise with a flat spectrum inside the band: sinusoids 0.5 / seconds apart with random amplitudes."""
+    count = round(seconds * RATE)
+    frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
+    inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
+    spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
+    return _delayed(spectrum, frequencies, delays, count)
+
+
+def rotors(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+    """Four rotors with broadband noise 10 dB below, both of equal power per octave.
+
+    The rotors are harmonics of 150 to 220 Hz, speeds wander by 0.3 %. Equal power per octave is the mean of the real
+    drone recordings in shared/data (within 2 dB from 200 to 4000 Hz).
+    """
+    count = round(seconds * RATE)
+    time = np.arange(count)[:, None] / RATE - delays
+    tones = np.zeros(time.shape)
+    for _ in range(4):
+        fundamental, wander_hz = rng.uniform(150.0, 220.0), rng.uniform(0.2, 2.0)
+        wander = 0.003 / (2.0 * np.pi * wander_hz) * np.sin(2.0 * np.pi * (wander_hz * time + rng.uniform()))
+        turn = np.exp(2j * np.pi * fundamental * (time + wander))
+        harmonics = np.arange(1, int(4500.0 / fundamental))
+        amplitudes = harmonics**-0.5 * np.exp(2j * np.pi * rng.uniform(size=harmonics.size))
+        tones += (np.polynomial.polynomial.polyval(turn, np.concatenate([[0.0], amplitudes]))).real
+    frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
+    inside = (frequencies > 100.0) & (frequencies < 6000.0)
+    spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
+    broadband = _delayed(spectrum / np.sqrt(np.maximum(frequencies, 1.0)), frequencies, delays, count)
+    return tones / tones[:, 0].std() + 10.0**-0.5 * broadband / broadband[:, 0].std()
+
+
+def recordings(folder: Path) -> Source:
+    """Random stretches of the drone recordings in a folder, delayed by turning the phases of their spectrum."""
+    clips = [load_clip(path) for path in sorted(folder.glob('DRONE_*.flac'))]
+
+    def stretch(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+        clip = clips[rng.integers(len(clips))]
+        count, pad = round(seconds * RATE), RATE // 10
+        start = rng.integers(len(clip) - count - 2 * pad)
+        piece = clip[start:start + count + 2 * pad]
+        frequencies = np.fft.rfftfreq(len(piece), 1.0 / RATE)
+        return _delayed(np.fft.rfft(piece), frequencies, delays, len(piece), len(piece))[pad:pad + count]
+
+    return stretch
+
+
+def load_clip(path: Path) -> NDArray:
+    """First channel (n,) of a recording at RATE."""
+    samples, rate = read_sound(path, [0])
+    common = np.gcd(rate, RATE)
+    return signal.resample_poly(samples[:, 0], RATE // common, rate // common)
+
+
+def add_noise(rng: Generator, sound: NDArray, snr_db: float) -> NDArray:
+    """Sound (n, m) in white noise, independent in each channel, at a signal-to-noise ratio inside BAND_HZ."""
+    noise = rng.normal(size=sound.shape)
+    gain = np.sqrt(band_power(sound[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (-snr_db / 10.0))
+    mixed = sound + gain * noise
+    return 0.2 * mixed / mixed.std()
+
+
+def band_power(samples: NDArray) -> float:
+    """Power of samples (n,) inside BAND_HZ."""
+    frequencies = np.fft.rfftfreq(len(samples), 1.0 / RATE)
+    inside = (frequencies >= BAND_HZ[0]) & (frequencies <= BAND_HZ[1])
+    return float(np.mean(np.abs(np.fft.rfft(samples)[inside]) ** 2))
+
+
+def _delayed(spectrum: NDArray, frequencies: NDArray, delays: NDArray, count: int, period: int | None = None) -> NDArray:
+    turned = spectrum * np.exp(-2j * np.pi * np.outer(delays, frequencies))
+    return np.fft.irfft(turned, period or 2 * count, axis=1)[:, :count].T
