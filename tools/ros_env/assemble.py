@@ -7,7 +7,7 @@ tools/ros_env.sh calls this, with any Python from 3.8 on: nothing but the standa
 .ros/bin     ros2, and a colcon that builds against the former although the shell runs the latter
 .ros/wheels  what was downloaded; each wheel is checked against its hash and never fetched twice
 
-Each step is done anew when lock.txt or this file has changed, and only then. An interrupted step is done again.
+Each step is taken again when lock.txt or this file has changed, and only then. An interrupted step is taken again.
 """
 
 from __future__ import annotations
@@ -72,9 +72,9 @@ def assemble() -> None:
     """Take the steps that are left. The last stamp is what tools/ros_env.sh looks for."""
     digest = hashlib.sha256(Path(__file__).read_bytes() + LOCK.read_bytes()).hexdigest()
     stamp = f'{digest} {PROJECT}\n'
-    say(f'assembling ROS 2 Jazzy in {ROS} (0.4 GB to download, once)')
+    say(f'assembling ROS 2 Jazzy in {ROS} (what is missing of 0.4 GB is downloaded)')
     prerequisites.install_system_packages()
-    once('venv', stamp, make_venv)
+    once('venv', f'{PROJECT} {requirements(*FIRST)}', make_venv)  # a changed pin is then installed over it in seconds
     download()
     once('packages', stamp, install_packages)
     once('tree', stamp, unpack_tree)
