@@ -93,10 +93,10 @@ def find_python() -> str:
 
 
 def suitable_python(program: str) -> str | None:
-    """Real path of a Python if it is 3.12 with venv and headers."""
+    """Path of a Python if it is 3.12 with venv and headers; of a virtual environment, the Python below it."""
     question = ('import ensurepip, os, sys, sysconfig, venv; '
                 'headers = os.path.join(sysconfig.get_path("include"), "Python.h"); '
-                'sys.exit(sys.version_info[:2] != (3, 12) or not os.path.exists(headers) or print(sys.executable))')
+                'sys.exit(sys.version_info[:2] != (3, 12) or not os.path.exists(headers) or print(os.path.realpath(sys.executable)))')
     if not shutil.which(program):
         return None
     answer = subprocess.run([program, '-c', question], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
