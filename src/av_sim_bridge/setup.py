@@ -26,6 +26,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'benchmark_sound = av_sim_bridge.cli.benchmark_sound:main',
             'bridge_node = av_sim_bridge.nodes.bridge_node:main',
             'simulator = av_sim_bridge.cli.simulator:main',
         ],
