@@ -1,0 +1,1 @@
+"""Figures of the simulated sound against formulas and against other simulators."""
