@@ -74,7 +74,7 @@ def assemble() -> None:
     stamp = f'{digest} {PROJECT}\n'
     say(f'assembling ROS 2 Jazzy in {ROS} (what is missing of 0.4 GB is downloaded)')
     prerequisites.install_system_packages()
-    once('venv', f'{PROJECT} {requirements(*FIRST)}', make_venv)  # a changed pin is then installed over it in seconds
+    once('venv', f'{PROJECT} {requirements(*FIRST)}', make_venv)  # other pins are installed over it when they change
     download()
     once('packages', stamp, install_packages)
     once('tree', stamp, unpack_tree)
@@ -127,6 +127,7 @@ def make_venv() -> None:
     """A fresh virtual environment with the pinned pip."""
     python = prerequisites.find_python()
     say(f'virtual environment with {python}')
+    (ROS / 'packages.stamp').unlink(missing_ok=True)
     shutil.rmtree(VENV, ignore_errors=True)
     subprocess.run([python, '-m', 'venv', VENV], check=True)
     pip('install', lines=requirements(*FIRST))

@@ -96,7 +96,8 @@ def suitable_python(program: str) -> str | None:
     """Path of a Python if it is 3.12 with venv and headers; of a virtual environment, the Python below it."""
     question = ('import ensurepip, os, sys, sysconfig, venv; '
                 'headers = os.path.join(sysconfig.get_path("include"), "Python.h"); '
-                'sys.exit(sys.version_info[:2] != (3, 12) or not os.path.exists(headers) or print(os.path.realpath(sys.executable)))')
+                'print(os.path.realpath(sys.executable)); '
+                'sys.exit(sys.version_info[:2] != (3, 12) or not os.path.exists(headers))')
     if not shutil.which(program):
         return None
     answer = subprocess.run([program, '-c', question], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
