@@ -1,0 +1,48 @@
+"""Bearings against analytic cases and their variances against repeated draws."""
+
+import numpy as np
+import pytest
+
+from av_vision.bearing import BearingModel, bearings_of_boxes
+from av_vision.camera import PinholeCamera
+
+CAMERA = PinholeCamera.from_fov(640, 480, np.radians(70.0))
+
+
+def test_left_and_up_in_the_image_are_positive():
+    centre = np.array([319.5, 239.5])
+    right, up = centre + [CAMERA.fx * np.tan(0.3), 0], centre - [0, CAMERA.fy * np.tan(0.2)]
+    bearings = bearings_of_boxes(CAMERA, [centre, right, up], np.ones((3, 2)), np.ones(3))
+    assert bearings.azimuth == pytest.approx([0.0, -0.3, 0.0], abs=1e-9)
+    assert bearings.elevation == pytest.approx([0.0, 0.0, 0.2], abs=1e-9)
+
+
+def test_variance_of_a_pixel_in_the_middle_is_analytic():
+    model = BearingModel(box_fraction=0.0, pixel_sigma=2.0, calibration_sigma_rad=0.01)
+    bearings = bearings_of_boxes(CAMERA, [[319.5, 239.5]], [[10, 10]], [1.0], model)
+    expected = (2.0 / CAMERA.fx) ** 2 + 0.01**2
+    assert bearings.azimuth_variance == pytest.approx([expected], rel=1e-4)
+    assert bearings.elevation_variance == pytest.approx([expected], rel=1e-4)
+
+
+def test_variance_matches_the_scatter_off_axis_with_distortion():
+    camera = PinholeCamera(640, 480, 450.0, 450.0, 320.0, 240.0, (-0.2, 0.05, 0.001, -0.001, 0.0))
+    model = BearingModel(box_fraction=0.1, pixel_sigma=1.0, calibration_sigma_rad=0.0)
+    centre, size = np.array([560.0, 90.0]), np.array([30.0, 20.0])
+    rng = np.random.default_rng(0)
+    sigma = np.sqrt(model.pixel_variance(size, 0.5))
+    drawn = bearings_of_boxes(camera, centre + rng.normal(size=(20000, 2)) * sigma, np.tile(size, (20000, 1)), np.full(20000, 0.5))
+    stated = bearings_of_boxes(camera, [centre], [size], [0.5], model)
+    assert drawn.azimuth.var() == pytest.approx(stated.azimuth_variance[0], rel=0.05)
+    assert drawn.elevation.var() == pytest.approx(stated.elevation_variance[0], rel=0.05)
+
+
+def test_larger_and_less_sure_boxes_are_less_certain():
+    bearings = bearings_of_boxes(CAMERA, np.full((3, 2), 300.0), [[10, 10], [100, 100], [10, 10]], [0.9, 0.9, 0.3])
+    assert bearings.azimuth_variance[1] > bearings.azimuth_variance[0] < bearings.azimuth_variance[2]
+
+
+def test_no_boxes_and_wrong_models():
+    assert bearings_of_boxes(CAMERA, np.empty((0, 2)), np.empty((0, 2)), []).azimuth.shape == (0,)
+    with pytest.raises(ValueError, match='pixel_sigma'):
+        BearingModel(pixel_sigma=-1.0)

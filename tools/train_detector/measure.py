@@ -1,0 +1,105 @@
+"""How well a detector does on labelled frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from clips import Frames
+from numpy.typing import NDArray
+
+from av_vision.yolo import Detector
+
+
+@dataclass
+class Measurement:
+    """All detections of a split: scores, whether each hit a drone (IoU at least 0.3, each drone once), IoU, distance of centres
+    in pixels, the frame of each; and of each frame the number of drones in it."""
+
+    scores: NDArray[np.float64]
+    hits: NDArray[np.bool_]
+    overlaps: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    frames: NDArray[np.intp]
+    drones: NDArray[np.intp]
+
+    def f1(self, threshold: float, overlap: float = 0.3) -> float:
+        """F1 on the frames that show a drone."""
+        ours = (self.scores >= threshold) & (self.drones[self.frames] > 0)
+        found = np.sum(ours & (self.overlaps >= overlap))
+        return 2.0 * found / max(ours.sum() + self.drones.sum(), 1)
+
+    def recall(self, threshold: float, overlap: float = 0.3) -> float:
+        """Share of the drones found."""
+        return np.sum((self.scores >= threshold) & (self.overlaps >= overlap)) / max(self.drones.sum(), 1)
+
+    def precision(self, threshold: float, overlap: float = 0.3) -> float:
+        """Share of the detections, on frames that show a drone, that are right."""
+        ours = (self.scores >= threshold) & (self.drones[self.frames] > 0)
+        return np.sum(ours & (self.overlaps >= overlap)) / max(ours.sum(), 1)
+
+    def false_frames(self, threshold: float) -> float:
+        """Share of the frames without a drone on which one is reported."""
+        without = np.flatnonzero(self.drones == 0)
+        wrong = np.unique(self.frames[self.scores >= threshold])
+        return np.isin(wrong, without).sum() / max(len(without), 1)
+
+    def centred(self, threshold: float, pixels: float = 5.0) -> float:
+        """Share of the hits whose centre is within some pixels of the label's."""
+        good = self.hits & (self.scores >= threshold)
+        return float(np.mean(self.offsets[good] <= pixels)) if good.any() else 0.0
+
+    def average_precision(self, overlap: float = 0.3) -> float:
+        """Area under the precision-recall curve over all frames."""
+        order = np.argsort(-self.scores)
+        right = np.cumsum(self.overlaps[order] >= overlap)
+        precision = np.maximum.accumulate((right / np.arange(1, len(right) + 1))[::-1])[::-1]
+        return float(np.sum(precision * np.diff(right, prepend=0)) / max(self.drones.sum(), 1))
+
+    def calibration_error(self, least: float = 0.05, bins: int = 10) -> float:
+        """Expected calibration error (Naeini et al. 2015) of the detections above a score."""
+        used = self.scores >= least
+        place = np.clip((self.scores[used] * bins).astype(int), 0, bins - 1)
+        count = np.bincount(place, minlength=bins)
+        gap = np.abs(np.bincount(place, self.scores[used], bins) - np.bincount(place, self.hits[used], bins))
+        return float(gap.sum() / max(count.sum(), 1))
+
+
+def overlaps_of(boxes: NDArray, real: NDArray) -> NDArray[np.float64]:
+    """IoU (n, k) of boxes (n, 4) with boxes (k, 4)."""
+    shared = np.clip(np.minimum(boxes[:, None, 2:], real[None, :, 2:]) - np.maximum(boxes[:, None, :2], real[None, :, :2]), 0, None)
+    area = shared.prod(-1)
+    return area / (np.prod(boxes[:, 2:] - boxes[:, :2], 1)[:, None] + np.prod(real[:, 2:] - real[:, :2], 1)[None] - area + 1e-9)
+
+
+def match(boxes: NDArray, real: NDArray) -> tuple[NDArray, NDArray]:
+    """IoU with, and distance in pixels to, the drone that each box (in falling order of score) gets; 0 and inf without."""
+    overlap, offset = np.zeros(len(boxes)), np.full(len(boxes), np.inf)
+    if not len(boxes) or not len(real):
+        return overlap, offset
+    table = overlaps_of(boxes, real)
+    centres, others = boxes[:, :2] + boxes[:, 2:], real[:, :2] + real[:, 2:]
+    for k in range(len(boxes)):
+        best = int(np.argmax(table[k]))
+        if table[k, best] >= 0.1:
+            overlap[k], offset[k] = table[k, best], 0.5 * np.linalg.norm(centres[k] - others[best])
+            table[:, best] = 0.0
+    return overlap, offset
+
+
+def measure(detector: Detector, frames: Frames) -> Measurement:
+    """Run a detector of drones over frames with labels."""
+    scores, overlaps, offsets, places = [], [], [], []
+    drones = np.zeros(len(frames), int)
+    for i in range(len(frames)):
+        real = frames.boxes[i][frames.boxes[i][:, 0] == 0, 1:]
+        drones[i] = len(real)
+        found = detector.detect(np.ascontiguousarray(frames.image(i)))
+        overlap, offset = match(found.boxes, real)
+        scores.append(found.scores)
+        overlaps.append(overlap)
+        offsets.append(offset)
+        places.append(np.full(len(found), i))
+    overlap = np.concatenate(overlaps)
+    return Measurement(np.clip(np.concatenate(scores).astype(float), 1e-6, 1 - 1e-6), overlap >= 0.3, overlap,
+                       np.concatenate(offsets), np.concatenate(places), drones)

@@ -1,0 +1,129 @@
+"""Train the drone detector: `python train.py --data DRONE_DETECTION --cache FOLDER --out FOLDER` (see README.md).
+
+Stops and goes on where it stopped; every random number follows from the seed and the step, so that a run can be repeated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import torch
+from clips import Frames, build_cache
+from loss import loss
+from network import Network, cells
+from samples import Sampler
+from sprites import build_bank
+from torch import Tensor
+
+# (side of the squares, how many a batch, how often): small windows teach the small far drones cheaply, large ones the near.
+BATCHES = ((256, 16, 0.75), (448, 6, 0.25))
+WARM_UP, DECAY = 200, 0.35
+
+
+def rate_at(step: int, steps: int, peak: float) -> float:
+    """Learning rate: a warm-up, a plateau, and a fall to nothing over the last third (the plateau's end can be moved)."""
+    left = (steps - step) / (DECAY * steps)
+    return peak * min(1.0, (step + 1) / WARM_UP, max(left, 0.0) ** 1.2)
+
+
+def batch(sampler: Sampler, seed: int, step: int) -> tuple[Tensor, list[Tensor]]:
+    """Pictures (n, 3, side, side) RGB in 0-1 and their labels."""
+    rng = np.random.default_rng([seed, step])
+    side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
+    drawn = [sampler.draw(rng, side) for _ in range(count)]
+    pictures = np.stack([image[..., ::-1] for image, _ in drawn]).transpose(0, 3, 1, 2)
+    tensor = torch.from_numpy(np.ascontiguousarray(pictures)).float().div_(255.0)
+    return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(boxes) for _, boxes in drawn]
+
+
+@torch.no_grad()
+def follow(average: Network, network: Network, step: int) -> None:
+    """Exponential moving average of the weights: it is what is shipped."""
+    keep = min(0.998, (1 + step) / (10 + step))
+    for mean, new in zip(average.state_dict().values(), network.state_dict().values(), strict=True):
+        if mean.dtype.is_floating_point:
+            mean.mul_(keep).add_(new, alpha=1.0 - keep)
+        else:
+            mean.copy_(new)
+
+
+def save(path: Path, **state: object) -> None:
+    """Write a checkpoint so that an interruption leaves the old one whole."""
+    torch.save(state, path.with_suffix('.tmp'))
+    path.with_suffix('.tmp').rename(path)
+
+
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('--data', type=Path, required=True, help='the drone_detection data set')
+    parser.add_argument('--cache', type=Path, required=True, help='folder for decoded frames (7 GB) and renders')
+    parser.add_argument('--out', type=Path, required=True, help='folder for checkpoints')
+    parser.add_argument('--steps', type=int, default=20000, help='steps in all; may be changed when going on')
+    parser.add_argument('--rate', type=float, default=2e-3, help='peak learning rate (AdamW)')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--threads', type=int, default=2)
+    parser.add_argument('--pause-file', type=Path, help='training sleeps while this file exists')
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Entry point."""
+    args = arguments()
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    build_cache(args.data, args.cache)
+    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache))
+    network = Network().to(memory_format=torch.channels_last)
+    average = deepcopy(network).eval()
+    decayed = [p for p in network.parameters() if p.ndim > 1]
+    plain = [p for p in network.parameters() if p.ndim <= 1]
+    optimizer = torch.optim.AdamW([{'params': decayed, 'weight_decay': 0.02}, {'params': plain, 'weight_decay': 0.0}], lr=args.rate)
+    args.out.mkdir(parents=True, exist_ok=True)
+    checkpoint, step = args.out / 'checkpoint.pt', 0
+    if checkpoint.exists():
+        state = torch.load(checkpoint)
+        network.load_state_dict(state['network'])
+        average.load_state_dict(state['average'])
+        optimizer.load_state_dict(state['optimizer'])
+        step = state['step']
+    loader = ThreadPoolExecutor(1)
+    ready = loader.submit(batch, sampler, args.seed, step)
+    last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
+    while step < args.steps:
+        while args.pause_file and args.pause_file.exists():
+            time.sleep(1.0)
+        pictures, truth = ready.result()
+        ready = loader.submit(batch, sampler, args.seed, step + 1)
+        for group in optimizer.param_groups:
+            group['lr'] = rate_at(step, args.steps, args.rate)
+        logits, raw = network(pictures)
+        total, parts = loss(logits, raw, truth, *cells(*pictures.shape[2:]))
+        if not math.isfinite(total.item()):
+            raise FloatingPointError(f'the loss is {total.item()} at step {step}: lower --rate')
+        optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        torch.nn.utils.clip_grad_norm_(network.parameters(), 10.0)
+        optimizer.step()
+        follow(average, network, step)
+        step += 1
+        since += 1
+        for name, value in parts.items():
+            sums[name] = sums.get(name, 0.0) + value
+        if step % 50 == 0:
+            means = ' '.join(f'{name} {value / since:.3f}' for name, value in sums.items())
+            print(f'step {step} {means} rate {optimizer.param_groups[0]["lr"]:.5f} {(time.monotonic() - began) / since:.2f} s', flush=True)
+            sums, since, began = {}, 0, time.monotonic()
+        if time.monotonic() - last_saved > 120 or step == args.steps:
+            save(checkpoint, network=network.state_dict(), average=average.state_dict(), optimizer=optimizer.state_dict(), step=step)
+            last_saved = time.monotonic()
+
+
+if __name__ == '__main__':
+    main()
