@@ -65,6 +65,15 @@ def test_an_empty_run_and_one_without_truth_make_a_table(tmp_path):
     assert (tmp_path / 'full.png').stat().st_size > 10_000
 
 
+def test_the_log_is_saved_as_tables(tmp_path):
+    """What was logged can be read back, to the microsecond and a billionth."""
+    log = circle_log()
+    log.save(tmp_path)
+    table = np.genfromtxt(tmp_path / 'fused.csv', delimiter=',', names=True)
+    assert np.allclose(table['time'], log.fused['time'], atol=1e-6) and np.allclose(table['azimuth'], log.fused['azimuth'])
+    assert {path.name for path in tmp_path.iterdir()} == {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv'}
+
+
 def test_series_refuses_rows_of_another_width():
     """A row with a value missing is an error, not a shifted table."""
     series = Series('a', 'b')

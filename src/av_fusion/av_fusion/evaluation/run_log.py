@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,15 @@ class Series:
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """One column (n,)."""
-        return np.array(self._flat).reshape(-1, len(self._names))[:, self._names.index(name)]
+        return self._table()[:, self._names.index(name)]
+
+    def save(self, path: Path) -> None:
+        """Write the rows as CSV with a header."""
+        formats = ['%.6f' if name == 'time' else '%.9g' for name in self._names]
+        np.savetxt(path, self._table(), formats, delimiter=',', header=','.join(self._names), comments='')
+
+    def _table(self) -> NDArray[np.float64]:
+        return np.array(self._flat).reshape(-1, len(self._names))
 
 
 class RunLog:
@@ -46,6 +55,13 @@ class RunLog:
         self.sight = Series('time', 'azimuth', 'confidence', 'delay')  # azimuth is nan where nothing was detected
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay')
         self.notes: dict[str, str] = {}
+
+    def save(self, folder: Path) -> None:
+        """Write each series as `<name>.csv` into a folder, one column a quantity, for whoever wants to look closer."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, series in vars(self).items():
+            if isinstance(series, Series):
+                series.save(folder / f'{name}.csv')
 
     @property
     def has_truth(self) -> bool:

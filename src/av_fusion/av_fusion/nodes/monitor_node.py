@@ -146,7 +146,7 @@ class MonitorNode(RigNode):
         print(f'\n{self._settings.title}\n{format_table(summary)}', flush=True)
         if self._settings.out:
             out = Path(self._settings.out)
-            out.mkdir(parents=True, exist_ok=True)
+            self._log.save(out)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
             from av_fusion.evaluation.picture import draw  # matplotlib takes a second to load: not at the start
 

@@ -1,0 +1,221 @@
+"""The environment that tools/ros_env.sh leaves, installed or assembled, and what the packages say about themselves."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from catkin_pkg.package import parse_package
+
+PROJECT = Path(__file__).resolve().parent.parent
+PACKAGES = {path.parent.name: path for path in sorted(PROJECT.glob('src/*/package.xml'))}
+assembled = pytest.mark.skipif(not (PROJECT / '.ros/ready.stamp').exists(), reason='ROS 2 is installed here')
+
+
+def shell(script, cwd=PROJECT, **variables):
+    """Run a script in a shell that knows nothing of ROS, and return its result."""
+    keep = {name: value for name, value in os.environ.items() if name in ('HOME', 'PYENV_ROOT') or name.startswith('PIP_')}
+    path = os.pathsep.join(part for part in os.environ['PATH'].split(os.pathsep) if str(PROJECT) not in part)
+    return subprocess.run(['bash', '-c', script], env={**keep, 'PATH': path, **variables}, cwd=cwd, text=True,
+                          capture_output=True, timeout=120)
+
+
+class TestSourcing:
+    @assembled
+    def test_the_second_time_neither_installs_nor_says_anything(self):
+        result = shell('. tools/ros_env.sh', PIP_NO_INDEX='1')
+        assert (result.returncode, result.stdout, result.stderr) == (0, '', '')
+
+    def test_works_from_anywhere_in_a_strict_shell(self, tmp_path):
+        result = shell(f'set -eu; . "{PROJECT}/tools/ros_env.sh"; echo $-; command -v ros2 colcon', cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert {'e', 'u'} <= set(result.stdout.splitlines()[0])
+
+    def test_sourcing_twice_changes_nothing(self):
+        once, twice = (shell(f'{"; ".join([". tools/ros_env.sh"] * times)}; env | sort | grep -v ^_=').stdout
+                       for times in (1, 2))
+        assert once == twice
+
+    def test_prefers_the_newest_installed_distribution(self, tmp_path):
+        for name in ('humble', 'jazzy'):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / 'setup.bash').write_text(f'export MADE_UP={name}; : $UNSET')
+        result = shell('set -u; . tools/ros_env.sh; echo $MADE_UP $PATH', AV_ROS_ROOT=str(tmp_path))
+        assert result.stdout.startswith('jazzy ') and '.ros/' not in result.stdout
+
+    def test_a_failure_is_returned_and_does_not_end_the_shell(self, tmp_path):
+        (tmp_path / 'jazzy').mkdir()
+        (tmp_path / 'jazzy' / 'setup.bash').write_text('return 3')
+        assert shell('. tools/ros_env.sh; echo $?', AV_ROS_ROOT=str(tmp_path)).stdout.strip() == '3'
+
+    @assembled
+    def test_user_decides_about_the_middleware(self):
+        result = shell('. tools/ros_env.sh; echo $RMW_IMPLEMENTATION', RMW_IMPLEMENTATION='rmw_fastrtps_cpp')
+        assert result.stdout.strip() == 'rmw_fastrtps_cpp'
+
+
+class TestAssembly:
+    """tools/ros_env/assemble.py with a pip that only pretends."""
+
+    @pytest.fixture
+    def assemble(self, monkeypatch, tmp_path):
+        monkeypatch.syspath_prepend(str(PROJECT / 'tools/ros_env'))
+        module = importlib.import_module('assemble')
+        monkeypatch.setattr(module, 'WHEELS', tmp_path / 'wheels')
+        monkeypatch.setattr(module, 'LOCK', tmp_path / 'lock.txt')
+        names = [f'package-{number}' for number in range(20)]
+        hashes = {name: hashlib.sha256(name.encode()).hexdigest() for name in names}
+        module.LOCK.write_text(''.join(f'{name}==1.0 --hash=sha256:{digest}\n' for name, digest in hashes.items()))
+        module.fetched = []
+
+        def pip(*arguments, lines):
+            for line in lines:
+                name = line.split('==')[0]
+                if name == 'package-10' and name not in module.fetched:
+                    module.fetched.append(name)
+                    raise KeyboardInterrupt
+                module.fetched.append(name)
+                (module.WHEELS / f'{name}.whl').write_text(name)
+
+        monkeypatch.setattr(module, 'pip', pip)
+        return module
+
+    def test_an_interrupted_download_goes_on_where_it_was(self, assemble):
+        with pytest.raises(KeyboardInterrupt):
+            assemble.download()
+        before = assemble.fetched[:]
+        assemble.fetched = ['package-10']
+        assemble.download()
+        assert not set(before) & set(assemble.fetched) - {'package-10'}
+        assert len(list(assemble.WHEELS.iterdir())) == 20
+
+    def test_damaged_and_foreign_wheels_are_replaced(self, assemble):
+        assemble.fetched = ['package-10']
+        assemble.download()
+        (assemble.WHEELS / 'package-3.whl').write_text('cut off')
+        (assemble.WHEELS / 'old.whl').write_text('of an earlier lock file')
+        assemble.fetched.clear()
+        assemble.download()
+        assert assemble.fetched == ['package-3']
+        assert not (assemble.WHEELS / 'old.whl').exists()
+
+    def test_a_step_is_taken_again_only_for_another_stamp(self, assemble, monkeypatch, tmp_path):
+        monkeypatch.setattr(assemble, 'ROS', tmp_path)
+        taken = []
+        for stamp in ('a', 'a', 'b', 'b'):
+            assemble.once('step', stamp, lambda stamp=stamp: taken.append(stamp))
+        assert taken == ['a', 'b']
+
+
+@pytest.mark.system
+class TestCommands:
+    def test_ros2_knows_our_packages_and_launch_file(self):
+        result = shell('. tools/ros_env.sh; ros2 pkg list; ros2 launch av_fusion rig.launch.py --show-args')
+        assert result.returncode == 0, result.stderr
+        assert set(PACKAGES) <= set(result.stdout.split())
+        assert {"'source':", "'duration':", "'scenario':"} <= set(result.stdout.split())
+
+    def test_every_executable_can_be_imported(self):
+        result = shell('. tools/ros_env.sh; for p in "$@"; do ros2 pkg executables $p; done'.replace('"$@"', ' '.join(PACKAGES)))
+        found = {tuple(line.split()) for line in result.stdout.splitlines()}
+        for package in PACKAGES:
+            setup = PROJECT / 'src' / package / 'setup.py'
+            for name, module, function in re.findall(r"'(\w+) = ([\w.]+):(\w+)'", setup.read_text() if setup.exists() else ''):
+                assert (package, name) in found
+                assert callable(getattr(importlib.import_module(module), function))
+
+    @pytest.mark.parametrize(('words', 'code'), [('seconds:=0.1', 0), ('seconds:=no', 1), ('seconds', 1), ('', 0)])
+    def test_launch_returns_what_became_of_it(self, tmp_path, words, code):
+        result = shell(f'. tools/ros_env.sh; ros2 launch {self.launch_file(tmp_path)} {words}')
+        assert (result.returncode != 0) == code, result.stderr
+
+    @pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+    def test_launch_leaves_no_process_behind(self, tmp_path, sign):
+        script = f'. tools/ros_env.sh; exec ros2 launch {self.launch_file(tmp_path)} seconds:=1000'
+        with subprocess.Popen(['bash', '-c', script], cwd=PROJECT, stdout=subprocess.PIPE, text=True,
+                              start_new_session=True, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)) as run:
+            next(line for line in run.stdout if 'process started' in line)
+            processes = [psutil.Process(run.pid), *psutil.Process(run.pid).children(recursive=True)]
+            assert any('1000' in process.cmdline() for process in processes)
+            os.killpg(run.pid, sign) if sign == signal.SIGINT else run.send_signal(sign)
+            assert not psutil.wait_procs(processes[1:], timeout=30)[1]
+            run.wait(30)
+
+    @staticmethod
+    def launch_file(folder):
+        path = folder / 'sleep.launch.py'
+        path.write_text('''
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+
+
+def generate_launch_description():
+    check = OpaqueFunction(function=lambda context: print(float(context.launch_configurations['seconds'])))
+    return LaunchDescription([DeclareLaunchArgument('seconds', default_value='0.1'), check,
+                              ExecuteProcess(cmd=['sleep', LaunchConfiguration('seconds')])])
+''')
+        return path
+
+
+@pytest.mark.system
+@pytest.mark.parametrize('option', ['', '--symlink-install'])
+def test_launch_and_configuration_files_are_installed(tmp_path, option):
+    for name in ('src/av_fusion', 'launch', 'config'):
+        shutil.copytree(PROJECT / name, tmp_path / name, symlinks=True)
+    (tmp_path / 'config/deep/er').mkdir(parents=True)
+    (tmp_path / 'config/deep/er/new.yaml').write_text('a: 1')
+    result = shell(f'. "{PROJECT}/tools/ros_env.sh"; colcon build {option}', cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    share = tmp_path / 'install/av_fusion/share/av_fusion'
+    for folder in ('launch', 'config'):
+        wanted = {file.relative_to(tmp_path) for file in (tmp_path / folder).rglob('*')
+                  if file.is_file() and '__pycache__' not in file.parts}
+        assert wanted == {file.relative_to(share) for file in (share / folder).rglob('*') if file.is_file()}
+
+
+class TestPackageFiles:
+    @pytest.mark.parametrize('name', PACKAGES)
+    def test_valid(self, name):
+        package = parse_package(str(PACKAGES[name]))
+        assert package.name == name
+        assert package.licenses == ['Apache-2.0']
+
+    @pytest.mark.parametrize('name', PACKAGES)
+    def test_names_what_the_code_imports(self, name):
+        package = parse_package(str(PACKAGES[name]))
+        run = {dependency.name for dependency in package.exec_depends}
+        test = run | {dependency.name for dependency in package.test_depends}
+        without_key = set(re.findall(r'^[\w-]+', (PROJECT / 'requirements.txt').read_text(), re.MULTILINE))
+        folder = PACKAGES[name].parent
+        assert not {module for module in imports(folder / name) if not declared(module, run)}
+        assert not {module for module in imports(folder / 'test') - without_key if not declared(module, test)}
+
+
+def imports(folder):
+    """Top-level modules that the files of a folder import, other than Python's, the package's and the folder's own."""
+    found = set()
+    for file in folder.rglob('*.py'):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {name.name.split('.')[0] for name in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(node.module.split('.')[0])
+    own = {file.stem for file in folder.rglob('*.py')} | {folder.name, folder.parent.name}
+    return found - set(sys.stdlib_module_names) - own
+
+
+def declared(module, keys):
+    """Whether one of rosdep's usual names for a Python module is among the keys of a package.xml."""
+    name = {'cv2': 'opencv'}.get(module, module)
+    return bool({module, f'python3-{name}', f'python3-{name}-pip'} & keys)
