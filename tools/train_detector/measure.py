@@ -14,7 +14,8 @@ from av_vision.yolo import Detector
 @dataclass
 class Measurement:
     """All detections of a split: scores, whether each hit a drone (IoU at least 0.3, each drone once), IoU, distance of centres
-    in pixels, the frame of each; and of each frame the number of drones in it."""
+    in pixels, the frame of each; and of each frame the number of drones in it.
+    """
 
     scores: NDArray[np.float64]
     hits: NDArray[np.bool_]

@@ -11,9 +11,9 @@ from pathlib import Path
 
 os.environ.setdefault('MUJOCO_GL', 'egl')
 
-import mujoco  # noqa: E402  (the variable must be set before the import)
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
 
 SIZE = 288
 Rng = np.random.Generator

@@ -1,0 +1,130 @@
+"""Every export in use, with and without names, in both precisions; and files that are no detector."""
+
+import numpy as np
+import pytest
+import yolo_models
+
+from av_vision.yolo import Detector, DetectorSettings, ModelError
+from av_vision.yolo.detections import suppress
+from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
+
+LAYOUTS = ['yolox_raw', 'yolox', 'v8', 'v5', 'end_to_end']
+NAMES = {'names': "{0: 'bird', 1: 'drone', 2: 'kite'}"}
+
+
+@pytest.mark.parametrize('half', [False, True])
+@pytest.mark.parametrize('layout', LAYOUTS)
+def test_every_export_is_recognised_and_decoded(tmp_path, layout, half):
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', layout, metadata=NAMES, half=half))
+    assert detector.model.layout.name == layout
+    image = np.zeros((832, 832, 3), np.uint8)  # twice the input: boxes come back twice as large
+    found = detector.detect(image)
+    assert found.class_names == ('drone', 'bird')
+    expected = 2.0 * np.array([box[:4] for box in yolo_models.TRUTH])
+    assert found.boxes == pytest.approx(expected, abs=2.0 if half else 1e-3)
+    assert found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
+
+
+@pytest.mark.parametrize('shape', [(512, 640), (640, 480), (100, 1000)])
+def test_boxes_come_back_at_any_shape(tmp_path, shape):
+    detector = Detector(yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES))
+    scale = max(shape) / 416
+    found = detector.detect(np.zeros((*shape, 3), np.uint8))
+    expected = np.array([box[:4] for box in yolo_models.TRUTH]) * scale
+    expected = np.clip(expected, 0, [shape[1], shape[0]] * 2)
+    assert found.boxes == pytest.approx(expected, abs=1e-3)
+
+
+def test_names_are_kept_renamed_and_checked(tmp_path):
+    path = yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES)
+    only = Detector(path, DetectorSettings(keep=('drone',))).detect(np.zeros((416, 416), np.uint8))
+    assert only.class_names == ('drone',)
+    both = Detector(path, DetectorSettings(keep=('drone',), rename={'bird': 'drone'})).detect(np.zeros((416, 416), np.uint16))
+    assert both.class_names == ('drone', 'drone')
+    with pytest.raises(ModelError, match=r"keep names \['plane'\].*bird"):
+        Detector(path, DetectorSettings(keep=('plane',)))
+    with pytest.raises(ModelError, match=r"rename names \['airplane'\]"):
+        Detector(path, DetectorSettings(rename={'airplane': 'drone'}))
+    with pytest.raises(ModelError, match='3 classes apart, but 2'):
+        Detector(path, DetectorSettings(class_names=('a', 'b')))
+
+
+def test_without_metadata_classes_are_numbered_or_coco(tmp_path):
+    found = Detector(yolo_models.write(tmp_path / 'a.onnx', 'v8')).detect(np.zeros((416, 416, 3), np.uint8))
+    assert found.class_names == ('class_1', 'class_0')
+    found = Detector(yolo_models.write(tmp_path / 'b.onnx', 'yolox_raw', classes=80)).detect(np.zeros((416, 416, 3), np.uint8))
+    assert found.class_names == ('bicycle', 'person')
+    found = Detector(yolo_models.write(tmp_path / 'c.onnx', 'end_to_end')).detect(np.zeros((416, 416, 3), np.uint8))
+    assert found.class_names == ('class_1', 'class_0')
+
+
+def test_dynamic_input_takes_the_size_asked_for(tmp_path):
+    path = yolo_models.write(tmp_path / 'model.onnx', 'v8', side=416, dynamic=True, metadata=NAMES)
+    detector = Detector(path, DetectorSettings(input_size=416))
+    assert detector.detect(np.zeros((416, 416, 3), np.uint8)).boxes[0] == pytest.approx(yolo_models.TRUTH[0][:4])
+    with pytest.raises(ModelError, match='multiple of 32'):
+        Detector(path, DetectorSettings(input_size=417))
+    with pytest.raises(ModelError, match='fixed input 416x416'):
+        Detector(yolo_models.write(tmp_path / 'fixed.onnx'), DetectorSettings(input_size=640))
+
+
+@pytest.mark.parametrize(('output', 'reason'), [
+    (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 7)), 'no known YOLO export'),
+    (np.zeros((1, 8400, 85)), r'\(1, 3549, 5\+C\)'), (np.zeros((2, 300, 6)), 'expected')])
+def test_other_networks_are_refused_with_a_reason(tmp_path, output, reason):
+    with pytest.raises(ModelError, match=reason):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', output=output))
+
+
+def test_files_that_are_no_model(tmp_path):
+    good = yolo_models.write(tmp_path / 'good.onnx').read_bytes()
+    for name, content, reason in [('empty', b'', '0 bytes'), ('truncated', good[:len(good) // 2], 'no ONNX model'),
+                                  ('text', b'hello', 'no ONNX model')]:
+        path = tmp_path / f'{name}.onnx'
+        path.write_bytes(content)
+        with pytest.raises(ModelError, match=reason):
+            Detector(path)
+    with pytest.raises(ModelError, match='does not exist'):
+        Detector(tmp_path / 'missing.onnx')
+    with pytest.raises(ModelError, match='task'):
+        Detector(yolo_models.write(tmp_path / 'seg.onnx', metadata={'task': 'segment'}))
+
+
+def test_a_missing_provider_and_wrong_settings_are_named(tmp_path):
+    path = yolo_models.write(tmp_path / 'model.onnx')
+    with pytest.raises(ModelError, match='CUDAExecutionProvider.*CPUExecutionProvider'):
+        Detector(path, DetectorSettings(providers=('CUDAExecutionProvider',)))
+    with pytest.raises(ValueError, match='nms_iou is 2'):
+        DetectorSettings(nms_iou=2.0)
+    with pytest.raises(ModelError, match='layout'):
+        Detector(path, DetectorSettings(layout='v99'))
+
+
+def test_suppression_keeps_the_best_of_each_class():
+    boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [1, 0, 11, 10], [-50, 0, -40, 10]], np.float32)
+    kept = suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), np.array([0, 0, 1, 0]), 0.5, 10)
+    assert kept.tolist() == [1, 2, 3]
+    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), np.array([0, 0, 1, 0]), 0.5, 2).tolist() == [1, 2]
+    assert suppress(np.empty((0, 4)), np.empty(0), np.empty(0), 0.5, 10).size == 0
+
+
+def test_letterbox_and_tensor():
+    image = np.full((50, 100, 3), (10, 20, 30), np.uint8)
+    fitted, scale = letterbox(image, 416, 416)
+    assert (fitted.shape, scale) == ((416, 416, 3), 4.16)
+    assert fitted[207, 0].tolist() == [10, 20, 30]
+    assert fitted[208, 0].tolist() == [114, 114, 114]
+    tensor = to_tensor([fitted, fitted], True, 1 / 255, np.float16)
+    assert (tensor.shape, tensor.dtype) == ((2, 3, 416, 416), np.float16)
+    assert tensor[1, :, 0, 0] == pytest.approx(np.array([30, 20, 10]) / 255, abs=1e-3)
+    assert fitting_size(512, 640, 640) == (512, 640)
+    assert fitting_size(1080, 1920, 640) == (384, 640)
+
+
+def test_doubtful_numbers_are_left_out(tmp_path):
+    output = yolo_models.rows_of('v8', 416, 3)[None]
+    output[0, 0, 40] = np.nan  # the better copy of the first object
+    output[0, 4:, 41] = np.nan
+    found = Detector(yolo_models.write(tmp_path / 'model.onnx', output=output)).detect(np.zeros((416, 416, 3), np.uint8))
+    assert np.isfinite(found.boxes).all()
+    assert found.class_names == ('class_0',)
