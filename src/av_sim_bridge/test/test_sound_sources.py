@@ -1,10 +1,12 @@
 """What moving sources do to their sound: manoeuvres, directivity, several at once, and the microphones' clock."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from av_sim_bridge.config_reader import read
 from av_sim_bridge.sound import (
     CardioidDirectivity,
     Ground,
@@ -114,6 +116,31 @@ def test_everything_at_once_is_the_same_for_any_block_size(surroundings):
 def test_a_jump_is_named():
     with pytest.raises(ValueError, match='source 0 or the rig jumps'):
         hear([Source(lambda t: np.stack([5.0 + 400.0 * (t > 0.5), 0 * t, 0 * t], axis=1), ToneVoice())])
+
+
+def test_everything_can_be_written_in_yaml():
+    """The dataclasses are the schema of scenarios."""
+    surroundings = read(Surroundings, {
+        'ground': {'surface': 'gravel'}, 'obstacles': [
+            {'kind': 'box', 'center': [1, 2, 3], 'size': [4.0, 0.2, 2.0], 'absorption': [0.1, 0.2, 0.3, 0.3, 0.3, 0.3]},
+            {'kind': 'trunk', 'center': [5.0, 5.0]}],
+        'zones': [{'minimum': [0, 0, 0], 'maximum': [5, 5, 5], 'decay_s': 0.8}]})
+    assert surroundings.obstacles[0].top == 4.0 and surroundings.zones[0].decay_s == 0.8
+    assert read(Surroundings, {'room': {'minimum': [0, 0, 0], 'maximum': [5, 5, 5], 'order': 1}}).room.order == 1
+    assert read(Medium, {'attenuation': {'curve': 'linear', 'outer_m': 50.0}}).attenuation.outer_m == 50.0
+    noise = read(Noise, {'wind': {'velocity': [3, 0, 0]}, 'own_rotors': {'voice': {'blades': 3}, 'rotors': [[0.1, 0, 0]] * 4}})
+    assert noise.own_rotors.voice.blades == 3
+
+
+def test_a_long_flight_needs_no_more_memory_than_a_short_one():
+    tracemalloc.start()
+    stream, held = RotorVoice(rotor_hz=(90.0,)).stream(8000, [1], at([0, 0, 0])), []
+    for until in (400, 1200):
+        for second in range(until - 400, until, 5):
+            stream.read(second * 8000, second * 8000 + 1)
+        held.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert held[1] - held[0] < 20_000  # what was remembered of every chunk would be 100,000
 
 
 @pytest.mark.parametrize('file', sorted(PROFILES.glob('*.yaml')), ids=lambda file: file.stem)

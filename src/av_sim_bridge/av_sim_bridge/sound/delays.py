@@ -17,9 +17,8 @@ _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed_of_sound: float) -> NDArray:
     """Travel times in s (..., k) to `receivers` (..., k, 3) at `times` (k,).
 
-    They are found by the secant rule on c * delay = |receiver - source(t - delay)|.
-    The rule starts from the delay of a source at rest; below 0.3 c and beyond a metre it ends within 1e-12 s. Returns
-    (..., k). The emission distance is speed_of_sound times it.
+    They are found by the secant rule on c * delay = |receiver - source(t - delay)|, which starts from a source at rest
+    and below 0.3 c ends within 1e-10 s. The distance at emission is speed_of_sound times the delay.
     """
     shape = receivers.shape[:-1]
 

@@ -94,6 +94,9 @@ class Trunk(Obstacle):
         return np.asarray(self.center, float) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+OBSTACLES = {'box': Box, 'trunk': Trunk}  # kinds, by their names in scenarios
+
+
 @dataclass(frozen=True)
 class Face:
     """A flat side of an obstacle: the points of the plane normal @ point = offset that belong to the obstacle."""

@@ -12,10 +12,11 @@ from scipy.signal import firwin
 
 from av_sim_bridge.sound.delays import Position
 from av_sim_bridge.sound.levels import db_to_ratio, spl_to_pascal
-from av_sim_bridge.sound.stream import CHUNK, Stream, filtered, white_noise
+from av_sim_bridge.sound.stream import CHUNK, VOICE_CHUNKS, Stream, filtered, white_noise
 from av_sim_bridge.sound.wander import Wander
 
 _TABLE = 8192  # points of one turn of a rotor
+_MILESTONE = 256  # every so many chunks the turns are remembered for good
 _STEPS = 128  # steps a chunk in which the rotors' speeds are integrated
 _FASTEST = 1.6  # greatest speed relative to rotor_hz for which no harmonic is folded at half the sample rate
 
@@ -95,11 +96,11 @@ class RotorVoice:
         def make(index: int) -> NDArray:
             turned = turns.chunk(index)
             fraction = turned - np.floor(turned)
-            tone = sum(np.take(wave, (part * _TABLE).astype(int)) for wave, part in zip(waveforms, fraction, strict=True))
+            tone = sum(_look_up(wave, part * _TABLE) for wave, part in zip(waveforms, fraction, strict=True))
             swell = 1.0 + self.modulation * np.cos(2 * np.pi * self.blades * fraction).mean(axis=0)
             return tone + gain * swell * hiss.read(index * CHUNK, (index + 1) * CHUNK)
 
-        return Stream(make)
+        return Stream(make, VOICE_CHUNKS)
 
     def _waveforms(self, sample_rate: int, random: np.random.Generator) -> NDArray:
         """One turn of each rotor, (rotors, _TABLE), in Pa at 1 m; the phases of the harmonics are drawn at random."""
@@ -114,6 +115,12 @@ class RotorVoice:
         amplitude *= spl_to_pascal(self.tone_db_spl) * np.sqrt(2.0 / (rotors * np.sum(amplitude**2)))
         phase = np.exp(2j * np.pi * random.random((rotors, len(amplitude))))
         return np.fft.irfft(amplitude * phase, axis=-1) * _TABLE / 2.0
+
+
+def _look_up(wave: NDArray, places: NDArray) -> NDArray:
+    """Values of one turn (_TABLE,) at places 0 ... _TABLE, straight between its points."""
+    below = places.astype(int)
+    return wave[below] + (places - below) * (np.roll(wave, -1)[below] - wave[below])
 
 
 class _Turns:
@@ -148,6 +155,9 @@ class _Turns:
         for passed in range(known, index, way):
             turned = self._integrate(min(passed, passed + way))[2][-1]
             self._at_start[passed + way] = self._at_start[passed] + way * turned
+            forgotten = passed - way * VOICE_CHUNKS
+            if forgotten % _MILESTONE:
+                self._at_start.pop(forgotten, None)
         return self._at_start[index]
 
     def _speed(self, times: NDArray) -> NDArray:

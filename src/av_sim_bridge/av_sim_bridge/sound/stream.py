@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 CHUNK = 4096
-_CACHED_CHUNKS = 64  # 5 s at 48 kHz: more than sound needs from 1.5 km
+VOICE_CHUNKS = 64  # kept of a voice, 5 s at 48 kHz: more than sound needs from 1.5 km
 
 
 class Stream:
@@ -19,9 +19,12 @@ class Stream:
     A chunk depends on its index alone, so what is read does not depend on how it is read.
     """
 
-    def __init__(self, make: Callable[[int], NDArray]):
-        """`make(index)` gives samples index * CHUNK ... (index + 1) * CHUNK - 1 along its last axis."""
-        self._chunk = lru_cache(maxsize=_CACHED_CHUNKS)(make)
+    def __init__(self, make: Callable[[int], NDArray], kept: int = 4):
+        """`make(index)` gives samples index * CHUNK ... (index + 1) * CHUNK - 1 along its last axis.
+
+        The last `kept` chunks are not made again.
+        """
+        self._chunk = lru_cache(maxsize=kept)(make)
 
     def read(self, start: int, stop: int) -> NDArray:
         """Samples start ... stop - 1 along the last axis."""

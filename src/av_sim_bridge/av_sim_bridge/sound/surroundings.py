@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from av_sim_bridge.sound.ground import Ground
 from av_sim_bridge.sound.materials import Absorption, reflection_factor
-from av_sim_bridge.sound.obstacles import Obstacle
+from av_sim_bridge.sound.obstacles import OBSTACLES, Obstacle
 from av_sim_bridge.sound.reverberation import ReverbZone
 
 
@@ -49,7 +50,7 @@ class Surroundings:
     """The ground, obstacles that shade and mirror, a room, and zones with late reverberation. A room's floor is its ground."""
 
     ground: Ground | None = None
-    obstacles: Sequence[Obstacle] = ()
+    obstacles: Sequence[Annotated[Obstacle, OBSTACLES]] = ()
     room: Room | None = None
     zones: Sequence[ReverbZone] = ()
 

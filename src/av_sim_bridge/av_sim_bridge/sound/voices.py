@@ -20,7 +20,7 @@ from scipy.signal import resample_poly
 
 from av_sim_bridge.sound.delays import Position
 from av_sim_bridge.sound.levels import spl_to_pascal
-from av_sim_bridge.sound.stream import CHUNK, Stream
+from av_sim_bridge.sound.stream import CHUNK, VOICE_CHUNKS, Stream
 
 
 class Voice(Protocol):
@@ -38,7 +38,7 @@ class FormulaVoice:
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See Voice."""
-        return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate))
+        return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate), VOICE_CHUNKS)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class RecordingVoice:
             inside = (place >= 0) & (place < len(samples))
             return np.where(inside, samples[np.clip(place, 0, len(samples) - 1)], 0.0)
 
-        return Stream(make)
+        return Stream(make, VOICE_CHUNKS)
 
     def _load(self, sample_rate: int) -> NDArray:
         try:

@@ -13,7 +13,7 @@ _TERMS = 24
 class Wander:
     """A random process of mean 0 and variance 1, known at every instant without a history.
 
-    It is a sum of sines (Shinozuka 1972) and nearly Gaussian.     Its rates spread from 0.02 % of `fastest_hz` to
+    It is a sum of sines (Shinozuka 1972) and nearly Gaussian. Its rates spread from 0.04 % of `fastest_hz` to
     `fastest_hz`, most of them low.
     """
 

@@ -45,7 +45,7 @@ class SoundWorld:
         self._noise_stream: Stream | None = None
         self._noise_gain = 1.0
         self._next = 0
-        self._check_snr()
+        self._source_power = self._power_of_reference()
 
     @property
     def next_sample(self) -> int:
@@ -86,14 +86,20 @@ class SoundWorld:
                                                 self._voices, self._medium, layout, [self._seed, 2])
         snr = self._noise.snr
         if snr is not None:
-            spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
-            at_reference = spreading * db_to_ratio(self._sources[snr.source].gain_db)
-            heard = band_power(self._voices[snr.source], self._rate, snr.band_hz) * at_reference**2
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
-            noise = band_power(steady, self._rate, snr.band_hz)
-            self._noise_gain = float(np.sqrt(heard / noise / 10.0 ** (snr.ratio_db / 10.0)))
+            wanted = self._source_power / 10.0 ** (snr.ratio_db / 10.0)
+            self._noise_gain = float(np.sqrt(wanted / band_power(steady, self._rate, snr.band_hz)))
 
-    def _check_snr(self) -> None:
+    def _power_of_reference(self) -> float:
+        """In-band power at one microphone of the source that the ratio of source to noise refers to, in Pa^2."""
         snr = self._noise.snr
-        if snr is not None and not 0 <= snr.source < len(self._sources):
+        if snr is None:
+            return 0.0
+        if not 0 <= snr.source < len(self._sources):
             raise ValueError(f'snr source is {snr.source}, expected 0 to {len(self._sources) - 1}')
+        power = band_power(self._voices[snr.source], self._rate, snr.band_hz)
+        if power == 0.0:
+            raise ValueError(f'snr source is {snr.source}, which is silent in its first seconds; '
+                             'leave snr out and state the noise in dB SPL')
+        spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
+        return power * (spreading * db_to_ratio(self._sources[snr.source].gain_db)) ** 2
