@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import signal
 from pathlib import Path
 
+import psutil
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from launch import LaunchDescription, LaunchService
 from launch.actions import IncludeLaunchDescription
 from launch.launch_description_sources import AnyLaunchDescriptionSource
 from launch.launch_introspector import LaunchIntrospector
 from ros2cli.command import CommandExtension
+
+GRACE = 10.0  # s, for processes that are told to end
 
 
 class LaunchCommand(CommandExtension):
@@ -48,7 +52,21 @@ class LaunchCommand(CommandExtension):
         service = LaunchService(argv=words, noninteractive=args.noninteractive, debug=args.debug)
         include = IncludeLaunchDescription(source, launch_arguments=arguments)
         service.include_launch_description(LaunchDescription([include]))
-        return service.run()
+        return run(service)
+
+
+def run(service: LaunchService) -> int:
+    """Run a launch service to its end, and every process that it started; returns its exit code."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
+        # The service reads signals from a pipe. What Python does by itself would interrupt it anywhere, or end it at once.
+        signal.signal(number, lambda *_: None)
+    code = service.run()
+    left = psutil.Process().children(recursive=True)
+    for process in left:
+        process.send_signal(signal.SIGINT)
+    for process in psutil.wait_procs(left, timeout=GRACE)[1]:
+        process.kill()
+    return code
 
 
 def find_launch_file(package: str, name: str | None, words: list[str]) -> tuple[Path, list[str]]:
