@@ -59,6 +59,10 @@ class AudioDecoder:
         self.counts.received += 1
         return blocks
 
+    def yields_to(self, datagram: bytes) -> bool:
+        """Whether a datagram is better evidence of a stream than what came so far: it has a header."""
+        return isinstance(self._stream, _BareStream) and decode_header(self.layout, datagram) is not None
+
     def restart(self) -> None:
         """Forget the stream: what comes next begins a new one, whose samples are numbered onwards."""
         if self._stream is not None:

@@ -6,25 +6,45 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from av_sim_bridge.config_reader import bounded, load
+from av_sim_bridge.picture.atmosphere import Atmosphere, Cloud
+from av_sim_bridge.picture.scenes import AnyScene, Woodland
 from av_sim_bridge.profile import Profile
-from av_sim_bridge.sound.noise import Noise
-from av_sim_bridge.sound.rotor import RotorVoice
-from av_sim_bridge.sound.voices import RecordingVoice, ToneVoice
-from av_sim_bridge.trajectories import Static, Trajectory
+from av_sim_bridge.sound import (
+    Attenuation,
+    Box,
+    Ground,
+    Noise,
+    RecordingVoice,
+    ReverbZone,
+    Room,
+    RotorVoice,
+    Surroundings,
+    ToneVoice,
+    Trunk,
+)
+from av_sim_bridge.trajectories import Static, Trajectory, Vector
 
 VOICES = {'rotor': RotorVoice, 'recording': RecordingVoice, 'tone': ToneVoice}
 Voice = Annotated[Any, VOICES]
+Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 
 @dataclass(frozen=True)
 class Target:
-    """A drone: `size` in m from rotor tip to rotor tip."""
+    """A drone: `size` in m from rotor tip to rotor tip.
+
+    It sounds as the profile `drone` of config/drones says, or as `voice` if there is one.
+    """
 
     trajectory: Trajectory
     name: str = 'drone'
     size: float = bounded(0.6, low=0.05, high=20.0)
-    voice: Voice = field(default_factory=RotorVoice)
+    drone: str = 'camera_quadrotor'
+    voice: Voice = None
+    gain_db: float = bounded(0.0, low=-120.0, high=60.0)
 
 
 @dataclass(frozen=True)
@@ -39,31 +59,73 @@ class RigMotion:
 
 
 @dataclass(frozen=True)
-class Weather:
-    """Air and sight. `fog`: extinction in 1/m; of an object's contrast one sees exp(-fog * distance)."""
+class Smoke:
+    """A cloud of smoke or a bank of fog that drifts and spreads, from `begin` to `end`.
 
-    temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
-    humidity_percent: float = bounded(60.0, low=0.0, high=100.0)
-    pressure_hpa: float = bounded(1013.25, low=300.0, high=1100.0)
-    fog: Profile = field(default_factory=Profile)
+    radius: standard deviation in m, growing by `growth` m/s.  density: extinction in its centre in 1/m at the beginning;
+    as it spreads it thins, so that what it consists of stays the same.
+    """
+
+    position: Vector
+    density: float = bounded(0.5, low=0.0, high=100.0)
+    radius: float = bounded(2.0, above=0.0)
+    growth: float = bounded(0.0, low=0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    begin: float = 0.0
+    end: float = bounded(1e9, above=0.0)
+
+    def at(self, time: float) -> Cloud | None:
+        """The cloud at a time in s, None where there is none."""
+        if not self.begin <= time <= self.end:
+            return None
+        age = time - self.begin
+        radius = self.radius + self.growth * age
+        centre = np.array(self.position) + age * np.array(self.velocity)
+        return Cloud(centre, radius, self.density * (self.radius / radius) ** 3)
 
 
 @dataclass(frozen=True)
-class Scene:
-    """What stands around: `trees` of them between `clearing` and `extent` metres from the origin."""
+class Weather:
+    """Air and light. Profiles are a number, or a list of [time, value].
 
-    trees: int = bounded(60, low=0, high=2000)
-    clearing: float = bounded(18.0, low=0.0)
-    extent: float = bounded(60.0, above=0.0)
+    fog: extinction in 1/m; of an object's contrast one sees exp(-fog * distance).  fog_layer_m: height over which fog
+    thins to 1/e.  daylight: 1 at noon, 0.005 at night.  exposure: of the camera, 1 being right at noon.
+    absorption: whether air absorbs sound (ISO 9613-1).  attenuation: how sound falls with distance.
+    """
 
-    def __post_init__(self) -> None:
-        if self.extent <= self.clearing:
-            raise ValueError(f'extent: {self.extent} m, more than the clearing of {self.clearing} m expected')
+    temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
+    humidity_percent: float = bounded(60.0, low=1.0, high=100.0)
+    pressure_kpa: float = bounded(101.325, low=30.0, high=110.0)
+    fog: Profile = field(default_factory=Profile)
+    fog_layer_m: float | None = bounded(None, above=0.0)
+    smoke: tuple[Smoke, ...] = ()
+    rain_mm_h: Profile = field(default_factory=Profile)
+    daylight: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
+    exposure: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
+    absorption: bool = True
+    attenuation: Attenuation = field(default_factory=Attenuation)
+
+    def atmosphere(self, time: float) -> Atmosphere:
+        """The air at a time in s, as light finds it."""
+        clouds = (smoke.at(time) for smoke in self.smoke)
+        return Atmosphere(float(self.fog(time)), self.fog_layer_m, float(self.rain_mm_h(time)),
+                          tuple(cloud for cloud in clouds if cloud is not None))
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong on purpose: the microphones' clock is fast by `clock_ppm`, datagrams get lost."""
+
+    clock_ppm: float = bounded(0.0, low=-1000.0, high=1000.0)
+    lost_datagrams: float = bounded(0.0, low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One reproducible run: the same scenario and seed give the same world."""
+    """One reproducible run: the same scenario and seed give the same world.
+
+    `scene` is only seen, `ground`, `room` and `reverberation` are only heard, `obstacles` are both.
+    """
 
     name: str
     targets: tuple[Target, ...]
@@ -72,12 +134,23 @@ class Scenario:
     description: str = ''
     rig: RigMotion = field(default_factory=RigMotion)
     weather: Weather = field(default_factory=Weather)
-    scene: Scene = field(default_factory=Scene)
+    scene: AnyScene = field(default_factory=Woodland)
+    obstacles: tuple[Obstacle, ...] = ()
+    ground: Ground | None = None
+    room: Room | None = None
+    reverberation: tuple[ReverbZone, ...] = ()
     noise: Noise = field(default_factory=Noise)
+    faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
         if not self.targets:
             raise ValueError('targets: none, at least one expected')
+        _ = self.surroundings   # raises what does not go together
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What sound meets. Raises ValueError for a ground inside of a room."""
+        return Surroundings(self.ground, self.obstacles, self.room, self.reverberation)
 
 
 def load_scenario(path: str | Path) -> Scenario:

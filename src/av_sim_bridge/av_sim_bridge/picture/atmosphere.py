@@ -1,0 +1,86 @@
+"""What the air takes from a picture: fog, fog that thins with height, clouds of smoke, rain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf
+
+_LAYERED_FROM = 1e-4   # slope of a ray from which on the thinning of fog along it counts
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A Gaussian cloud of smoke or fog at one instant.
+
+    centre: m ENU (3,).  radius: standard deviation in m.  density: extinction at the centre in 1/m.
+    """
+
+    centre: NDArray
+    radius: float
+    density: float
+
+    def optical_depth(self, origin: NDArray, directions: NDArray, distance: NDArray) -> NDArray:
+        """Integral of the extinction along rays (n, 3) from origin to distances (n,)."""
+        away = self.centre - origin
+        closest = directions @ away
+        offset2 = np.maximum(away @ away - closest**2, 0.0)
+        depth = np.zeros(len(directions), directions.dtype)
+        near = offset2 < (4.0 * self.radius) ** 2
+        scale = np.sqrt(2.0) * self.radius
+        span = erf((distance[near] - closest[near]) / scale) + erf(closest[near] / scale)
+        peak = self.density * self.radius * np.sqrt(np.pi / 2.0)
+        depth[near] = peak * np.exp(-offset2[near] / scale**2) * span
+        return depth
+
+
+@dataclass(frozen=True)
+class Atmosphere:
+    """The air at one instant: light from a distance d keeps exp(-optical depth) of its contrast (Beer-Lambert).
+
+    fog: extinction in 1/m at the ground.  layer_m: height over which it falls to 1/e, None for even fog.
+    rain_mm_h: rain of R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
+    """
+
+    fog: float = 0.0
+    layer_m: float | None = None
+    rain_mm_h: float = 0.0
+    clouds: tuple[Cloud, ...] = field(default_factory=tuple)
+
+    @property
+    def even(self) -> bool:
+        """Whether the extinction is the same everywhere."""
+        return not self.clouds and (self.layer_m is None or self.fog == 0.0)
+
+    @property
+    def rain_extinction(self) -> float:
+        """Of the rain alone, in 1/m."""
+        return 1.076 * self.rain_mm_h**0.67 * np.log(10.0) / 10.0 / 1000.0
+
+    def optical_depth(self, origin: ArrayLike, directions: ArrayLike, distance: ArrayLike) -> NDArray:
+        """Optical depths (n,) along unit vectors (n, 3) from a point (3,) in ENU to distances (n,) in m."""
+        origin, directions = np.asarray(origin), np.asarray(directions)
+        distance = np.asarray(distance, directions.dtype)
+        if self.layer_m is None:
+            depth = (self.fog + self.rain_extinction) * distance
+        else:
+            slope = directions[:, 2] / self.layer_m
+            level = np.abs(slope) < _LAYERED_FROM
+            slope[level] = 1.0
+            length = -np.expm1(-np.clip(slope * distance, -50.0, None)) / slope
+            length[level] = distance[level]
+            depth = directions.dtype.type(self.fog * np.exp(-origin[2] / self.layer_m)) * length
+            depth += directions.dtype.type(self.rain_extinction) * distance
+        for cloud in self.clouds:
+            depth = depth + cloud.optical_depth(origin, directions, distance)
+        return depth
+
+    def transmission(self, origin: ArrayLike, point: ArrayLike) -> float:
+        """Share of contrast that is left between two points (3,) in ENU."""
+        away = np.asarray(point, float) - origin
+        distance = np.linalg.norm(away)
+        if distance == 0.0:
+            return 1.0
+        return float(np.exp(-self.optical_depth(origin, (away / distance)[np.newaxis], [distance])[0]))
