@@ -14,6 +14,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={f'{package_name}.nodes': ['*_parameters.yaml']},  # defaults for replay without the nodes
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -28,6 +29,7 @@ setup(
         'console_scripts': [
             'audio_node = av_audio.nodes.audio_node:main',
             'doa_node = av_audio.nodes.doa_node:main',
+            'benchmark = av_audio.cli.benchmark:main',
             'localize = av_audio.cli.localize:main',
         ],
     },

@@ -11,6 +11,8 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from av_common.angles import angles_to_direction
+
 # Microphones that deviate from a line or plane by less than this count as lying on it.
 FLATNESS_M = 1e-3
 MINIMUM_SPACING_M = 1e-3
@@ -160,28 +162,25 @@ class MicrophoneArray:
         return projections / speed_of_sound
 
     def hypotheses(self, q: ArrayLike) -> NDArray:
-        """Unit vectors (k, 3) whose projection on the basis is q (rank,): the mirror images of one sound.
+        """Unit vectors (..., k, 3) whose projection on the basis is q (..., rank): the mirror images of one sound.
 
         A line yields the two horizontal directions on its cone (forward first where it points to the left), a plane
         the directions on both of its sides (upper first), a space of microphones just one. q outside of the unit ball
         is moved onto it.
         """
-        q = np.atleast_1d(np.asarray(q, dtype=float))
-        q = q / max(1.0, float(np.linalg.norm(q)))
+        q = np.asarray(q, dtype=float)
+        q = q / np.maximum(1.0, np.linalg.norm(q, axis=-1, keepdims=True))
         if self.rank == 1:
             axis = self.basis[:, 0]
-            level = np.hypot(axis[0], axis[1])
-            turn = np.arctan2(axis[1], axis[0])
-            spread = np.arccos(np.clip(q[0] / level, -1.0, 1.0))
-            azimuth = turn + np.array([-spread, spread])
-            return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(2)], axis=1)
-        inside = self.basis @ q
+            spread = np.arccos(np.clip(q / np.hypot(axis[0], axis[1]), -1.0, 1.0))
+            return angles_to_direction(np.arctan2(axis[1], axis[0]) + spread * [-1.0, 1.0])
+        inside = q @ self.basis.T
         if self.rank == 3:
-            return (inside / max(float(np.linalg.norm(inside)), 1e-12))[None]
+            return (inside / np.maximum(np.linalg.norm(inside, axis=-1, keepdims=True), 1e-12))[..., None, :]
         normal = np.cross(self.basis[:, 0], self.basis[:, 1])
         normal = normal * (1.0 if normal[2] >= 0.0 else -1.0)
-        height = np.sqrt(max(0.0, 1.0 - float(q @ q)))
-        return np.stack([inside + height * normal, inside - height * normal])
+        height = np.sqrt(np.maximum(0.0, 1.0 - np.sum(q**2, axis=-1, keepdims=True))) * normal
+        return np.stack([inside + height, inside - height], axis=-2)
 
 
 def _interpolate(x: NDArray, xp: NDArray, fp: NDArray) -> NDArray:

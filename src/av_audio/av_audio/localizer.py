@@ -99,9 +99,16 @@ class Localizer:
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting)
         self._elevations = np.radians(settings.elevation_deg)
-        self._buffer = np.zeros((array.channels, self._window), np.float32)
-        self._filled = 0  # negative while samples between two windows are skipped
+        # Room for two windows, so that one slides a whole window before it is copied back to the beginning.
+        self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
+        self._begin = 0  # where the current window lies in the buffer
+        self._filled = 0  # how much of it is there; negative while samples between two windows are skipped
         self._next_sample: int | None = None
+
+    @property
+    def next_sample(self) -> int:
+        """Index of the sample that continues the stream without a gap."""
+        return self._next_sample or 0
 
     def process(self, samples: ArrayLike, first_sample: int) -> list[DoaEstimate]:
         """Estimates of the windows that samples (n, m) complete; `first_sample` is their index in the stream.
@@ -125,19 +132,26 @@ class Localizer:
         while taken < len(samples):
             count = min(len(samples) - taken, (self._window if self._filled >= 0 else 0) - self._filled)
             if self._filled >= 0:
-                self._buffer[:, self._filled:self._filled + count] = samples[taken:taken + count].T
+                end = self._begin + self._filled
+                self._buffer[:, end:end + count] = samples[taken:taken + count].T
             taken += count
             self._filled += count
             if self._filled == self._window:
-                estimates.append(self._estimate(first_sample + taken - self._window))
-                keep = max(0, self._window - self._hop)
-                self._buffer[:, :keep] = self._buffer[:, self._window - keep:]
-                self._filled = self._window - self._hop
+                window = self._buffer[:, self._begin:self._begin + self._window]
+                estimates.append(self._estimate(window, first_sample + taken - self._window))
+                self._slide()
         return estimates
 
-    def _estimate(self, start: int) -> DoaEstimate:
+    def _slide(self) -> None:
+        self._filled -= self._hop
+        self._begin += self._hop
+        if self._begin > self._window or self._filled <= 0:
+            self._buffer[:, :max(0, self._filled)] = self._buffer[:, self._begin:self._begin + max(0, self._filled)]
+            self._begin = 0
+
+    def _estimate(self, window: NDArray, start: int) -> DoaEstimate:
         centre = start + 0.5 * self._window
-        spectra = self._analyzer.spectra(self._buffer)
+        spectra = self._analyzer.spectra(window)
         level = self._analyzer.level_dbfs(spectra)
         if level < SILENCE_DBFS:
             nothing = np.zeros(0)
@@ -146,16 +160,16 @@ class Localizer:
         peak = self._estimator.estimate(spectra)
         q, covariance = self._straighten(peak)
         angles, variances = self._directions(q, covariance)
-        kept = self._inside(angles[1])
+        kept = self._kept(angles)
         count = int(kept.sum())
         end_fire = self.array.rank == 1 and abs(q[0]) > END_FIRE_COSINE
         return DoaEstimate(
             centre / self.sample_rate, centre, *angles[:, kept], *variances[:, kept],
-            np.full(count, self._confidence(peak)), np.zeros(count, int), np.full(count, end_fire), level, peak.q)
+            np.full(count, self._confidence(peak, window)), np.zeros(count, int), np.full(count, end_fire), level, peak.q)
 
-    def _confidence(self, peak: Peak) -> float:
+    def _confidence(self, peak: Peak, window: NDArray) -> float:
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
-        clipped = np.count_nonzero(np.abs(self._buffer) >= FULL_SCALE) / self._buffer.size
+        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
 
     def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:
@@ -173,31 +187,33 @@ class Localizer:
         The variances come from points one sigma away along the covariance's axes, the further side counting.
         """
         if not np.all(np.isfinite(covariance)):
-            angles = self._angles(q)
+            angles = np.array(direction_to_angles(self.array.hypotheses(q)))
             return angles, np.full_like(angles, np.inf)
         if self.array.rank == 1:
             angle, sigma = angle_to_axis(float(q[0]), float(np.sqrt(covariance[0, 0])))
-            q = np.cos([angle])
-            sides = [(np.cos([min(angle + sigma, np.pi)]), np.cos([max(angle - sigma, 0.0)]))]
+            points = np.cos([[angle], [min(angle + sigma, np.pi)], [max(angle - sigma, 0.0)]])
         else:
             eigenvalues, axes = np.linalg.eigh(covariance)
             offsets = (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T
-            sides = [(q + offset, q - offset) for offset in offsets]
-        angles = self._angles(q)
-        deviations = [[wrap(self._angles(side) - angles) for side in pair] for pair in sides]
-        variances = np.sum([np.max(np.square(pair), axis=0) for pair in deviations], axis=0)
+            points = np.concatenate([q[None], q + offsets, q - offsets])
+        angles, *sides = np.moveaxis(np.array(direction_to_angles(self.array.hypotheses(points))), 1, 0)
+        deviations = wrap(np.array(sides) - angles) ** 2
+        variances = np.maximum(*np.split(deviations, 2)).sum(axis=0)
         if self.array.rank == 1:
             variances[1] = np.inf
         return angles, variances
 
-    def _angles(self, q: NDArray) -> NDArray:
-        return np.array(direction_to_angles(self.array.hypotheses(q)))
+    def _kept(self, angles: NDArray) -> NDArray:
+        """Which hypotheses (k,) to keep of angles (2, k): those in the elevation range, or the one nearest to it.
 
-    def _inside(self, elevation: NDArray) -> NDArray:
-        """Which hypotheses (k,) to keep: those in the elevation range, or the one nearest to it."""
+        Where two coincide, in the plane of a flat array, one is kept.
+        """
         low, high = self._elevations
-        outside = np.maximum(low - elevation, elevation - high)
-        return outside <= max(float(outside.min()), 1e-9)
+        outside = np.maximum(low - angles[1], angles[1] - high)
+        kept = outside <= max(float(outside.min()), 1e-9)
+        if self.array.rank == 2 and np.allclose(angles[:, 0], angles[:, 1], atol=1e-6):
+            kept[1] = False
+        return kept
 
 
 def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from av_audio.weighting import Weighting, cross_spectra
 # Search this much beyond the physical delays, so that a peak at end-fire is not cut by a small error of the geometry.
 MARGIN = 1.05
 GRID_POINTS_PER_PERIOD = 8.0
-NEWTON_STEPS = 3
+NEWTON_STEPS = 2
 # Neighbouring bins share a line and the taper's main lobe; their errors count as one.
 CLUSTER_HZ = 16.0
 # The scatter is measured at the maximum, where noise has already been fitted: the weaker the peak, the more so.
@@ -90,7 +90,7 @@ class SteeredResponse:
         reach = 2.0 / (GRID_POINTS_PER_PERIOD * self._omega[-1] / (2.0 * np.pi)) / np.abs(self._slowness).max()
         for _ in range(NEWTON_STEPS):
             gradient, hessian = self._derivatives(self._steer(weighted, q))
-            if np.any(np.linalg.eigvalsh(hessian) <= 0.0):
+            if not _is_peak(hessian):
                 return start
             q = np.clip(q + np.linalg.solve(hessian, gradient), start - reach, start + reach)
         return q
@@ -107,7 +107,7 @@ class SteeredResponse:
         clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
         height = float(clusters.real.sum())
         spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
-        if spread == 0.0 or height <= 0.0 or np.any(np.linalg.eigvalsh(hessian) <= 0.0):
+        if spread == 0.0 or height <= 0.0 or not _is_peak(hessian):
             return Peak(q, np.full_like(hessian, np.inf), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
@@ -129,6 +129,11 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         own = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
         return own / (own + others)
+
+
+def _is_peak(hessian: NDArray) -> bool:
+    """Whether a negative Hessian (rank, rank) is positive definite."""
+    return hessian[0, 0] > 0.0 and (len(hessian) == 1 or bool(np.all(np.linalg.eigvalsh(hessian) > 0.0)))
 
 
 def _grid(rank: int, points_per_unit: float) -> NDArray:

@@ -53,9 +53,8 @@ def maximum_likelihood(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray
 
 def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
     """Power (p, k) of what is incoherent between the microphones of each pair."""
-    width = COHERENCE_HZ / bin_hz
-    smooth_power = _smooth(power, width)
-    coherent = np.hypot(_smooth(cross.real, width), _smooth(cross.imag, width))
+    smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
+    coherent = np.sqrt(real**2 + imaginary**2)
     noise = _smooth(np.maximum(smooth_power - coherent, 0.0), NOISE_HZ / bin_hz)
     floor = 1e-9 * power.mean(axis=-1, keepdims=True) + np.finfo(power.dtype).tiny
     return np.maximum(noise, floor)

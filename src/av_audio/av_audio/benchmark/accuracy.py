@@ -1,0 +1,125 @@
+"""Error and honesty of two microphones in the free field."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from av_audio.array import MicrophoneArray
+from av_audio.benchmark.figures import Figure
+from av_audio.benchmark.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction, wrap
+
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'two_microphones')
+WINDOW_S = 0.5
+GATE = 0.9  # the default confidence above which an estimate counts
+FULL_CIRCLE = (-180.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Errors of the better mirror image, sigmas (both deg) and confidences of n independent windows (n,)."""
+
+    error: NDArray
+    sigma: NDArray
+    confidence: NDArray
+
+    @property
+    def passed(self) -> NDArray:
+        """Which windows (n,) lie above the default confidence."""
+        return self.confidence >= GATE
+
+
+def azimuth_error(estimate: DoaEstimate, azimuth: float) -> float:
+    """Error in deg of the mirror image nearest to the true azimuth in rad."""
+    return float(np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth)))))
+
+
+def trials(rng: Generator, source: Source, snr_db: float, count: int, azimuths_deg: tuple[float, float] = FULL_CIRCLE,
+           method: str = 'ml') -> Trials:
+    """Independent windows with azimuths drawn evenly from a range."""
+    localizer = Localizer(PAIR, RATE, LocalizerSettings(method=method, window_s=WINDOW_S, hop_s=WINDOW_S))
+    rows = []
+    for _ in range(count):
+        azimuth = np.radians(rng.uniform(*azimuths_deg))
+        delays = -PAIR.positions @ angles_to_direction(azimuth) / speed_of_sound(20.0)
+        window = add_noise(rng, source(rng, WINDOW_S, delays), snr_db)
+        estimate, = localizer.process(window, len(rows) * len(window))
+        rows.append((azimuth_error(estimate, azimuth), np.degrees(np.sqrt(estimate.azimuth_variance[0])),
+                     estimate.confidence[0]))
+    return Trials(*np.array(rows).T)
+
+
+def accuracy(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
+    """RMSE over the full circle, mirror image folded; for the drone-like sound against what must hold."""
+    limits = {20.0: None, 10.0: 0.6, 0.0: 1.0, -5.0: 2.0, -10.0: 4.0}
+    for name, source in sources.items():
+        for snr_db, limit in limits.items():
+            result = trials(np.random.default_rng(31), source, snr_db, count)
+            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rms(result.error), 'deg',
+                         limit if source is rotors else None)
+            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of those above the default confidence',
+                         rms(result.error[result.passed]), 'deg')
+            yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence',
+                         100.0 * result.passed.mean(), '%')
+
+
+def methods(count: int) -> Iterator[Figure]:
+    """The estimators side by side on the drone-like sound."""
+    for snr_db in (10.0, 0.0, -5.0, -10.0):
+        for method in ('ml', 'phat', 'plain', 'music', 'mvdr'):
+            result = trials(np.random.default_rng(32), rotors, snr_db, count, method=method)
+            yield Figure(f'{method}, {snr_db:+.0f} dB: RMSE (median)', rms(result.error), 'deg')
+            yield Figure(f'{method}, {snr_db:+.0f} dB: median error', float(np.median(result.error)), 'deg')
+
+
+def bound(count: int) -> Iterator[Figure]:
+    """Error over the Cramer-Rao bound for a flat source at 30 to 150 degrees from the axis."""
+    for snr_db in (20.0, 10.0, 0.0):
+        rng = np.random.default_rng(33)
+        result = trials(rng, flat, snr_db, count, (-60.0, 60.0))
+        azimuths = np.radians(np.linspace(-60.0, 60.0, 1001))
+        lowest = speed_of_sound(20.0) * cramer_rao_delay(snr_db) / (PAIR.aperture * np.cos(azimuths))
+        yield Figure(f'flat source, {snr_db:+.0f} dB: RMSE over Cramer-Rao bound',
+                     rms(result.error) / np.degrees(rms(lowest)), '', 1.3)
+
+
+def cramer_rao_delay(snr_db: float) -> float:
+    """Least standard deviation in s of a delay: flat band, equal noise at both microphones (Knapp and Carter, 1976)."""
+    snr = 10.0 ** (snr_db / 10.0)
+    low, high = BAND_HZ
+    return float(np.sqrt(3.0 * (1.0 + 2.0 * snr) / (8.0 * np.pi**2 * WINDOW_S * snr**2 * (high**3 - low**3))))
+
+
+def sigma(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
+    """Share of errors within 1.64 sigma, and of large ones, among estimates above the default confidence."""
+    pooled = []
+    for name, source in sources.items():
+        for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0):
+            result = trials(np.random.default_rng(34), source, snr_db, count)
+            pooled.append(result)
+            yield Figure(f'{name}, {snr_db:+.0f} dB: errors within 1.64 sigma', coverage(result), '%')
+    everything = Trials(*(np.concatenate([getattr(result, field) for result in pooled])
+                          for field in ('error', 'sigma', 'confidence')))
+    yield Figure('all sources, +20 to -10 dB: errors within 1.64 sigma', coverage(everything), '%', 97.0, 85.0)
+    yield Figure('all sources, +20 to -10 dB: errors above 20 deg',
+                 100.0 * np.mean(everything.error[everything.passed] > 20.0), '%', 1.0)
+    for name, source in sources.items():
+        result = trials(np.random.default_rng(35), source, -20.0, count)
+        yield Figure(f'{name}, -20 dB: share above the default confidence', 100.0 * result.passed.mean(), '%', 2.0)
+
+
+def coverage(result: Trials) -> float:
+    """Percentage of passed errors within 1.64 sigma."""
+    return 100.0 * float(np.mean(result.error[result.passed] <= 1.64 * result.sigma[result.passed]))
+
+
+def rms(values: NDArray) -> float:
+    """Root of the mean square; NaN for none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float('nan')

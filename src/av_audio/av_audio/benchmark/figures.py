@@ -1,0 +1,28 @@
+"""A number, what it must be, and how it is printed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured value with the bounds it must keep (None: for information)."""
+
+    name: str
+    value: float
+    unit: str = ''
+    at_most: float | None = None
+    at_least: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the value keeps its bounds."""
+        return (self.at_most is None or self.value <= self.at_most) and (
+            self.at_least is None or self.value >= self.at_least)
+
+    def __str__(self) -> str:
+        bounds = [f'>= {self.at_least:g}'] if self.at_least is not None else []
+        bounds += [f'<= {self.at_most:g}'] if self.at_most is not None else []
+        verdict = f'must be {" and ".join(bounds)}: {"ok" if self.holds else "MISSED"}' if bounds else ''
+        return f'  {self.name:<66} {self.value:9.3f} {self.unit:<6} {verdict}'.rstrip()

@@ -1,0 +1,56 @@
+"""`ros2 run av_audio benchmark [SECTION ...]`: every figure of the direction finder, against independent truth."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from av_audio.benchmark import accuracy, cost, scenes
+from av_audio.benchmark.figures import Figure
+from av_audio.benchmark.signals import flat, recordings, rotors
+
+
+def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
+    """The figures by section; each is computed when it is asked for. Raises FileNotFoundError for absent recordings."""
+    sources = {'rotors': rotors, 'flat noise': flat}
+    clips = data / 'drone_detection' / 'audio'
+    if clips.is_dir():
+        sources['drone recordings'] = recordings(clips)
+    return {
+        'accuracy': accuracy.accuracy(count, sources),
+        'methods': accuracy.methods(count),
+        'bound': accuracy.bound(count),
+        'sigma': accuracy.sigma(count, sources),
+        'kemar': scenes.kemar(data),
+        'room': scenes.room(clips),
+        'square': scenes.square(count),
+        'speed': cost.speed(),
+        'memory': cost.memory(),
+    }
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point. Exits with 1 when a figure misses its bound."""
+    names = list(sections(1, Path()))
+    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser.add_argument('sections', nargs='*', metavar='SECTION', help=f'any of {", ".join(names)} (default: all)')
+    parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
+    parser.add_argument('--data', type=Path, default=Path('../shared/data'),
+                        help='folder with drone_detection and kemar (default: %(default)s)')
+    options = parser.parse_args(arguments)
+    unknown = set(options.sections) - set(names)
+    if unknown:
+        parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(names)}')
+    missed = 0
+    chosen = sections(options.trials, options.data)
+    for name in options.sections or names:
+        print(name, flush=True)
+        try:
+            for figure in chosen[name]:
+                print(figure, flush=True)
+                missed += not figure.holds
+        except (FileNotFoundError, ImportError) as error:
+            print(f'  skipped: {error}')
+    sys.exit(1 if missed else 0)
