@@ -12,8 +12,11 @@ from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
 from av_common.node import RigNode, run
 from av_common.qos import STREAM
+from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
+
+LISTENER_WAIT_S = 10.0
 
 
 class AudioNode(RigNode):
@@ -44,8 +47,16 @@ class AudioNode(RigNode):
     def activate(self) -> None:
         """Begin to capture."""
         self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
-        self._source.start(self._buffer)
+        self._active_since = RateMeter()
+        self._active_since.tick()
+        self._started = False
         self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
+
+    def _start_when_heard(self) -> None:
+        """A recording begins when somebody listens, so that its beginning is not lost while the rig starts."""
+        if self._publisher.get_subscription_count() or self._active_since.age > LISTENER_WAIT_S:
+            self._source.start(self._buffer)
+            self._started = True
 
     def deactivate(self) -> None:
         """Stop capturing."""
@@ -57,6 +68,8 @@ class AudioNode(RigNode):
         self.destroy_publisher(self._publisher)
 
     def _publish(self) -> None:
+        if not self._started:
+            self._start_when_heard()
         while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(self._block)
             message = AudioFrame(sample_rate=self._source.sample_rate, channels=self._source.channels,
