@@ -29,21 +29,23 @@ def head_responses() -> tuple[NDArray, NDArray, int]:
     return (positions[level, 0] + 180.0) % 360.0 - 180.0, responses[level], rate
 
 
-def moving_drone(path: Path, azimuths_deg: NDArray, dwell_s: float = 1.0) -> None:
-    """Write a WAV in which a real drone is heard at each azimuth in turn for `dwell_s`, cross-faded over 50 ms."""
+def moving_drone(path: Path, azimuths_deg: NDArray, step_s: float) -> None:
+    """Write a WAV in which a real drone moves evenly from each azimuth (multiples of 5 degrees) to the next in `step_s`.
+
+    In between the two measured responses are mixed by the share of the way, which below 4 kHz, where 5 degrees are a small
+    part of a period, is their interpolation.
+    """
     known, responses, rate = head_responses()
     clip, clip_rate = soundfile.read(CLIPS / 'audio' / 'DRONE_001.flac', always_2d=True)
     assert clip_rate == rate
-    dwell, fade = round(dwell_s * rate), round(0.05 * rate)
-    voice = np.resize(clip[:, 0], dwell * len(azimuths_deg) + fade)
+    step = round(step_s * rate)
+    voice = np.resize(clip[:, 0], step * (len(azimuths_deg) - 1))
+    sample = np.arange(len(voice))
     out = np.zeros((len(voice), 2))
-    ramp = np.concatenate([np.linspace(0.0, 1.0, fade), np.ones(dwell - fade), np.linspace(1.0, 0.0, fade)])
     for k, azimuth in enumerate(azimuths_deg):
         nearest = np.argmin(np.abs((known - azimuth + 180.0) % 360.0 - 180.0))
-        part = slice(k * dwell, k * dwell + dwell + fade)
-        for ear in range(2):
-            heard = fftconvolve(voice, responses[nearest, ear])[:len(voice)]
-            out[part, ear] += ramp * heard[part]
+        share = np.clip(1.0 - np.abs(sample - k * step) / step, 0.0, None)
+        out += share[:, None] * np.stack([fftconvolve(voice, response)[:len(voice)] for response in responses[nearest]], 1)
     soundfile.write(path, 0.5 * out / np.abs(out).max(), rate, subtype='PCM_16')
 
 
