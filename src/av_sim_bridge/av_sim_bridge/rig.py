@@ -44,7 +44,7 @@ class ArrayMount:
     file: Path
     frame: str = 'microphones'
     mount: Mount = field(default_factory=Mount)
-    full_scale_db_spl: float = bounded(84.0, low=40.0, high=180.0)
+    full_scale_db_spl: float = bounded(94.0, low=40.0, high=180.0)
 
     @cached_property
     def geometry(self) -> MicrophoneArray:

@@ -69,7 +69,7 @@ def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples:
     _add(visual, 'global', offwidth=str(size[0]), offheight=str(size[1]), fovy=str(fovy_deg))
     _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='12', numstacks='8', numquads='1')
     _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse='0 0 0', specular='0 0 0')
-    _add(visual, 'map', znear='0.001', zfar='6')
+    _add(visual, 'map', znear='0.001', zfar='50')
     _add(root, 'statistic', extent='100', center='0 0 0')
 
 

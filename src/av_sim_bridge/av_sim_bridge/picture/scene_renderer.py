@@ -21,6 +21,7 @@ from av_vision.camera import PinholeCamera
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
 AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # of thick fog by day: blue, green, red
+HORIZON = 1000.0
 SKY_DISTANCE = 3000.0                                     # m, over which fog lies before the sky
 
 
@@ -163,7 +164,7 @@ class SceneRenderer:
         near = self._model.vis.map.znear * self._model.stat.extent
         far = self._model.vis.map.zfar * self._model.stat.extent
         depth = near / (1.0 - zbuffer * np.float32(1.0 - near / far))
-        depth[zbuffer >= 1.0] = np.inf
+        depth[depth > HORIZON] = np.inf    # the sky is a box far behind everything
         return depth
 
     def _optical_depth(self, view: View, depth: NDArray) -> NDArray:
