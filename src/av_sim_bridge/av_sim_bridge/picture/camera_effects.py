@@ -31,7 +31,7 @@ class CameraEffects:
             bgr = self._rained(bgr, view)
         light = view.daylight * view.exposure
         if light != 1.0:
-            bgr = cv2.convertScaleAbs(bgr, alpha=light)
+            bgr = cv2.multiply(bgr, (light,) * 4, dtype=cv2.CV_16S)    # beyond white until the noise is in
         return self._noisy(bgr, view)
 
     def _noisy(self, bgr: NDArray, view: View) -> NDArray:
@@ -42,7 +42,7 @@ class CameraEffects:
         # Less light and more gain, more noise: both parts grow with the square root of the gain.
         gain = np.sqrt(max(view.exposure, 1.0))
         level = (gain * np.sqrt(READ_NOISE**2 + SHOT_NOISE**2 * np.arange(256))).astype(np.float32)
-        spread = cv2.LUT(bgr[..., 1], level)
+        spread = cv2.LUT(cv2.convertScaleAbs(cv2.extractChannel(bgr, 1)), level)
         grey = cv2.multiply(noise, spread)
         return cv2.add(bgr, cv2.merge([grey, grey, grey]), dtype=cv2.CV_8U)
 
