@@ -32,6 +32,8 @@ ARGUMENTS = {
     'source': ('sim', 'where sound and pictures come from', ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
     'voice': ('', "source:=sim: a recording as the drone's voice", None),
+    'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
+                     ['true', 'false']),
     'seed': ('', "source:=sim: another seed than the scenario's", None),
     'audio': ('', 'source:=file: a sound file; empty: deaf', None),
     'video': ('', 'source:=file: a video or a folder of pictures; empty: blind', None),
@@ -94,6 +96,7 @@ def simulator(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     """The built-in simulator, which knows nothing of ROS, and the bridge to it."""
     program = Path(get_package_prefix('av_sim_bridge')) / 'lib' / 'av_sim_bridge' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
+    options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
     for name in ('voice', 'seed'):
         options += [f'--{name}', arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen'),
