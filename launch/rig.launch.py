@@ -31,6 +31,7 @@ CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 ARGUMENTS = {
     'source': ('sim', 'where sound and pictures come from', ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
+    'image_rate': ('10', 'source:=sim: pictures a second', None),
     'voice': ('', "source:=sim: a recording as the drone's voice", None),
     'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
                      ['true', 'false']),
@@ -97,8 +98,8 @@ def simulator(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     program = Path(get_package_prefix('av_sim_bridge')) / 'lib' / 'av_sim_bridge' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
-    for name in ('voice', 'seed'):
-        options += [f'--{name}', arguments[name]] if arguments[name] else []
+    for name in ('image_rate', 'voice', 'seed'):
+        options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen'),
             *bridge(arguments)]
 

@@ -19,9 +19,13 @@ from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+
+try:  # a third of the other's load at the rates of the rig
+    from rclpy.experimental import EventsExecutor as Executor
+except ImportError:
+    from rclpy.executors import SingleThreadedExecutor as Executor
 
 RETRY_S = 2.0
 # What a node may meet while it starts and can hope to be rid of later: wrong values, missing files, absent devices.
@@ -40,6 +44,7 @@ class RigNode(LifecycleNode):
     def __init__(self, name: str, parameters: ModuleType | None = None, **kwargs: Any) -> None:
         """Declare the parameters that `parameters` (a module generated from YAML) describes and set up the lifecycle."""
         super().__init__(name, **kwargs)
+        self.finished = False  # a node that has done its work sets this, and its process ends
         self._problem = ''
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
@@ -180,9 +185,9 @@ def run(node_class: Callable[[], RigNode]) -> None:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)
-    executor = SingleThreadedExecutor()
+    executor = Executor()
     executor.add_node(node)
-    while rclpy.ok() and not stopped.is_set():
+    while rclpy.ok() and not stopped.is_set() and not node.finished:
         executor.spin_once(timeout_sec=0.2)
     node.close()
     node.destroy_node()

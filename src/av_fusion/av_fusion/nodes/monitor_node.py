@@ -8,7 +8,6 @@ import time as wall
 from dataclasses import asdict
 from pathlib import Path
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
@@ -135,8 +134,7 @@ class MonitorNode(RigNode):
         print(format_status(elapsed, self._bearing, self._state, self._command, truth, rates, delay, self._problems),
               flush=True)
         if self._settings.duration and elapsed >= self._settings.duration:
-            self.close()
-            rclpy.try_shutdown()
+            self.finished = True
 
     def _report(self) -> None:
         if self._reported:
