@@ -18,6 +18,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/models', [str(file) for file in Path('models').glob('*')]),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
@@ -27,7 +28,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'benchmark = av_vision.cli.benchmark:main',
             'camera_node = av_vision.nodes.camera_node:main',
+            'detect = av_vision.cli.detect:main',
             'detector_node = av_vision.nodes.detector_node:main',
         ],
     },

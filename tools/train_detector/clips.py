@@ -30,7 +30,6 @@ def split_of(clip: str) -> str:
     _, label, number = clip.split('_')
     if int(number) in UNSEEN_SCENES[label.lower()]:
         return 'test_scene'
-    # A fixed scattering: neighbours in number are neighbours in time and would leak into each other if drawn in runs.
     place = (int(number) * 7919) % 20
     return 'test_clip' if place < 3 else 'choose' if place < 6 else 'train'
 

@@ -11,6 +11,7 @@ Rng = np.random.Generator
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED = 400  # backgrounds
+MIXTURE = {'DRONE': 0.38, 'BIRD': 0.16, 'AIRPLANE': 0.12, 'HELICOPTER': 0.1, 'PAINTED': 0.12, 'SIMULATED': 0.12}
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -20,8 +21,8 @@ class Sampler:
     Labels are (k, 5): class, x1, y1, x2, y2 in pixels of the square.
     """
 
-    def __init__(self, frames: Frames, bank: Bank, use: str = 'train') -> None:
-        self._frames = frames
+    def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None, use: str = 'train') -> None:
+        self._frames, self._simulated = frames, simulated
         self._drones, self._others = bank[f'{use}/drone'], bank[f'{use}/other']
         self._painted_before: dict[int, NDArray[np.uint8]] = {}
         # Clips in which a class is rare are drawn as often as the others.
@@ -30,16 +31,18 @@ class Sampler:
 
     def draw(self, rng: Rng, side: int) -> Sample:
         """One square of side x side."""
-        kind = rng.choice(['DRONE', 'BIRD', 'AIRPLANE', 'HELICOPTER', 'PAINTED'], p=[0.42, 0.17, 0.12, 0.11, 0.18])
+        kind = rng.choice(list(MIXTURE), p=list(MIXTURE.values()))
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
+        elif kind == 'SIMULATED':
+            image, boxes = window_of(rng, self._simulated, int(rng.integers(len(self._simulated))), side)
         else:
-            image, boxes = self._real(rng, int(rng.choice(self._by_kind[kind])), side)
+            image, boxes = window_of(rng, self._frames, int(rng.choice(self._by_kind[kind])), side)
         clearness = np.exp(-rng.exponential(0.8)) if rng.random() < 0.3 else 1.0
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
-        if rng.random() < (0.75 if kind == 'PAINTED' else 0.3):
+        if rng.random() < (0.75 if kind == 'PAINTED' else 0.25):
             for _ in range(1 + (rng.random() < 0.15)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 boxes = paste(rng, image, boxes, self._drones, log_uniform(rng, 6.0, min(0.95 * side, 320.0)), nearer, veil, 0)
@@ -55,29 +58,30 @@ class Sampler:
         x, y = rng.integers(0, 512 - side, 2)
         return self._painted_before[number][y:y + side, x:x + side].copy()
 
-    def _real(self, rng: Rng, i: int, side: int) -> Sample:
-        """A window of a real frame, around an object nine times in ten, scaled by 0.5 to 3."""
-        frame, boxes = self._frames.image(i), self._frames.boxes[i]
-        zoom = max(log_uniform(rng, 0.5, 3.0), 1.02 * side / HEIGHT)
-        if len(boxes):  # no object may outgrow the square
-            zoom = min(zoom, max(0.9 * side / (boxes[:, 3:] - boxes[:, 1:3]).max(), 1.02 * side / HEIGHT))
-        if rng.random() < 0.35 and side < HEIGHT:
-            zoom = 1.0
-        window = min(side / zoom, HEIGHT)
-        low, high = np.zeros(2), np.array([WIDTH, HEIGHT]) - window
-        if len(boxes) and rng.random() < 0.9:
-            box = boxes[rng.integers(len(boxes))]
-            centre = 0.5 * (box[1:3] + box[3:5])
-            low, high = np.clip(centre - 0.9 * window, 0, high), np.clip(centre - 0.1 * window, 0, high)
-        corner = np.floor(rng.uniform(low, high + 1e-6))
-        cut = int(round(window))
-        x, y = corner.astype(int)
-        crop = frame[y:y + cut, x:x + cut]
-        scale = side / np.array(crop.shape[1::-1], float)
-        image = cv2.resize(crop, (side, side), interpolation=cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR)
-        placed = boxes.copy()
-        placed[:, 1:] = (boxes[:, 1:] - np.tile([x, y], 2)) * np.tile(scale, 2)
-        return image, clip_boxes(placed, side)
+
+def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
+    """A window of a frame, around an object nine times in ten, scaled by 0.5 to 3."""
+    frame, boxes = frames.image(i), frames.boxes[i]
+    zoom = max(log_uniform(rng, 0.5, 3.0), 1.02 * side / HEIGHT)
+    if len(boxes):  # no object may outgrow the square
+        zoom = min(zoom, max(0.9 * side / (boxes[:, 3:] - boxes[:, 1:3]).max(), 1.02 * side / HEIGHT))
+    if rng.random() < 0.35 and side < HEIGHT:
+        zoom = 1.0
+    window = min(side / zoom, HEIGHT)
+    low, high = np.zeros(2), np.array([WIDTH, HEIGHT]) - window
+    if len(boxes) and rng.random() < 0.9:
+        box = boxes[rng.integers(len(boxes))]
+        centre = 0.5 * (box[1:3] + box[3:5])
+        low, high = np.clip(centre - 0.9 * window, 0, high), np.clip(centre - 0.1 * window, 0, high)
+    corner = np.floor(rng.uniform(low, high + 1e-6))
+    cut = int(round(window))
+    x, y = corner.astype(int)
+    crop = frame[y:y + cut, x:x + cut]
+    scale = side / np.array(crop.shape[1::-1], float)
+    image = cv2.resize(crop, (side, side), interpolation=cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR)
+    placed = boxes.copy()
+    placed[:, 1:] = (boxes[:, 1:] - np.tile([x, y], 2)) * np.tile(scale, 2)
+    return image, clip_boxes(placed, side)
 
 
 def log_uniform(rng: Rng, low: float, high: float) -> float:

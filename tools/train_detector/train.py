@@ -18,6 +18,7 @@ from clips import Frames, build_cache
 from loss import loss
 from network import Network, cells
 from samples import Sampler
+from simulated import build_simulated
 from sprites import build_bank
 from torch import Tensor
 
@@ -79,7 +80,8 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     torch.manual_seed(args.seed)
     build_cache(args.data, args.cache)
-    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache))
+    build_simulated(args.cache / 'simulated')
+    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache), Frames(args.cache / 'simulated', 'train'))
     network = Network().to(memory_format=torch.channels_last)
     average = deepcopy(network).eval()
     decayed = [p for p in network.parameters() if p.ndim > 1]

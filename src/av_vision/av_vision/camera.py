@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
-UNDISTORTION = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
+PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
+# OpenCV 4 has a function of its own for a given precision, OpenCV 5 an argument.
+UNDISTORT = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,6 @@ class PinholeCamera:
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
         if not len(pixels):
             return np.empty((0, 3))
-        plane = cv2.undistortPointsIter(pixels, self.matrix, np.array(self.distortion), None, None, UNDISTORTION)[:, 0]
+        plane = UNDISTORT(pixels, self.matrix, np.array(self.distortion), R=None, P=None, criteria=PRECISE)[:, 0]
         rays = np.column_stack([plane, np.ones(len(plane))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)

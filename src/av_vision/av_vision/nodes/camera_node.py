@@ -6,10 +6,10 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from av_common.node import RigNode, run
-from av_common.qos import PICTURE, RESULT
+from av_common.qos import PICTURE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_vision.calibration import load_calibration
@@ -18,9 +18,12 @@ from av_vision.image import encoding_of, fill_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
 from av_vision.sources import Capture, Picture, Source
 from av_vision.sources.files import FileSource
+from av_vision.sources.realsense import RealSenseSource
+from av_vision.sources.v4l2 import DeviceSource
 
 # Without a picture for this long the node says so.
 STALE_S = 2.0
+Vector = tuple[float, float, float]
 
 
 class CameraNode(RigNode):
@@ -38,13 +41,19 @@ class CameraNode(RigNode):
         self._source = self._make_source(settings)
         self._images = self.create_publisher(Image, 'camera/image_raw', PICTURE)
         self._infos = self.create_publisher(CameraInfo, 'camera/camera_info', RESULT)
+        self._depths = self.create_publisher(Image, 'camera/depth/image_raw', PICTURE) if settings.depth else None
+        self._motions = self.create_publisher(Imu, 'imu/data_raw', STREAM) if settings.imu else None
 
     def _make_source(self, settings: object) -> Source:
-        if settings.source == 'device':
-            raise ValueError('source=device is not available yet, use file')
-        if not settings.file:
-            raise ValueError('file is empty, expected a video, an image or a folder of images')
-        return FileSource(settings.file, settings.rate, settings.loop, self._now)
+        if settings.source == 'file':
+            if not settings.file:
+                raise ValueError('file is empty, expected a video, an image or a folder of images')
+            return FileSource(settings.file, settings.rate, settings.loop, self._now)
+        kind, _, serial = settings.device.partition(':')
+        if kind == 'realsense':
+            return RealSenseSource(serial, settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms,
+                                   settings.depth, self._publish_motion if settings.imu else None, now=self._now)
+        return DeviceSource(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms, self._now)
 
     def _now(self) -> float:
         return 1e-9 * self.get_clock().now().nanoseconds
@@ -61,8 +70,9 @@ class CameraNode(RigNode):
 
     def cleanup(self) -> None:
         """Drop what `configure` made."""
-        self.destroy_publisher(self._images)
-        self.destroy_publisher(self._infos)
+        for publisher in (self._images, self._infos, self._depths, self._motions):
+            if publisher is not None:
+                self.destroy_publisher(publisher)
 
     def _publish(self, picture: Picture) -> None:
         self._pictures.tick()
@@ -71,6 +81,19 @@ class CameraNode(RigNode):
         message.header.frame_id = self._frame_id
         self._images.publish(message)
         self._infos.publish(camera_info(self._camera_of(picture), message.header))
+        if self._depths is not None and picture.depth is not None:
+            depth = fill_message(Image(), picture.depth, '16UC1')
+            depth.header = message.header
+            self._depths.publish(depth)
+
+    def _publish_motion(self, time: float, angular_velocity: Vector, acceleration: Vector) -> None:
+        message = Imu()
+        message.header.stamp, message.header.frame_id = to_stamp(time), self._frame_id
+        rate, force = message.angular_velocity, message.linear_acceleration
+        rate.x, rate.y, rate.z = angular_velocity
+        force.x, force.y, force.z = acceleration
+        message.orientation_covariance[0] = -1.0  # REP-145: there is no orientation
+        self._motions.publish(message)
 
     def _camera_of(self, picture: Picture) -> PinholeCamera:
         height, width = picture.image.shape[:2]

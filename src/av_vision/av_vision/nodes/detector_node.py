@@ -20,7 +20,9 @@ from av_common.stamps import to_seconds
 from av_vision.drawing import draw
 from av_vision.image import fill_message, image_from_message
 from av_vision.latest import Latest
+from av_vision.models import shipped_model
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
+from av_vision.nodes.visibility_reporter import VisibilityReporter
 from av_vision.tracking import Tracker
 from av_vision.yolo import Detections, Detector, DetectorSettings
 
@@ -41,9 +43,7 @@ class DetectorNode(RigNode):
     def configure(self) -> None:
         """Open the model."""
         settings = self.settings
-        if not settings.model:
-            raise ValueError('model is empty, expected the ONNX file of a YOLO detector')
-        self._detector = Detector(settings.model, DetectorSettings(
+        self._detector = Detector(settings.model or shipped_model(), DetectorSettings(
             score_threshold=settings.score_threshold, nms_iou=settings.nms_iou, max_detections=settings.max_detections,
             keep=(settings.target_class,), rename=dict.fromkeys(settings.keep_classes, settings.target_class),
             layout=settings.layout, class_names=given(settings.class_names), input_size=settings.input_size,
@@ -52,6 +52,7 @@ class DetectorNode(RigNode):
         self._compressed = settings.compressed
         self._publisher = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._debug = self.create_publisher(Image, 'detections/image', PICTURE)
+        self._visibility = VisibilityReporter(self, settings)
 
     def activate(self) -> None:
         """Begin to look."""
@@ -62,6 +63,7 @@ class DetectorNode(RigNode):
         self._worker.start()
         kind, topic = (CompressedImage, 'camera/image_raw/compressed') if self._compressed else (Image, 'camera/image_raw')
         self.while_active(self.create_subscription, kind, topic, self._latest.put, PICTURE)
+        self._visibility.activate()
 
     def deactivate(self) -> None:
         """Stop looking."""
@@ -72,6 +74,7 @@ class DetectorNode(RigNode):
         """Drop what `configure` made."""
         self.destroy_publisher(self._publisher)
         self.destroy_publisher(self._debug)
+        self._visibility.close()
 
     def _work(self) -> None:
         while (message := self._latest.take()) is not None:
@@ -95,6 +98,7 @@ class DetectorNode(RigNode):
         self._publisher.publish(to_message(detections, tracks, message.header))
         if self._debug.get_subscription_count():
             self._publish_debug(image, detections, tracks, message.header)
+        self._visibility.report(image, message.header)
 
     def _publish_debug(self, image: NDArray, detections: Detections, tracks: list[int], header: Header) -> None:
         debug = fill_message(Image(), draw(image, detections, tracks), 'bgr8')

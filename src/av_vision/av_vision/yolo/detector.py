@@ -12,6 +12,7 @@ from av_vision.image import to_bgr8
 from av_vision.yolo.detections import Detections, suppress
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
+from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 
 @dataclass(frozen=True)
@@ -65,16 +66,34 @@ class Detector:
     def detect(self, image: NDArray) -> Detections:
         """Detections in a picture: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for what is no picture."""
         image = to_bgr8(image)
-        boxes, scores, classes = self._look(image)
+        boxes, scores, classes = self._look_everywhere(image)
         if not len(scores):
             return Detections()
-        if self.model.layout.needs_nms:
+        if self.model.layout.needs_nms or self.settings.slice_size:
             chosen = suppress(boxes, scores, classes, self.settings.nms_iou, self.settings.max_detections)
         else:
             chosen = np.argsort(-scores)[:self.settings.max_detections]
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         return Detections(np.clip(boxes[chosen], 0.0, limit).astype(np.float32), scores[chosen].astype(np.float32),
                           tuple(self._names[i] for i in classes[chosen]))
+
+    def _look_everywhere(self, image: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
+        """The whole picture and, with slicing, its tiles in one batch."""
+        height, width = image.shape[:2]
+        side, model = self.settings.slice_size, self.model
+        corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
+        looks = [self._look(image)]
+        if corners:
+            tiles = [image[y:y + side, x:x + side] for x, y in corners]
+            size = fitting_size(side, side, max(side, 32)) if model.dynamic_size else model.size
+            fitted = [letterbox(tile, *size) for tile in tiles]
+            outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
+            for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
+                boxes, scores, classes = model.layout.decode(output, size, self.threshold)
+                boxes = boxes / scale + np.array([x, y, x, y], np.float32)
+                whole = whole_in_tile(boxes, (x, y), side, width, height)
+                looks.append(self._named(boxes[whole], scores[whole], classes[whole]))
+        return tuple(np.concatenate(parts) for parts in zip(*looks, strict=True))
 
     def _look(self, image: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
         """Boxes in pixels of the picture, scores and numbers of names, before suppression."""

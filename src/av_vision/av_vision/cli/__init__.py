@@ -1,0 +1,1 @@
+"""Programs: `ros2 run av_vision VERB`."""

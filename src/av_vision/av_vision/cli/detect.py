@@ -1,0 +1,134 @@
+"""`ros2 run av_vision detect INPUT`: detections in a video, an image or a folder of images, as the node makes them."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import cv2
+from numpy.typing import NDArray
+
+from av_vision.drawing import draw
+from av_vision.models import shipped_model
+from av_vision.sources import SourceError
+from av_vision.sources.files import Recording
+from av_vision.tracking import Tracker
+from av_vision.yolo import Detections, Detector, DetectorSettings
+
+COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
+
+
+class VideoWriter:
+    """A video file that is begun with the first frame's size; raises SourceError when it cannot be written."""
+
+    def __init__(self, path: Path, rate: float) -> None:
+        self._path, self._rate = path, rate
+        self._video: cv2.VideoWriter | None = None
+
+    def write(self, image: NDArray) -> None:
+        """Append a BGR frame."""
+        if self._video is None:
+            self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter_fourcc(*'mp4v'), self._rate, image.shape[1::-1])
+            if not self._video.isOpened():
+                raise SourceError(f'{self._path} cannot be written as a video')
+        self._video.write(image)
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._video is not None:
+            self._video.release()
+
+
+Look = tuple[int, NDArray, Detections, list[int]]
+
+
+def detect_recording(recording: Recording, detector: Detector, tracker: Tracker) -> Iterator[Look]:
+    """Frame numbers, frames, their detections and track numbers."""
+    for index, image in recording.frames():
+        detections = detector.detect(image)
+        yield index, image, detections, tracker.update(detections, index / recording.rate)
+
+
+def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
+    """One dictionary of COLUMNS for each detection; x, y is the top-left corner, in pixels of the input."""
+    rows = zip(detections.boxes.tolist(), detections.class_names, detections.scores.tolist(), tracks, strict=True)
+    for (x1, y1, x2, y2), name, score, track in rows:
+        yield {'frame': index, 'time': round(time, 4), 'class': name, 'score': round(score, 4), 'x': round(x1, 2),
+               'y': round(y1, 2), 'w': round(x2 - x1, 2), 'h': round(y2 - y1, 2), 'track': track}
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog='detect', description=__doc__)
+    parser.add_argument('input', type=Path, help='video, image or folder of images')
+    parser.add_argument('--model', type=Path, help='ONNX file of a YOLO detector (default: the shipped one)')
+    parser.add_argument('--classes', default='', metavar='A,B', help='classes of the model to be reported as drone, '
+                        'or all: every class under its own name (default: the class drone)')
+    parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
+    parser.add_argument('--size', type=int, default=0, help='longer side of the picture for the network (dynamic models)')
+    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='look at tiles of this side too')
+    parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument('--csv', action='store_true', help='rows with a header (the default)')
+    form.add_argument('--json', action='store_true', help='one JSON object a row')
+    parser.add_argument('--output', type=Path, help='write the rows here instead of standard output')
+    parser.add_argument('--save-video', type=Path, metavar='OUT', help='write the input with boxes drawn, as .mp4')
+    parser.add_argument('--quiet', action='store_true', help='no progress')
+    return parser.parse_args(arguments)
+
+
+def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
+    """The detector's settings from the command line."""
+    names = tuple(name for name in arguments.classes.split(',') if name)
+    keep = () if names == ('all',) else ('drone',)
+    rename = {} if names == ('all',) else dict.fromkeys(names, 'drone')
+    return DetectorSettings(score_threshold=arguments.threshold, keep=keep, rename=rename, input_size=arguments.size,
+                            slice_size=arguments.slice)
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Detect and write; raises ValueError, OSError or SourceError."""
+    recording = Recording(arguments.input, arguments.rate)
+    detector = Detector(arguments.model or shipped_model(), settings_of(arguments))
+    out = arguments.output.open('w', newline='') if arguments.output else sys.stdout
+    video = VideoWriter(arguments.save_video, recording.rate) if arguments.save_video else None
+    writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
+    if not arguments.json:
+        writer.writeheader()
+    for index, image, detections, tracks in detect_recording(recording, detector, Tracker()):
+        for row in rows_of(index, index / recording.rate, detections, tracks):
+            if arguments.json:
+                print(json.dumps(row), file=out)
+            else:
+                writer.writerow(row)
+        if video:
+            video.write(draw(image, detections, tracks))
+        if not arguments.quiet and index % 10 == 0:
+            total = f' of {recording.count}' if recording.count else ''
+            print(f'\rframe {index + 1}{total}', end='', file=sys.stderr, flush=True)
+    if not arguments.quiet:
+        print(file=sys.stderr)
+    if video:
+        video.close()
+    if arguments.output:
+        out.close()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Entry point; 2 for an input or a model that cannot be used."""
+    try:
+        run(parse(arguments))
+    except BrokenPipeError:
+        sys.stderr.close()
+    except (ValueError, OSError, SourceError) as error:
+        print(f'\ndetect: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""How far one can see in a picture, so that "nothing detected" can be weighed.
+
+Through even air of extinction b (1/m) a thing of radiance J at distance d is seen as J e^(-bd) + A (1 - e^(-bd)), A being
+the light scattered into the view (Koschmieder 1924); a target's contrast falls as e^(-bd) (Beer-Lambert), to 5 % at ln(20)/b.
+Where distances are known (a depth picture, or the height of the camera over flat ground) b follows from how contrasts
+shrink with distance; without a scale only the share of contrast that is left in the picture as a whole can be told.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from av_vision.camera import PinholeCamera
+from av_vision.image import to_bgr8
+
+LEFT_AT_RANGE = 0.05  # of the contrast, by definition of the meteorological range (WMO No. 8)
+BINS = 16
+USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright things of a scene: a uniform picture is fog, not paint
+LEAST_PIXELS = 30
+DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be told
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """`share` of a target's contrast that reaches the camera from the distance asked for, 0-1; `extinction` in 1/m and
+    `range` in m, where contrast falls to 5 %; nan where they cannot be told.
+    """
+
+    share: float
+    extinction: float = math.nan
+
+    @property
+    def range(self) -> float:
+        """Meteorological range in m."""
+        return -math.log(LEFT_AT_RANGE) / self.extinction
+
+
+def ground_distances(camera: PinholeCamera, height: float, rotation: NDArray) -> NDArray[np.float32]:
+    """Distances (h, w) in m to flat ground `height` m below the camera; inf at and above the horizon.
+
+    `rotation` (3, 3) turns vectors of the optical frame into a level frame with z up.
+    """
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    down = -(camera.rays(np.stack([columns, rows], -1).reshape(-1, 2)) @ np.asarray(rotation).T)[:, 2]
+    distance = np.where(down > 1e-3, height / np.maximum(down, 1e-3), np.inf)
+    return distance.reshape(camera.height, camera.width).astype(np.float32)
+
+
+def estimate(image: NDArray, distance: NDArray | None = None, target_distance: float = 10.0) -> Visibility:
+    """Visibility in a picture (h, w[, 3]); `distance` (h, w) in m to what each pixel shows, nan or 0 unknown, inf the sky."""
+    grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
+    if distance is None:
+        return Visibility(contrast_left(grey))
+    extinction = fit_extinction(grey, np.asarray(distance, np.float32))
+    return Visibility(math.exp(-extinction * target_distance) if math.isfinite(extinction) else math.nan, extinction)
+
+
+def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> float:
+    """Extinction in 1/m from brightness (h, w) against distance (h, w) in m; nan where too few distances are in view.
+
+    In each of some bins of distance the dark, middle and bright quantiles of brightness are taken; each follows
+    A + (J - A) e^(-bd) with its own J and common A and b, fitted with a robust loss.
+    """
+    near = np.isfinite(distance) & (distance > 0.3)
+    if near.sum() < 4 * LEAST_PIXELS:
+        return math.nan
+    edges = np.quantile(distance[near], np.linspace(0.0, 1.0, BINS + 1))
+    place = np.clip(np.searchsorted(edges, distance[near], 'right') - 1, 0, BINS - 1)
+    at, levels = [], []
+    for k in range(BINS):
+        here = place == k
+        if here.sum() >= LEAST_PIXELS:
+            at.append(np.median(distance[near][here]))
+            levels.append(np.quantile(grey[near][here], [0.1, 0.5, 0.9]))
+    if len(at) < 4 or max(at) < 1.5 * min(at):
+        return math.nan
+    sky = grey[~np.isfinite(distance)]
+    return _fit(np.array(at), np.array(levels), float(np.median(sky)) if sky.size >= LEAST_PIXELS else None)
+
+
+def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
+    """Least squares for log extinction, air light and three radiances over distances (n,) and quantiles (n, 3)."""
+    air = sky if sky is not None else float(levels[-1].mean())
+
+    def residuals(x: NDArray) -> NDArray:
+        left = np.exp(-np.exp(x[0]) * at)[:, None]
+        model = x[1] + (x[2:] - x[1]) * left
+        anchor = 0.2 * (x[1] - air)
+        plain = max(USUAL_CONTRAST - (x[4] - x[2]), 0.0) / USUAL_CONTRAST
+        return np.concatenate([((model - levels) / 4.0).ravel(), [anchor, 8.0 * plain]])
+
+    bounds = (np.r_[math.log(CLEAREST), 0.0, [-40.0] * 3], np.r_[math.log(DENSEST), 255.0, [295.0] * 3])
+    fits = [least_squares(residuals, np.clip(np.r_[math.log(guess), air, levels[0]], *bounds), bounds=bounds, loss='soft_l1')
+            for guess in (0.005, 0.05, 0.4)]
+    return float(np.exp(min(fits, key=lambda fit: fit.cost).x[0]))
+
+
+def contrast_left(grey: NDArray[np.float32]) -> float:
+    """A picture's own measure of clearness, 0-1, without scale: how far its darkest parts are from the light of the air.
+
+    The dark-channel idea (He, Sun, Tang 2009) on brightness: in clear air something dark is somewhere in view.
+    """
+    small = cv2.resize(grey, (160, 120), interpolation=cv2.INTER_AREA)
+    air, dark = np.percentile(small, [95.0, 2.0])
+    return float(np.clip((air - dark) / max(0.85 * air, 1.0), 0.0, 1.0))

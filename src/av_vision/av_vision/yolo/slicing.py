@@ -1,0 +1,36 @@
+"""Looking at a picture in tiles, for targets too small for the network (Akyon et al. 2022, arXiv:2202.06934)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+EDGE = 2.0  # pixels
+
+
+def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
+    """Top-left corners (x, y) of square tiles that cover a picture evenly with at least the share `overlap` in common.
+
+    A picture no larger than a tile needs none: the list is empty.
+    """
+    def starts(length: int) -> list[int]:
+        if length <= side:
+            return [0]
+        count = int(np.ceil((length - side) / (side * (1.0 - overlap)))) + 1
+        return np.rint(np.linspace(0, length - side, count)).astype(int).tolist()
+
+    if width <= side and height <= side:
+        return []
+    return [(x, y) for y in starts(height) for x in starts(width)]
+
+
+def whole_in_tile(boxes: NDArray, corner: tuple[int, int], side: int, width: int, height: int) -> NDArray[np.bool_]:
+    """Which boxes (n, 4) of a picture, found in a tile, do not touch an edge of the tile that lies inside the picture.
+
+    A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the picture
+    as a whole.
+    """
+    x, y = corner
+    low = np.array([x if x > 0 else -np.inf, y if y > 0 else -np.inf])
+    high = np.array([x + side if x + side < width else np.inf, y + side if y + side < height else np.inf])
+    return np.all(boxes[:, :2] > low + EDGE, axis=1) & np.all(boxes[:, 2:] < high - EDGE, axis=1)

@@ -1,0 +1,93 @@
+"""The RealSense source through the real SDK: a software device, and a recording of it."""
+
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('pyrealsense2', reason='pyrealsense2 is not installed')
+
+from fake_realsense import DEPTH_MM, RATE, FakeRealSense
+
+from av_vision.sources import Capture, SourceError
+from av_vision.sources.realsense import RealSenseSource, sdk
+
+
+@pytest.fixture
+def camera():
+    fake = FakeRealSense()
+    yield fake
+    fake.stop()
+
+
+def test_colour_depth_intrinsics_and_stamps(camera):
+    motion = []
+    source = RealSenseSource(device=camera.device, depth=True, on_motion=lambda *sample: motion.append(sample))
+    source.open()
+    camera.start()
+    pictures = [source.read() for _ in range(8)]
+    source.close()
+    assert pictures[0].image.shape == (480, 640, 3)
+    assert np.median(pictures[0].depth) == DEPTH_MM
+    assert (pictures[0].camera.fx, pictures[0].camera.cy) == (605.0, 243.0)
+    steps = np.diff([picture.time for picture in pictures])
+    frames = np.diff([int(picture.image[0, 0, 0]) for picture in pictures])
+    assert steps == pytest.approx(frames / RATE, abs=0.02)
+    assert abs(pictures[-1].time - time.time()) < 1.0
+    assert motion[-1][1] == pytest.approx((0.1, 0.2, 0.3))
+    assert motion[-1][2] == pytest.approx((0.0, -9.81, 0.0))
+
+
+def test_without_depth_or_motion_they_are_left_alone(camera):
+    source = RealSenseSource(device=camera.device)
+    source.open()
+    camera.start()
+    assert source.read().depth is None
+    source.close()
+
+
+def test_a_camera_that_falls_silent_is_told_and_taken_up_again(camera, monkeypatch):
+    monkeypatch.setattr('av_vision.sources.realsense.TIMEOUT_MS', 300)
+    pictures = []
+    capture = Capture(RealSenseSource(device=camera.device), pictures.append, retry_s=0.1)
+    camera.start()
+    capture.start()
+    wait_for(lambda: len(pictures) > 3)
+    camera.stop()
+    wait_for(lambda: 'no more frames' in capture.problem)
+    before = len(pictures)
+    camera.start()
+    wait_for(lambda: len(pictures) > before + 3 and not capture.problem)
+    capture.stop()
+    assert capture.reconnections >= 1
+
+
+def test_a_recording_plays_like_the_camera(camera, tmp_path):
+    path = str(tmp_path / 'camera.db3')
+    recorder = sdk().recorder(path, camera.device)
+    source = RealSenseSource(device=recorder, depth=True)
+    source.open()
+    camera.start()
+    live = [source.read() for _ in range(10)]
+    source.close()
+    del recorder, source
+    replay = RealSenseSource(recording=path)
+    replay.open()
+    played = replay.read()
+    replay.close()
+    assert played.image.shape == live[0].image.shape
+    assert played.camera == live[0].camera
+
+
+def test_no_camera_is_an_error_that_says_so():
+    with pytest.raises(SourceError, match='no RealSense 4711 is plugged in'):
+        RealSenseSource(serial='4711').open()
+    with pytest.raises(SourceError, match='missing'):
+        RealSenseSource(recording='/nowhere/missing.db3').open()
+
+
+def wait_for(condition, limit_s=10.0):
+    end = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end, 'waited in vain'
+        time.sleep(0.02)

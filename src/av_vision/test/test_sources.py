@@ -1,0 +1,169 @@
+"""Files as cameras, devices that vanish, and stamps of a device's own clock."""
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from av_vision.sources import Capture, Picture, SourceError
+from av_vision.sources.clock_map import ClockMap
+from av_vision.sources.files import FileSource, Recording
+from av_vision.sources.v4l2 import DeviceSource
+
+
+@pytest.fixture
+def video(tmp_path):
+    path = tmp_path / 'video.avi'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 50.0, (64, 48))
+    for k in range(20):
+        writer.write(np.full((48, 64, 3), 10 * k, np.uint8))
+    writer.release()
+    return path
+
+
+def test_a_video_gives_its_frames_at_its_rate(video):
+    recording = Recording(video)
+    assert (recording.rate, recording.count) == (50.0, 20)
+    levels = [image.mean() for _, image in recording.frames()]
+    assert levels == pytest.approx(10.0 * np.arange(20), abs=3.0)
+    assert [index for index, _ in recording.frames(lambda k: k % 6 == 0)] == [0, 6, 12, 18]
+
+
+def test_a_folder_of_images_in_order_of_names(tmp_path):
+    for k in (3, 1, 2):
+        cv2.imwrite(str(tmp_path / f'{k}.png'), np.full((4, 4), 1000 * k, np.uint16))
+    (tmp_path / 'notes.txt').write_text('no image')
+    frames = [image for _, image in Recording(tmp_path, rate=5.0).frames()]
+    assert [int(image[0, 0]) for image in frames] == [1000, 2000, 3000]
+    assert frames[0].dtype == np.uint16
+
+
+def test_stamps_are_the_start_and_the_time_in_the_file(video):
+    source = FileSource(video, now=time.time)
+    source.open()
+    started = time.time()
+    pictures = list(iter(source.read, None))
+    assert [p.time - pictures[0].time for p in pictures] == pytest.approx(np.arange(20) / 50.0, abs=1e-6)
+    assert pictures[0].time == pytest.approx(started, abs=0.05)
+    assert time.time() >= pictures[-1].time
+
+
+def test_a_loop_goes_on_in_time(video):
+    clock = iter(np.arange(0.0, 100.0, 0.001))
+    source = FileSource(video, loop=True, now=lambda: next(clock))
+    source._closed.wait = lambda seconds: None  # the clock of this test does not wait
+    source.open()
+    times = [source.read().time for _ in range(45)]
+    assert np.diff(times) == pytest.approx(np.full(44, 0.02), abs=1e-9)
+
+
+def test_a_late_player_leaves_frames_out(video):
+    now = [0.0]
+    source = FileSource(video, now=lambda: now[0])
+    source.open()
+    assert source.read().time == 0.0
+    now[0] = 0.195
+    assert source.read().time == pytest.approx(0.18)
+    assert source.skipped == 8
+
+
+def test_files_that_are_none(tmp_path):
+    empty = tmp_path / 'empty.png'
+    empty.touch()
+    broken = tmp_path / 'broken.mp4'
+    broken.write_bytes(b'no video')
+    with pytest.raises(SourceError, match='does not exist'):
+        Recording(tmp_path / 'nothing.mp4')
+    with pytest.raises(SourceError, match='broken.mp4'):
+        Recording(broken)
+    with pytest.raises(SourceError, match='0 bytes'):
+        list(Recording(empty).frames())
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(SourceError, match='holds no images'):
+        Recording(tmp_path / 'folder')
+
+
+def test_an_absent_device_is_named():
+    with pytest.raises(SourceError, match='/dev/video77 cannot be opened'):
+        DeviceSource('/dev/video77').open()
+
+
+def test_a_device_is_configured_and_its_stamps_are_of_the_capture(monkeypatch):
+    settings = {}
+
+    class Device:
+        def __init__(self, address, api):
+            assert address == 3
+
+        def isOpened(self):  # noqa: N802
+            return True
+
+        def set(self, name, value):
+            settings[name] = value
+
+        def get(self, name):
+            return 1e3 * (time.monotonic() - 0.04)  # taken 40 ms ago
+
+        def read(self):
+            return True, np.zeros((2, 2, 3), np.uint8)
+
+        def release(self):
+            settings['released'] = True
+
+    monkeypatch.setattr(cv2, 'VideoCapture', Device)
+    source = DeviceSource('3', 1280, 720, 60.0, 5.0)
+    source.open()
+    assert source.read().time == pytest.approx(time.time() - 0.04, abs=0.02)
+    source.close()
+    expected = {cv2.CAP_PROP_FRAME_WIDTH: 1280, cv2.CAP_PROP_FRAME_HEIGHT: 720, cv2.CAP_PROP_FPS: 60.0,
+                cv2.CAP_PROP_BUFFERSIZE: 1, cv2.CAP_PROP_AUTO_EXPOSURE: 1, cv2.CAP_PROP_EXPOSURE: 50.0,
+                'released': True}
+    assert settings == expected
+
+
+class Unplugged:
+    """Gives three pictures, is lost, refuses to open twice, and comes back."""
+
+    def __init__(self):
+        self.openings, self.left = 0, 0
+
+    def open(self):
+        self.openings += 1
+        self.left = 3
+        if self.openings in (2, 3):
+            raise SourceError('absent')
+
+    def read(self):
+        if not self.left:
+            raise SourceError('unplugged')
+        self.left -= 1
+        time.sleep(0.01)
+        return Picture(np.zeros((2, 2), np.uint8), time.time())
+
+    def close(self):
+        self.left = 0
+
+
+def test_unplugging_is_survived():
+    pictures = []
+    capture = Capture(Unplugged(), pictures.append, retry_s=0.05)
+    capture.start()
+    end = time.monotonic() + 5.0
+    while len(pictures) < 6 and time.monotonic() < end:
+        time.sleep(0.01)
+    capture.stop()
+    assert len(pictures) >= 6
+    assert capture.reconnections >= 3
+
+
+def test_a_device_clock_that_drifts_is_followed():
+    rng = np.random.default_rng(0)
+    mapped, clock = [], ClockMap()
+    true = np.arange(0.0, 60.0, 1 / 30)
+    for moment in true:
+        stamp = 500.0 + moment * (1 + 3e-5)
+        mapped.append(clock.map(stamp, moment + 0.004 + rng.exponential(0.01)))
+    error = np.array(mapped) - true
+    assert np.abs(error[60:] - 0.004).max() < 0.004
+    assert clock.map(7.0, 100.0) == 100.0  # the device began anew
