@@ -74,11 +74,20 @@ def test_rendered_ground_effect_is_the_sum_of_two_rays():
     assert np.max(np.abs(measured - np.abs(wave))) * direct < 0.02
 
 
-def test_room_is_that_of_pyroomacoustics():
-    pra = pytest.importorskip('pyroomacoustics')
+@pytest.fixture
+def pra():
+    """pyroomacoustics with this speed of sound and without its own high-pass, as long as a test lasts."""
+    library = pytest.importorskip('pyroomacoustics')
+    before = {name: library.constants.get(name) for name in ('c', 'rir_hpf_enable')}
+    library.constants.set('c', C)
+    library.constants.set('rir_hpf_enable', False)
+    yield library
+    for name, value in before.items():
+        library.constants.set(name, value)
+
+
+def test_room_is_that_of_pyroomacoustics(pra):
     size, source, microphones, order, absorption = [6.0, 5.0, 3.0], [2.0, 3.1, 1.4], [[4.1, 1.9, 1.2], [4.1, 2.1, 1.2]], 5, 0.35
-    pra.constants.set('c', C)
-    pra.constants.set('rir_hpf_enable', False)
     theirs = pra.ShoeBox(size, fs=RATE, materials=pra.Material(absorption), max_order=order)
     theirs.add_source(source)
     theirs.add_microphone_array(np.array(microphones).T)

@@ -22,7 +22,7 @@ class SoundWorld:
 
     The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where
     the microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however
-    time is cut into blocks; with moving microphones, blocks must be multiples of 32 samples for that.
+    time is cut into blocks; with moving microphones, blocks must be multiples of 80 samples for that.
     """
 
     def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
