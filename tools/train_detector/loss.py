@@ -77,8 +77,9 @@ def loss(logits: Tensor, raw: Tensor, truth: list[Tensor], corners: Tensor, stri
     assigned = [assign(scores[i], boxes[i].detach(), truth[i], corners, strides) for i in range(len(truth))]
     target = torch.stack([scores_wanted for scores_wanted, _ in assigned])
     norm = target.sum().clamp(min=1.0)
-    focal = (scores - target).abs().pow(1.0)  # most cells are easy sky
-    class_loss = (functional.binary_cross_entropy_with_logits(logits, target, reduction='none') * focal.clamp(min=0.02)).sum() / norm
+    focal = (scores - target).abs()  # most cells are easy sky
+    entropy = functional.binary_cross_entropy_with_logits(logits, target, reduction='none')
+    class_loss = (entropy * focal.clamp(min=0.02)).sum() / norm
     predicted = torch.cat([boxes[i][owner >= 0] for i, (_, owner) in enumerate(assigned)])
     real = torch.cat([truth[i][owner[owner >= 0], 1:] for i, (_, owner) in enumerate(assigned)])
     weight = torch.cat([wanted[owner >= 0].sum(-1) for wanted, owner in assigned])
@@ -88,4 +89,4 @@ def loss(logits: Tensor, raw: Tensor, truth: list[Tensor], corners: Tensor, stri
     off = (0.5 * (predicted[:, :2] + predicted[:, 2:] - real[:, :2] - real[:, 2:]) / size).abs().sum(-1)
     centre_loss = (off * weight).sum() / norm
     total = class_loss + 2.5 * box_loss + 1.0 * centre_loss
-    return total, {'class': float(class_loss), 'box': float(box_loss), 'centre': float(centre_loss)}
+    return total, {'class': class_loss.item(), 'box': box_loss.item(), 'centre': centre_loss.item()}

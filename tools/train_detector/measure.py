@@ -13,8 +13,10 @@ from av_vision.yolo import Detector
 
 @dataclass
 class Measurement:
-    """All detections of a split: scores, whether each hit a drone (IoU at least 0.3, each drone once), IoU, distance of centres
-    in pixels, the frame of each; and of each frame the number of drones in it.
+    """All detections of a split.
+
+    Of each its score, whether it hit a drone (IoU at least 0.3, each drone once), the IoU, the distance of centres in
+    pixels and its frame; of each frame the number of drones in it.
     """
 
     scores: NDArray[np.float64]
@@ -68,8 +70,8 @@ class Measurement:
 
 def overlaps_of(boxes: NDArray, real: NDArray) -> NDArray[np.float64]:
     """IoU (n, k) of boxes (n, 4) with boxes (k, 4)."""
-    shared = np.clip(np.minimum(boxes[:, None, 2:], real[None, :, 2:]) - np.maximum(boxes[:, None, :2], real[None, :, :2]), 0, None)
-    area = shared.prod(-1)
+    low, high = np.maximum(boxes[:, None, :2], real[None, :, :2]), np.minimum(boxes[:, None, 2:], real[None, :, 2:])
+    area = np.clip(high - low, 0, None).prod(-1)
     return area / (np.prod(boxes[:, 2:] - boxes[:, :2], 1)[:, None] + np.prod(real[:, 2:] - real[:, :2], 1)[None] - area + 1e-9)
 
 

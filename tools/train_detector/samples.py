@@ -74,7 +74,7 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
         centre = 0.5 * (box[1:3] + box[3:5])
         low, high = np.clip(centre - 0.9 * window, 0, high), np.clip(centre - 0.1 * window, 0, high)
     corner = np.floor(rng.uniform(low, high + 1e-6))
-    cut = int(round(window))
+    cut = round(window)
     x, y = corner.astype(int)
     crop = frame[y:y + cut, x:x + cut]
     scale = side / np.array(crop.shape[1::-1], float)
@@ -210,7 +210,8 @@ def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sa
         length = int(rng.integers(3, 8))
         kernel = np.zeros((length, length))
         kernel[length // 2] = 1.0
-        kernel = cv2.warpAffine(kernel, cv2.getRotationMatrix2D((length / 2, length / 2), rng.uniform(0, 180), 1), (length, length))
+        turn = cv2.getRotationMatrix2D((length / 2, length / 2), rng.uniform(0, 180), 1)
+        kernel = cv2.warpAffine(kernel, turn, (length, length))
         image = cv2.filter2D(image, -1, kernel / max(kernel.sum(), 1e-6))
     boxes = boxes[[visible(image, box[1:]) for box in boxes]] if len(boxes) else boxes
     if rng.random() < 0.3:

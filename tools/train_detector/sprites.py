@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SIZE = 288
+UP = np.array([0.0, 0.0, 1.0])
 Rng = np.random.Generator
 
 
@@ -53,8 +54,8 @@ def multirotor(rng: Rng) -> list[str]:
     blurred = rng.random() < 0.75
     for tip in tips:
         parts.append(rod(np.zeros(3), tip, thickness, arm))
-        parts.append(geom('cylinder', [rng.uniform(0.06, 0.12), 0.08], tip + [0, 0, 0.05], arm))
-        hub = tip + [0, 0, 0.14]
+        parts.append(geom('cylinder', [rng.uniform(0.06, 0.12), 0.08], tip + 0.05 * UP, arm))
+        hub = tip + 0.14 * UP
         if blurred:
             parts.append(geom('cylinder', [radius, 0.008], hub, np.append(rotor[:3], rng.uniform(0.05, 0.35))))
         if not blurred or rng.random() < 0.3:
@@ -62,7 +63,7 @@ def multirotor(rng: Rng) -> list[str]:
             blade = radius * np.array([np.cos(turn), np.sin(turn), 0.0])
             parts.append(rod(hub - blade, hub + blade, 0.02, rotor))
         if rng.random() < 0.15:
-            parts.append(geom('sphere', [0.05], tip - [0, 0, 0.06], np.append(rng.random(3), 1.0)))
+            parts.append(geom('sphere', [0.05], tip - 0.06 * UP, np.append(rng.random(3), 1.0)))
     if rng.random() < 0.6:  # landing gear
         depth, width = rng.uniform(0.2, 0.6), rng.uniform(0.2, 0.5)
         gear = colour(rng)
@@ -87,7 +88,8 @@ def not_a_drone(rng: Rng) -> list[str]:
             tail = colour(rng)
             return [geom('ellipsoid', [1.0, 0.13, 0.13], [0, 0, 0], shade),
                     geom('box', [rng.uniform(0.12, 0.2), rng.uniform(0.8, 1.1), 0.015], [0.1, 0, 0], shade),
-                    geom('box', [0.09, 0.35, 0.012], [-0.85, 0, 0], tail), geom('box', [0.1, 0.012, 0.2], [-0.85, 0, 0.2], tail)]
+                    geom('box', [0.09, 0.35, 0.012], [-0.85, 0, 0], tail),
+                    geom('box', [0.1, 0.012, 0.2], [-0.85, 0, 0.2], tail)]
         case 3:
             lift, reach = rng.uniform(-0.5, 0.6), rng.uniform(0.6, 1.0)
             wings = [rod(np.zeros(3), np.array([rng.uniform(-0.3, 0.1), side * reach, lift]), rng.uniform(0.03, 0.09), shade)
@@ -98,8 +100,8 @@ def not_a_drone(rng: Rng) -> list[str]:
             end = tilt / np.linalg.norm(tilt)
             return [rod(-end, end, rng.uniform(0.01, 0.06), shade)]
         case _:
-            return [geom(rng.choice(['sphere', 'ellipsoid', 'box']), list(rng.uniform(0.1, 0.5, 3)), list(rng.uniform(-0.4, 0.4, 3)),
-                         colour(rng)) for _ in range(rng.integers(2, 9))]
+            return [geom(rng.choice(['sphere', 'ellipsoid', 'box']), list(rng.uniform(0.1, 0.5, 3)),
+                         list(rng.uniform(-0.4, 0.4, 3)), colour(rng)) for _ in range(rng.integers(2, 9))]
 
 
 def scene(parts: list[str], background: float, rng: Rng) -> mujoco.MjModel:

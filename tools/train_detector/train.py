@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import torch
@@ -86,7 +88,8 @@ def main() -> None:
     average = deepcopy(network).eval()
     decayed = [p for p in network.parameters() if p.ndim > 1]
     plain = [p for p in network.parameters() if p.ndim <= 1]
-    optimizer = torch.optim.AdamW([{'params': decayed, 'weight_decay': 0.02}, {'params': plain, 'weight_decay': 0.0}], lr=args.rate)
+    groups = [{'params': decayed, 'weight_decay': 0.02}, {'params': plain, 'weight_decay': 0.0}]
+    optimizer = torch.optim.AdamW(groups, lr=args.rate)
     args.out.mkdir(parents=True, exist_ok=True)
     checkpoint, step = args.out / 'checkpoint.pt', 0
     if checkpoint.exists():
@@ -98,7 +101,9 @@ def main() -> None:
     loader = ThreadPoolExecutor(1)
     ready = loader.submit(batch, sampler, args.seed, step)
     last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
-    while step < args.steps:
+    stopped = Event()
+    signal.signal(signal.SIGTERM, lambda *_: stopped.set())
+    while step < args.steps and not stopped.is_set():
         while args.pause_file and args.pause_file.exists():
             time.sleep(1.0)
         pictures, truth = ready.result()
@@ -120,10 +125,12 @@ def main() -> None:
             sums[name] = sums.get(name, 0.0) + value
         if step % 50 == 0:
             means = ' '.join(f'{name} {value / since:.3f}' for name, value in sums.items())
-            print(f'step {step} {means} rate {optimizer.param_groups[0]["lr"]:.5f} {(time.monotonic() - began) / since:.2f} s', flush=True)
+            rate, each = optimizer.param_groups[0]['lr'], (time.monotonic() - began) / since
+            print(f'step {step} {means} rate {rate:.5f} {each:.2f} s', flush=True)
             sums, since, began = {}, 0, time.monotonic()
-        if time.monotonic() - last_saved > 120 or step == args.steps:
-            save(checkpoint, network=network.state_dict(), average=average.state_dict(), optimizer=optimizer.state_dict(), step=step)
+        if time.monotonic() - last_saved > 120 or step == args.steps or stopped.is_set():
+            save(checkpoint, network=network.state_dict(), average=average.state_dict(), optimizer=optimizer.state_dict(),
+                 step=step)
             last_saved = time.monotonic()
 
 

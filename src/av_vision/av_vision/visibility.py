@@ -28,8 +28,10 @@ DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be told
 
 @dataclass(frozen=True)
 class Visibility:
-    """`share` of a target's contrast that reaches the camera from the distance asked for, 0-1; `extinction` in 1/m and
-    `range` in m, where contrast falls to 5 %; nan where they cannot be told.
+    """What is left of a target's contrast.
+
+    `share` of it reaches the camera from the distance asked for, 0-1; `extinction` in 1/m and `range` in m, where 5 % are
+    left; nan where they cannot be told.
     """
 
     share: float

@@ -11,7 +11,7 @@ CAMERA = PinholeCamera.from_fov(640, 480, np.radians(70.0))
 
 def test_left_and_up_in_the_image_are_positive():
     centre = np.array([319.5, 239.5])
-    right, up = centre + [CAMERA.fx * np.tan(0.3), 0], centre - [0, CAMERA.fy * np.tan(0.2)]
+    right, up = centre + np.array([CAMERA.fx * np.tan(0.3), 0]), centre - np.array([0, CAMERA.fy * np.tan(0.2)])
     bearings = bearings_of_boxes(CAMERA, [centre, right, up], np.ones((3, 2)), np.ones(3))
     assert bearings.azimuth == pytest.approx([0.0, -0.3, 0.0], abs=1e-9)
     assert bearings.elevation == pytest.approx([0.0, 0.0, 0.2], abs=1e-9)
@@ -31,7 +31,8 @@ def test_variance_matches_the_scatter_off_axis_with_distortion():
     centre, size = np.array([560.0, 90.0]), np.array([30.0, 20.0])
     rng = np.random.default_rng(0)
     sigma = np.sqrt(model.pixel_variance(size, 0.5))
-    drawn = bearings_of_boxes(camera, centre + rng.normal(size=(20000, 2)) * sigma, np.tile(size, (20000, 1)), np.full(20000, 0.5))
+    centres = centre + rng.normal(size=(20000, 2)) * sigma
+    drawn = bearings_of_boxes(camera, centres, np.tile(size, (20000, 1)), np.full(20000, 0.5))
     stated = bearings_of_boxes(camera, [centre], [size], [0.5], model)
     assert drawn.azimuth.var() == pytest.approx(stated.azimuth_variance[0], rel=0.05)
     assert drawn.elevation.var() == pytest.approx(stated.elevation_variance[0], rel=0.05)

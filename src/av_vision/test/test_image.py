@@ -23,7 +23,8 @@ def message(image, encoding, padding=0, bigendian=False):
 @pytest.mark.parametrize('padding', [0, 5])
 def test_colours_come_out_as_bgr(padding):
     alpha = np.dstack([COLOUR, np.full((7, 11), 255, np.uint8)])
-    for image, encoding in [(COLOUR, 'bgr8'), (COLOUR[..., ::-1], 'rgb8'), (alpha, 'bgra8'), (alpha[..., [2, 1, 0, 3]], 'rgba8')]:
+    sent = [(COLOUR, 'bgr8'), (COLOUR[..., ::-1], 'rgb8'), (alpha, 'bgra8'), (alpha[..., [2, 1, 0, 3]], 'rgba8')]
+    for image, encoding in sent:
         assert np.array_equal(image_from_message(message(image, encoding, padding)), COLOUR), encoding
 
 

@@ -1,5 +1,7 @@
 """Visibility in synthetic fog, against Beer-Lambert's law."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -38,7 +40,7 @@ def test_ground_distance_is_the_triangle():
 
 def test_without_scale_more_fog_is_less_visibility():
     shares = [estimate(landscape(extinction)[0]).share for extinction in (0.01, 0.05, 0.15, 0.5)]
-    assert all(a > b for a, b in zip(shares, shares[1:], strict=False))
+    assert all(a > b for a, b in pairwise(shares))
     assert np.isnan(estimate(landscape(0.05)[0]).range)
 
 
