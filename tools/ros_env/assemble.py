@@ -7,7 +7,7 @@ tools/ros_env.sh calls this, with any Python from 3.8 on: nothing but the standa
 .ros/bin     ros2, and a colcon that builds against the former although the shell runs the latter
 .ros/wheels  what was downloaded; each wheel is checked against its hash and never fetched twice
 
-Each step is taken again when lock.txt or this file has changed, and only then. An interrupted step is taken again.
+Each step is taken again when what it depends on has changed, and only then. An interrupted step is taken again.
 """
 
 from __future__ import annotations
@@ -74,10 +74,10 @@ def assemble() -> None:
     stamp = f'{digest} {PROJECT}\n'
     say(f'assembling ROS 2 Jazzy in {ROS} (what is missing of 0.4 GB is downloaded)')
     prerequisites.install_system_packages()
-    once('venv', f'{PROJECT} {requirements(*FIRST)}', make_venv)  # other pins are installed over it when they change
+    once('venv', f'{PROJECT} {requirements(*FIRST)}', make_venv)
     download()
     once('packages', stamp, install_packages)
-    once('tree', stamp, unpack_tree)
+    once('tree', f'{requirements(TREE_WHEEL)}', unpack_tree)
     once('ready', stamp, make_programs)
     say('ready')
 

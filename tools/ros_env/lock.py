@@ -13,7 +13,10 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ALONE = HERE / 'ros_tree.in'  # its own needs are not wanted
-UNWANTED = {'lark-parser'}  # overwrites files of its successor lark
+UNWANTED = {
+    'lark-parser',  # overwrites files of its successor lark
+    'coverage', 'cython', 'mpmath', 'notify2', 'pytest-cov', 'pytest-repeat', 'pytest-rerunfailures', 'sympy',  # unused
+}
 
 
 def main() -> None:
