@@ -16,6 +16,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={f'{package_name}.nodes': ['*_parameters.yaml']},  # defaults for replay without the nodes
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -35,6 +36,8 @@ setup(
             'pointing_node = av_fusion.nodes.pointing_node:main',
             'monitor_node = av_fusion.nodes.monitor_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
+            'evaluate = av_fusion.cli.evaluate:main',
+            'replay = av_fusion.cli.replay:main',
             'recorder_node = av_fusion.nodes.recorder_node:main',
         ],
     },

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,35 +48,45 @@ def summarise(log: RunLog, tau: float = 0.5) -> Summary:
     """Compute the figures. Coverage counts from the first detection, or from the first bearing where nothing was seen."""
     seen = log.sight['confidence'] >= tau
     following = log.fused['state'] != State.NONE
-    first = [log.sight['time'][seen], log.fused['time'][following]]
-    acquired = next((float(times.min()) for times in first if times.size), math.nan)
+    heard = log.sound['confidence'] > 0.0
+    acquired = next((float(times.min()) for times in (log.sight['time'][seen], log.fused['time'][following]) if times.size),
+                    math.nan)
     end = max((float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)), default=0.0)
+    sound = np.stack([log.sound['azimuth'], log.sound['mirrored']])[:, heard]
+    senses = {'fused': figures_of(log.fused['time'][following], log.fused['azimuth'][following], log, acquired, end),
+              'sound': figures_of(log.sound['time'][heard], sound, log, acquired, end),
+              'sight': figures_of(log.sight['time'][seen], log.sight['azimuth'][seen], log, acquired, end)}
+    timed = {name: _with_timing(errors, getattr(log, name)) for name, errors in senses.items()}
+    return Summary(timed, acquired, _time_to_decide(log), _switches(log), dict(log.notes))
+
+
+def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, end: float) -> Errors:
+    """Figures of body azimuths (n,) in rad at times (n,) in s, from `acquired` to `end`.
+
+    Azimuths (2, n) are mirror images, of which the nearer to the truth counts (nan: there is none).
+    """
     grid = np.arange(acquired, end, 1.0 / GRID_HZ) if math.isfinite(acquired) else np.empty(0)
+    coverage = _coverage(grid, time)
+    images = np.atleast_2d(azimuth)
+    truth = log.true_azimuth(time)
+    apart = np.abs(wrap(np.nan_to_num(images) - truth))
+    apart[np.isnan(images)] = np.inf
+    error = np.degrees(apart.min(axis=0)) if time.size else np.empty(0)
+    counted = np.isfinite(error) & (time >= acquired)
+    error = error[counted]
+    if not error.size:
+        return Errors(coverage)
+    opposite = np.cos(truth) * np.cos(images[0]) < 0.0 if len(images) == 1 else np.zeros(len(time))
+    return Errors(coverage, float(np.sqrt(np.mean(error**2))), float(np.mean(error)), float(np.median(error)),
+                  float(np.percentile(error, 95)), float(np.mean(error > OUTLIER_DEG)), float(np.mean(opposite[counted])))
 
-    def errors_of(series: Series, use: NDArray[np.bool_], azimuths: list[str]) -> Errors:
-        time = series['time']
-        truth = log.true_azimuth(time)
-        error = np.min([np.abs(wrap(np.nan_to_num(series[name], nan=1e9) - truth)) + 1e9 * np.isnan(series[name])
-                        for name in azimuths], axis=0) if len(series) else np.empty(0)
-        counted = use & np.isfinite(error) & (time >= acquired)
-        return _errors(np.degrees(error[counted]), _coverage(grid, time[use]), series,
-                       _share(np.cos(truth) * np.cos(series[azimuths[0]]) < 0.0, counted))
 
-    senses = {'fused': errors_of(log.fused, following, ['azimuth']),
-              'sound': errors_of(log.sound, log.sound['confidence'] > 0.0, ['azimuth', 'mirrored']),
-              'sight': errors_of(log.sight, seen, ['azimuth'])}
-    return Summary(senses, acquired, _time_to_decide(log), _switches(log), dict(log.notes))
-
-
-def _errors(error_deg: NDArray[np.float64], coverage: float, series: Series, hemisphere_errors: float) -> Errors:
+def _with_timing(errors: Errors, series: Series) -> Errors:
     time, delay = series['time'], 1e3 * series['delay'][np.isfinite(series['delay'])]
-    rate = (len(time) - 1) / max(np.ptp(time), 1e-9) if len(time) > 1 else 0.0
-    delays = (float(np.median(delay)), float(np.percentile(delay, 95))) if delay.size else (math.nan, math.nan)
-    if not error_deg.size:
-        return Errors(coverage, rate_hz=rate, delay_median_ms=delays[0], delay_p95_ms=delays[1])
-    rmse, p95 = float(np.sqrt(np.mean(error_deg**2))), float(np.percentile(error_deg, 95))
-    return Errors(coverage, rmse, float(np.mean(error_deg)), float(np.median(error_deg)), p95,
-                  float(np.mean(error_deg > OUTLIER_DEG)), hemisphere_errors, rate, *delays)
+    rate = float((len(time) - 1) / max(np.ptp(time), 1e-9)) if len(time) > 1 else 0.0
+    if not delay.size:
+        return replace(errors, rate_hz=rate)
+    return replace(errors, rate_hz=rate, delay_median_ms=float(np.median(delay)), delay_p95_ms=float(np.percentile(delay, 95)))
 
 
 def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
@@ -88,10 +98,6 @@ def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
     newest = np.searchsorted(np.sort(reports), grid + 1.0 / GRID_HZ) - 1
     age = np.where(newest >= 0, grid - np.sort(reports)[np.maximum(newest, 0)], np.inf)
     return float(np.mean(age <= FRESH_S))
-
-
-def _share(condition: NDArray[np.bool_], among: NDArray[np.bool_]) -> float:
-    return float(np.mean(condition[among])) if among.any() else math.nan
 
 
 def _time_to_decide(log: RunLog) -> float:

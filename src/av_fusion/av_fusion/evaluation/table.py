@@ -26,7 +26,6 @@ def format_table(summary: Summary) -> str:
 
 
 def _cell(errors: Errors, key: str, form: str, scale: float) -> str:
-    # Hearing with a pair knows no hemisphere: there the figure would only count which image is listed first.
     return _number(scale * getattr(errors, key), form)
 
 
