@@ -29,6 +29,7 @@ setup(
             'benchmark_sound = av_sim_bridge.cli.benchmark_sound:main',
             'bridge_node = av_sim_bridge.nodes.bridge_node:main',
             'simulator = av_sim_bridge.cli.simulator:main',
+            'simulate = av_sim_bridge.cli.simulate:main',
         ],
     },
 )

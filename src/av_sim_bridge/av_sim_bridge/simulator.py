@@ -14,6 +14,7 @@ import cv2
 from numpy.typing import NDArray
 
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
+from av_sim_bridge.run import times
 from av_sim_bridge.vehicle import to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
@@ -131,9 +132,9 @@ class Simulator:
     def _schedule(self, begin: float, end: float) -> list:
         """What is to be sent at which time in (begin, end], in order."""
         options = self.options
-        events = [(time, self._send_truth) for time in _times(begin, end, options.truth_rate)]
-        events += [(time, self._ask_for_picture) for time in _times(begin, end, options.image_rate)]
-        events += [(time, self._send_time_sync) for time in _times(begin, end, 1.0)]
+        events = [(moment, self._send_truth) for moment in times(begin, end, options.truth_rate)]
+        events += [(moment, self._ask_for_picture) for moment in times(begin, end, options.image_rate)]
+        events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
 
     def _wait_until(self, moment: float) -> bool:
@@ -222,9 +223,3 @@ class Simulator:
             self._send(datagram, self.options.ports.image)
         self._send(encode_oracle(picture.boxes), self.options.ports.image)
         self.counts.images += 1
-
-
-def _times(begin: float, end: float, rate: float) -> list[float]:
-    """Multiples of 1/rate in (begin, end]."""
-    first, last = int(begin * rate + 1e-6) + 1, int(end * rate + 1e-6)
-    return [number / rate for number in range(first, last + 1)]

@@ -62,20 +62,20 @@ class World:
         edges.  everything: segmentation and thermal picture of every view. Raises RuntimeError where `scene` cannot be.
         """
         camera, scenario = self.rig.camera.model, self.scenario
+        obstacles = [_seen(obstacle) for obstacle in scenario.obstacles]
         if kind == 'painter':
-            return Painter(camera, scenario.scene, self.seed)
+            return Painter(camera, scenario.scene, self.seed, obstacles)
         if kind not in ('scene', 'auto'):
             raise ValueError(f'renderer: {kind!r}, one of scene, painter, auto expected')
         drones = [(target.size, self._rotors(number)) for number, target in enumerate(scenario.targets)][:MOST_DRONES]
         try:
             return SceneRenderer(camera, scenario.scene, drones, self.seed,
-                                 [_seen(obstacle) for obstacle in scenario.obstacles],
-                                 scenario.weather.temperature_c, samples, everything)
+                                 obstacles, scenario.weather.temperature_c, samples, everything)
         except RuntimeError as error:
             if kind == 'scene':
                 raise
             log.warning('painting instead of rendering: %s', error)
-            return Painter(camera, scenario.scene, self.seed)
+            return Painter(camera, scenario.scene, self.seed, obstacles)
 
     def advance(self, samples: int) -> NDArray:
         """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""

@@ -13,7 +13,9 @@ from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
+from av_sim_bridge.wire.imu import ImuSample, decode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
+from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
 LATEST = 10.0    # s that a stamp may lag behind the others
@@ -119,6 +121,36 @@ class TruthIntake:
         truth = decode_truth(datagram)
         _observe(self._clock, truth.time, arrival, 'truth')
         self._on_state(truth.copter_id, from_truth(truth), self._clock.to_ros(truth.time))
+
+
+class ImuIntake:
+    """Inertial measurements of the rig, in FLU and ROS time; counts what is missing in their sequence."""
+
+    def __init__(self, clock: SenderClock, on_sample: Callable[[ImuSample, float], None]):
+        """on_sample(sample, ROS time in s)."""
+        self.lost = 0
+        self._clock, self._on_sample = clock, on_sample
+        self._expected: int | None = None
+
+    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
+        """Take one datagram. Raises WireError."""
+        sample = decode_imu(datagram)
+        _observe(self._clock, sample.time, arrival, 'imu')
+        if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
+            self.lost += sample.sequence - self._expected
+        self._expected = sample.sequence + 1
+        self._on_sample(sample, self._clock.to_ros(sample.time))
+
+
+class TimeSyncIntake:
+    """The simulator's own idea of Unix time, to compare with this machine's."""
+
+    def __init__(self):
+        self.offset_s = float('nan')
+
+    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
+        """Take one datagram. Raises WireError."""
+        self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
 
 
 def _observe(clock: SenderClock, stamp: float, arrival: float, name: str) -> None:

@@ -12,15 +12,25 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image, Imu
 from vision_msgs.msg import Detection2DArray
 
 from av_audio.ring_buffer import RingBuffer
+from av_common.frames import frd_to_flu
 from av_common.node import RigNode, run
 from av_common.qos import PICTURE, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.bridge.consumer import Consumer
-from av_sim_bridge.bridge.intake import AudioIntake, ImageIntake, StampedImage, TruthIntake
+from av_sim_bridge.bridge.direction_check import DirectionCheck
+from av_sim_bridge.bridge.intake import (
+    AudioIntake,
+    ImageIntake,
+    ImuIntake,
+    StampedImage,
+    TimeSyncIntake,
+    TruthIntake,
+)
 from av_sim_bridge.bridge.receiver import Handler, Receiver, open_port
 from av_sim_bridge.clock import SenderClock
 from av_sim_bridge.config_files import find_config
@@ -29,10 +39,13 @@ from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.imu import ImuSample
 from av_sim_bridge.wire.oracle import OracleBox
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 
 LONGEST_BLOCK = 4800   # frames in one message
+STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # whose silence is worth a warning
 
 
 class BridgeNode(RigNode):
@@ -47,9 +60,12 @@ class BridgeNode(RigNode):
         self._rig = load_rig(self._settings.rig_file or find_config('rig'))
         self._layout = AudioFormat(self._settings.sample_format, self._rig.array.geometry.channels,
                                    self._settings.sample_rate)
+        first = self._settings.target_id
+        self._more_targets = range(first + 1, first + self._settings.targets)
         topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
                   'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT),
-                  'truth/rig': (Odometry, RESULT), 'truth/target': (Odometry, RESULT)}
+                  'truth/rig': (Odometry, RESULT), 'truth/target': (Odometry, RESULT), 'imu': (Imu, STREAM)}
+        topics |= {f'truth/target_{number}': (Odometry, RESULT) for number in self._more_targets}
         if self._settings.oracle_detections:
             topics['detections'] = (Detection2DArray, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}
@@ -58,6 +74,7 @@ class BridgeNode(RigNode):
         """Open the ports and start the threads."""
         self._sender_clock = SenderClock()
         self._ring = RingBuffer(self._layout.channels, self._settings.ring_buffer_bytes, self._layout.dtype)
+        self._direction = DirectionCheck(self._layout.sample_rate)
         self._audio = AudioIntake(self._layout, self._ring, self._sender_clock)
         self._sequence = 0
         self._receivers: dict[str, Receiver] = {}
@@ -66,10 +83,16 @@ class BridgeNode(RigNode):
             opened.callback(self._images.stop)
             self._pictures = ImageIntake(self._sender_clock, self._images.put, self._publish_boxes)
             truth = TruthIntake(self._sender_clock, self._publish_state)
+            self._imu, self._time_sync = ImuIntake(self._sender_clock, self._publish_imu), TimeSyncIntake()
             self._receive(opened, 'audio', self._audio.take)
             self._receive(opened, 'image', self._pictures.take)
             self._receive(opened, 'rig_truth', truth.take)
             self._receive(opened, 'target_truth', truth.take)
+            for number in self._more_targets:
+                port = self._settings.target_truth_port + 2 * (number - self._settings.target_id)
+                self._receive(opened, f'target_{number}_truth', truth.take, port=port)
+            self._receive(opened, 'imu', self._imu.take)
+            self._receive(opened, 'time_sync', self._time_sync.take, group=TIME_SYNC_GROUP)
             self._commands = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._sounding = True
             speaker = threading.Thread(target=self._publish_sound, name='publish sound', daemon=True)
@@ -88,10 +111,12 @@ class BridgeNode(RigNode):
         for publisher in self._outputs.values():
             self.destroy_publisher(publisher)
 
-    def _receive(self, opened: ExitStack, name: str, handle: Handler) -> None:
-        parameter = f'{name}_port'
-        port = open_port(parameter, getattr(self._settings, parameter), self._settings.socket_buffer_bytes)
-        self._receivers[name] = Receiver(name, port, handle)
+    def _receive(self, opened: ExitStack, name: str, handle: Handler, group: str | None = None,
+                 port: int | None = None) -> None:
+        number = getattr(self._settings, f'{name}_port') if port is None else port
+        parameter = f'{name}_port' if port is None else f'target_truth_port: {name}'
+        source = open_port(parameter, number, self._settings.socket_buffer_bytes, multicast_group=group)
+        self._receivers[name] = Receiver(name, source, handle)
         opened.callback(self._receivers[name].stop)
 
     def _publish_sound(self) -> None:
@@ -101,13 +126,13 @@ class BridgeNode(RigNode):
             first, samples = self._ring.read(LONGEST_BLOCK)
             if len(samples):
                 header = messages.make_header(self._audio.stamp(first), self._rig.array.frame)
+                samples = self._layout.to_float(samples)
+                self._direction.add(samples)
                 self._outputs['audio/frames'].publish(messages.audio_message(
-                    header, self._layout.sample_rate, first, self._layout.to_float(samples)))
+                    header, self._layout.sample_rate, first, samples))
 
     def _publish_image(self, stamped: StampedImage) -> None:
-        bgr = cv2.imdecode(np.frombuffer(stamped.image.data, np.uint8), cv2.IMREAD_COLOR)
-        if bgr is None:
-            raise ValueError('image: neither JPEG nor PNG')
+        bgr = decode_picture(stamped.image.data)
         camera = self._rig.camera
         header = messages.make_header(stamped.stamp, camera.optical_frame)
         self._outputs['camera/image_raw'].publish(messages.image_message(header, bgr))
@@ -128,6 +153,14 @@ class BridgeNode(RigNode):
             self._outputs['truth/rig'].publish(message)
         elif copter_id == self._settings.target_id:
             self._outputs['truth/target'].publish(messages.odometry_message(header, 'target', state))
+        elif copter_id in self._more_targets:
+            self._outputs[f'truth/target_{copter_id}'].publish(
+                messages.odometry_message(header, f'target_{copter_id}', state))
+
+    def _publish_imu(self, sample: ImuSample, stamp: float) -> None:
+        header = messages.make_header(stamp, self._rig.base_frame)
+        self._outputs['imu'].publish(messages.imu_message(header, frd_to_flu(sample.acceleration_frd),
+                                                          frd_to_flu(sample.rate_frd)))
 
     def _on_command(self, command: PointingCommand) -> None:
         self._sequence = (self._sequence + 1) % 2**31
@@ -143,12 +176,15 @@ class BridgeNode(RigNode):
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Rate, age and faults of every stream."""
-        silent = [name for name, receiver in self._receivers.items() if receiver.meter.age > self._settings.stale_after]
-        if len(silent) == len(self._receivers):
-            ports = ', '.join(f'{name} {receiver.port}' for name, receiver in self._receivers.items())
+        streams = {name: self._receivers[name] for name in STREAMS}
+        silent = [name for name, receiver in streams.items() if receiver.meter.age > self._settings.stale_after]
+        if len(silent) == len(streams):
+            ports = ', '.join(f'{name} {receiver.port}' for name, receiver in streams.items())
             status.mergeSummary(DiagnosticStatus.WARN, f'no data from the simulator (UDP {ports})')
         elif silent:
             status.mergeSummary(DiagnosticStatus.WARN, f'no data: {", ".join(silent)}')
+        if self._direction.complaint:
+            status.mergeSummary(DiagnosticStatus.WARN, f'audio: {self._direction.complaint}')
         for name, receiver in self._receivers.items():
             status.add(f'{name} rate (Hz)', f'{receiver.meter.rate:.1f}')
             status.add(f'{name} age (s)', f'{receiver.meter.age:.2f}')
@@ -158,13 +194,26 @@ class BridgeNode(RigNode):
         for name, value in self._counts().items():
             status.add(name, str(value))
 
-    def _counts(self) -> dict[str, int]:
+    def _counts(self) -> dict[str, float]:
         audio, assembler = self._audio.decoder.counts, self._pictures.assembler
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
                 'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
                 'audio overwritten frames': self._ring.overwritten, 'image lost': assembler.incomplete,
                 'image reordered': assembler.reordered, 'image dropped': self._images.dropped,
-                'image undecodable': self._images.failed, 'clock restarts': self._sender_clock.restarts}
+                'image undecodable': self._images.failed, 'imu lost': self._imu.lost,
+                'clock restarts': self._sender_clock.restarts, 'time sync offset (s)': self._time_sync.offset_s,
+                'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1)}
+
+
+def decode_picture(data: bytes) -> NDArray:
+    """Picture (height, width, 3) uint8, BGR. Raises ValueError for what is no picture."""
+    try:
+        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise ValueError(f'image: {error.err}') from error
+    if bgr is None:
+        raise ValueError('image: neither JPEG nor PNG')
+    return bgr
 
 
 def main() -> None:

@@ -41,7 +41,7 @@ def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tupl
     if len(drones) > MOST_DRONES:
         raise ValueError(f'targets: {len(drones)} of them, at most {MOST_DRONES} can be rendered')
     root = ET.Element('mujoco')
-    _settings(root, size, fovy_deg, samples)
+    _settings(root, size, fovy_deg, samples, sky)
     asset, world = _add(root, 'asset'), _add(root, 'worldbody')
     images = _surfaces(asset, sky, np.random.default_rng([seed, 12]))
     _add(world, 'light', pos='0 0 100', dir='0.35 0.2 -0.9', directional='true', castshadow='false',
@@ -63,12 +63,13 @@ def _text(values: ArrayLike) -> str:
     return ' '.join(f'{value:.6g}' for value in np.ravel(values))
 
 
-def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples: int) -> None:
+def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples: int, sky: bool) -> None:
     _add(root, 'compiler', angle='radian')
     visual = _add(root, 'visual')
     _add(visual, 'global', offwidth=str(size[0]), offheight=str(size[1]), fovy=str(fovy_deg))
     _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='12', numstacks='8', numquads='1')
-    _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse='0 0 0', specular='0 0 0')
+    lamps = '0 0 0' if sky else '0.5 0.5 0.48'    # indoors, light comes from everywhere
+    _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse=lamps, specular='0 0 0')
     _add(visual, 'map', znear='0.001', zfar='50')
     _add(root, 'statistic', extent='100', center='0 0 0')
 

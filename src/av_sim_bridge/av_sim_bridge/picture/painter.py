@@ -1,32 +1,36 @@
-"""Pictures painted with OpenCV, for machines that cannot render: sky, ground, trees and drones in even fog."""
+"""Pictures painted with OpenCV, for machines that cannot render: sky, ground, solids and drones in even fog."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from av_sim_bridge.picture.scenes import Scene
+from av_sim_bridge.picture.scenes import Scene, Solid
 from av_sim_bridge.picture.view import Drone, Picture, TruthBox, View, appearance, oracle_box, rotor_hubs
 from av_vision.camera import PinholeCamera
 
 # Colours are blue, green, red in 0..255.
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
 _GROUND = np.array([60.0, 95.0, 85.0])
-_TRUNK, _CROWN = np.array([40.0, 60.0, 80.0]), np.array([45.0, 80.0, 40.0])
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
 _FOG = np.array([205.0, 205.0, 203.0])
 _SKY_DISTANCE = 1500.0
 _COARSE = 2            # sky and ground are smooth: painted at half the resolution
 _NOISES = 8
 _SUBPIXEL = 4          # bits
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class Painter:
     """Paints what one camera sees of one scene. The same seed and view give the same picture."""
 
-    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, noise: float = 2.5):
+    def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (),
+                 noise: float = 2.5):
         """noise: standard deviation of the sensor's noise in grey levels."""
         self._camera = camera
         random = np.random.default_rng([seed, 11])
@@ -38,22 +42,19 @@ class Painter:
         self._texture = gaussian_filter(random.normal(0.0, 30.0, (256, 256)), 1.5, mode='wrap').astype(np.float32)
         self._noise = np.clip(random.normal(128.0, noise, (_NOISES, camera.height, camera.width, 1)), 0, 255) \
             .astype(np.uint8).repeat(3, axis=3)
-        radius = np.sqrt(random.uniform(scene.clearing**2, scene.extent**2, scene.trees))
-        angle = random.uniform(0.0, 2 * np.pi, scene.trees)
-        self._trees = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(scene.trees)])
-        self._heights = random.uniform(5.0, 12.0, scene.trees)
-        self._shades = random.uniform(0.7, 1.2, scene.trees)
+        self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
+        self._places = np.array([solid.centre for solid in self._solids]).reshape(-1, 3)
 
     def render(self, view: View) -> Picture:
         """The picture of one view, with the oracle's boxes."""
         bgr = self._background(view)
-        trees = self._visible_trees(view)
+        solids = self._visible(view)
         drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
-        for distance, thing in sorted([*trees, *drones], key=lambda item: -item[0]):
+        for distance, thing in sorted([*solids, *drones], key=lambda item: -item[0]):
             if isinstance(thing, Drone):
                 self._draw_drone(bgr, view, thing, distance)
             else:
-                self._draw_tree(bgr, view, thing, distance)
+                self._draw_solid(bgr, view, thing, distance)
         bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
         truth, boxes = [], []
         for distance, drone in drones:
@@ -85,22 +86,29 @@ class Painter:
         coarse = np.clip(image, 0, 255).astype(np.uint8).reshape(*self._shape, 3)
         return cv2.resize(coarse, (self._camera.width, self._camera.height), interpolation=cv2.INTER_LINEAR)
 
-    def _visible_trees(self, view: View) -> list[tuple[float, int]]:
-        depth = view.to_optical(self._trees)[:, 2]
-        distance = np.linalg.norm(self._trees - view.position, axis=1)
-        return [(float(distance[n]), int(n)) for n in np.flatnonzero(depth > 0.6 * distance)]
+    def _visible(self, view: View) -> list[tuple[float, Solid]]:
+        depth = view.to_optical(self._places)[:, 2]
+        distance = np.linalg.norm(self._places - view.position, axis=1)
+        return [(float(distance[n]), self._solids[n]) for n in np.flatnonzero(depth > 0.5 * distance)]
 
-    def _draw_tree(self, bgr: NDArray, view: View, tree: int, distance: float) -> None:
-        height = self._heights[tree]
-        stem = self._trees[tree] + np.array([[0, 0, 0], [0, 0, 0.5 * height], [0, 0, 0.68 * height]])
-        optical = view.to_optical(stem)
-        foot, top, crown = self._camera.project(optical)
-        scale = self._camera.fx / optical[0, 2]
-        clear = np.exp(-view.atmosphere.fog * distance) * self._shades[tree]
-        width = max(int(0.3 * scale), 1)
-        cv2.line(bgr, _fixed(foot), _fixed(top), _fogged(_TRUNK, clear), width, cv2.LINE_AA, _SUBPIXEL)
-        axes = _fixed([0.2 * height * scale, 0.34 * height * scale])
-        cv2.ellipse(bgr, _fixed(crown), axes, 0, 0, 360, _fogged(_CROWN, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+    def _draw_solid(self, bgr: NDArray, view: View, solid: Solid, distance: float) -> None:
+        """The outline of its box, or for round ones an ellipse or a triangle of that size."""
+        c, s = np.cos(solid.yaw), np.sin(solid.yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        corners = view.to_optical(_CORNERS * solid.half_size @ turn.T + solid.centre)
+        if (corners[:, 2] < 0.1).any():
+            return
+        pixels = self._camera.project(corners)
+        colour = _fogged(255.0 * np.array(solid.colour[::-1]), float(np.exp(-view.atmosphere.fog * distance)))
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        middle = (low + high) / 2
+        if solid.shape == 'ellipsoid':
+            cv2.ellipse(bgr, _fixed(middle), _fixed((high - low) / 2), 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
+            return
+        if solid.shape == 'cone':
+            pixels = np.array([[low[0], high[1]], [high[0], high[1]], [middle[0], low[1]]])
+        hull = cv2.convexHull(np.array([_fixed(pixel) for pixel in pixels], np.int32))
+        cv2.fillConvexPoly(bgr, hull, colour, cv2.LINE_AA, _SUBPIXEL)
 
     def _draw_drone(self, bgr: NDArray, view: View, drone: Drone, distance: float) -> None:
         optical = view.to_optical(np.concatenate([drone.position[np.newaxis], rotor_hubs(drone)]))

@@ -61,6 +61,8 @@ def decode_fragment(datagram: bytes) -> Fragment:
         size = _NEW.size
     else:
         raise WireError(f'image: magic {magic}, {OLD_MAGIC} or {NEW_MAGIC} with a whole header expected')
+    if len(datagram) == size:
+        raise WireError('image: packet without payload')
     if length != len(datagram):
         raise WireError(f'image: {len(datagram)} bytes, header says {length}')
     if not (0 < count <= MOST_FRAGMENTS and 0 <= sequence < count):

@@ -1,0 +1,62 @@
+"""Whether a stream of sound carries directions at all: a listener mix has level differences but no time differences."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BLOCK_S = 0.1            # of which one delay is measured
+_BLOCKS = 100             # newest delays that are looked at
+_LOUD = 1e-4              # root mean square below which there is nothing to measure
+_LEAST_SPREAD_S = 12e-6   # half a sample at 48 kHz
+
+
+class DirectionCheck:
+    """Collects the delay between the first two channels, by the peak of their cross-correlation, every few blocks."""
+
+    def __init__(self, sample_rate: int, largest_delay_s: float = 2e-3):
+        self._block = int(_BLOCK_S * sample_rate)
+        self._rate, self._reach = sample_rate, max(int(largest_delay_s * sample_rate), 2)
+        self._collected: list[NDArray] = []
+        self._delays: deque[float] = deque(maxlen=_BLOCKS)
+
+    def add(self, samples: NDArray) -> None:
+        """Take samples (n, channels) as they come."""
+        if samples.shape[1] < 2:
+            return
+        self._collected.append(np.asarray(samples[:, :2], float))
+        if sum(map(len, self._collected)) < self._block:
+            return
+        block = np.concatenate(self._collected)
+        self._collected.clear()
+        if block.std() > _LOUD:
+            self._delays.append(self._delay(block - block.mean(axis=0)))
+
+    @property
+    def spread_s(self) -> float:
+        """Spread of the delays in s (5th to 95th percentile), nan while there are too few."""
+        if len(self._delays) < 20:
+            return float('nan')
+        return float(np.diff(np.percentile(self._delays, [5, 95]))[0])
+
+    @property
+    def complaint(self) -> str:
+        """Why no direction can be had from this stream, empty while that is not known."""
+        if len(self._delays) < _BLOCKS or self.spread_s >= _LEAST_SPREAD_S:
+            return ''
+        if abs(np.median(self._delays)) < _LEAST_SPREAD_S:
+            return ('the channels differ in level at most, never in time: this looks like a listener mix '
+                    'that carries no direction (or a source that stays straight ahead)')
+        return ''
+
+    def _delay(self, block: NDArray) -> float:
+        spectrum = np.fft.rfft(block, 2 * len(block), axis=0)
+        cross = spectrum[:, 1] * spectrum[:, 0].conj()
+        around = np.fft.irfft(cross)[np.arange(-self._reach, self._reach + 1)]
+        peak = int(np.argmax(around[1:-1])) + 1
+        before, at, after = around[peak - 1:peak + 2]
+        curve = before - 2 * at + after
+        fraction = 0.5 * (before - after) / curve if curve < 0 else 0.0
+        return (peak - self._reach + fraction) / self._rate

@@ -1,0 +1,1 @@
+"""Simulations as files: sound, video, truth, bags and previews."""

@@ -1,0 +1,39 @@
+"""A listener mix is told from sound with directions."""
+
+import numpy as np
+
+from av_sim_bridge.bridge.direction_check import DirectionCheck
+
+RATE = 48_000
+
+
+def complaint(delays, gains=(1.0, 1.0)):
+    """Check 12 s of noise whose second channel is late by delays (n,) in samples, one every 0.1 s."""
+    random = np.random.default_rng(1)
+    check = DirectionCheck(RATE)
+    for delay in delays:
+        source = random.standard_normal(4800 + 64)
+        check.add(np.column_stack([gains[0] * source[32:-32], gains[1] * source[32 - delay:len(source) - 32 - delay]])
+                  + 0.01 * random.standard_normal((4800, 2)))
+    return check
+
+
+def test_a_moving_source_is_fine():
+    assert complaint(np.round(20 * np.sin(np.linspace(0, 6, 120))).astype(int)).complaint == ''
+
+
+def test_a_mix_with_levels_only_is_noticed():
+    check = complaint([0] * 120, gains=(1.0, 0.4))
+    assert 'listener mix' in check.complaint
+    assert check.spread_s < 1e-6
+
+
+def test_a_source_at_rest_aside_is_fine():
+    assert complaint([15] * 120).complaint == ''
+
+
+def test_nothing_is_said_too_early_or_about_silence():
+    assert complaint([0] * 50).complaint == ''
+    check = DirectionCheck(RATE)
+    check.add(np.zeros((48_000 * 12, 2)))
+    assert check.complaint == ''
