@@ -45,7 +45,7 @@ class DetectorNode(RigNode):
         settings = self.settings
         self._detector = Detector(settings.model or shipped_model(), DetectorSettings(
             score_threshold=settings.score_threshold, nms_iou=settings.nms_iou, max_detections=settings.max_detections,
-            keep=(settings.target_class,), rename=dict.fromkeys(settings.keep_classes, settings.target_class),
+            keep=(settings.target_class,), rename=dict.fromkeys(given(settings.keep_classes), settings.target_class),
             layout=settings.layout, class_names=given(settings.class_names), input_size=settings.input_size,
             slice_size=settings.slice_size, providers=tuple(settings.providers), threads=settings.threads))
         self._track_gap = settings.track_gap

@@ -1,0 +1,81 @@
+"""The detect program on files, with a network whose answers are known."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+import yolo_models
+
+from av_vision.cli import benchmark, detect
+
+
+@pytest.fixture
+def folder(tmp_path):
+    pictures = tmp_path / 'pictures'
+    pictures.mkdir()
+    for k in range(3):
+        cv2.imwrite(str(pictures / f'{k}.png'), np.full((416, 416, 3), 40 * k, np.uint8))
+    yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"})
+    return tmp_path
+
+
+def run(folder, capsys, *options):
+    code = detect.main([str(folder / 'pictures'), '--model', str(folder / 'model.onnx'), *options])
+    return code, capsys.readouterr()
+
+
+def test_csv_has_the_promised_columns_and_pixels_of_the_input(folder, capsys):
+    code, printed = run(folder, capsys, '--rate', '10')
+    rows = list(csv.DictReader(printed.out.splitlines()))
+    assert code == 0
+    assert list(rows[0]) == ['frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track']
+    assert [row['frame'] for row in rows] == ['0', '1', '2']
+    assert [row['time'] for row in rows] == ['0.0', '0.1', '0.2']
+    assert {row['track'] for row in rows} == {'1'}
+    x1, y1, x2, y2 = yolo_models.TRUTH[0][:4]
+    assert [float(rows[0][key]) for key in 'xywh'] == pytest.approx([x1, y1, x2 - x1, y2 - y1])
+    assert 'frame 1 of 3' in printed.err
+
+
+def test_json_and_all_classes(folder, capsys):
+    code, printed = run(folder, capsys, '--json', '--classes', 'all', '--quiet')
+    rows = [json.loads(line) for line in printed.out.splitlines()]
+    assert code == 0
+    assert [row['class'] for row in rows[:2]] == ['drone', 'bird']
+    assert rows[0]['track'] != rows[1]['track']
+    assert printed.err == ''
+
+
+def test_output_file_and_video(folder, capsys):
+    out, video = folder / 'rows.csv', folder / 'drawn.mp4'
+    code, printed = run(folder, capsys, '--output', str(out), '--save-video', str(video), '--quiet')
+    assert (code, printed.out) == (0, '')
+    assert len(out.read_text().splitlines()) == 4
+    drawn = cv2.VideoCapture(str(video))
+    assert drawn.get(cv2.CAP_PROP_FRAME_COUNT) == 3
+    green = drawn.read()[1][160, 120].astype(int)
+    assert green[1] > green[0] + 50  # the box's upper edge
+
+
+@pytest.mark.parametrize(('options', 'reason'), [
+    (['nowhere.mp4'], 'nowhere.mp4 does not exist'), (['pictures', '--model', 'nowhere.onnx'], 'nowhere.onnx does not exist'),
+    (['pictures', '--model', 'model.onnx', '--classes', 'plane'], "rename names ['plane']")])
+def test_what_cannot_be_used_is_said_in_one_line(folder, capsys, monkeypatch, options, reason):
+    monkeypatch.chdir(folder)
+    options = options if '--model' in options else [*options, '--model', 'model.onnx']
+    assert detect.main(options) == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_an_empty_image_is_an_error(folder, capsys):
+    (folder / 'pictures/0.png').write_bytes(b'')
+    code, printed = run(folder, capsys)
+    assert code == 2
+    assert '0 bytes' in printed.err
+
+
+def test_the_benchmark_prints_both_times(folder, capsys):
+    assert benchmark.main([str(folder / 'pictures'), '--model', str(folder / 'model.onnx'), '--rounds', '3']) == 0
+    assert 'model.onnx' in capsys.readouterr().out

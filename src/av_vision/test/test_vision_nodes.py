@@ -1,0 +1,218 @@
+"""The nodes as ROS sees them: headers, ids, stamps, latest-frame policy, errors that heal."""
+
+import time
+from array import array
+
+import cv2
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='needs a ROS 2 environment')
+pytest.importorskip('av_vision.nodes.camera_node_parameters', reason='needs the workspace to be built')
+
+import yolo_models  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image  # noqa: E402
+from vision_msgs.msg import Detection2DArray  # noqa: E402
+
+from av_common.qos import PICTURE, RESULT  # noqa: E402
+from av_interfaces.msg import Visibility  # noqa: E402
+from av_vision.image import fill_message, image_from_message  # noqa: E402
+from av_vision.nodes.camera_node import CameraNode  # noqa: E402
+from av_vision.nodes.detector_node import DetectorNode  # noqa: E402
+
+pytestmark = pytest.mark.system
+
+
+class Rig:
+    """Nodes under test in one executor with an observer that collects what they publish."""
+
+    def __init__(self):
+        rclpy.init()
+        self.executor = SingleThreadedExecutor()
+        self.observer = rclpy.create_node('observer')
+        self.executor.add_node(self.observer)
+        self.nodes = []
+
+    def start(self, node_class, **parameters):
+        node = node_class(parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def collect(self, kind, topic, qos):
+        messages = []
+        self.observer.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def spin_until(self, condition, limit_s=15.0):
+        end = time.monotonic() + limit_s
+        while not condition():
+            assert time.monotonic() < end, 'waited in vain'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        for node in self.nodes:
+            node.close()
+            node.destroy_node()
+        self.observer.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def rig():
+    rig = Rig()
+    yield rig
+    rig.close()
+
+
+@pytest.fixture
+def model(tmp_path):
+    return str(yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"}))
+
+
+def picture(stamp=5, encoding='bgr8', image=None):
+    message = fill_message(Image(), np.zeros((416, 416, 3), np.uint8) if image is None else image, encoding)
+    message.header.stamp.sec, message.header.frame_id = stamp, 'camera_optical_frame'
+    return message
+
+
+def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
+    path = tmp_path / 'video.avi'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 20.0, (64, 48))
+    for k in range(30):
+        writer.write(np.full((48, 64, 3), 8 * k, np.uint8))
+    writer.release()
+    images, infos = rig.collect(Image, 'camera/image_raw', PICTURE), rig.collect(CameraInfo, 'camera/camera_info', RESULT)
+    rig.start(CameraNode, file=str(path), horizontal_fov_deg=90.0)
+    rig.spin_until(lambda: len(images) > 10 and len(infos) > 10)
+    assert image_from_message(images[0]).shape == (48, 64, 3)
+    assert {message.header.frame_id for message in (*images, *infos)} == {'camera_optical_frame'}
+    assert infos[0].k[0] == pytest.approx(32.0)
+    stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in images]
+    levels = [round(image_from_message(message)[0, 0, 0] / 8.0) for message in images]
+    assert np.diff(stamps) == pytest.approx(np.diff(levels) / 20.0, abs=1e-6)
+    assert {message.header.stamp.nanosec for message in images} <= {message.header.stamp.nanosec for message in infos}
+
+
+def test_detections_carry_header_names_and_ids(rig, model):
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    seen = rig.collect(Visibility, 'visibility', RESULT)
+    node = rig.start(DetectorNode, model=model)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    images.publish(picture(7))
+    rig.spin_until(lambda: found and seen)
+    array = found[0]
+    assert (array.header.stamp.sec, array.header.frame_id) == (7, 'camera_optical_frame')
+    drone, = array.detections
+    assert drone.header == array.header
+    assert drone.id == '1'
+    assert drone.results[0].hypothesis.class_id == 'drone'
+    assert drone.results[0].hypothesis.score == pytest.approx(0.9, abs=1e-3)
+    assert (drone.bbox.center.position.x, drone.bbox.center.position.y) == pytest.approx((128.0, 180.0))
+    assert (drone.bbox.size_x, drone.bbox.size_y) == pytest.approx((64.0, 40.0))
+    assert seen[0].header == array.header
+    assert seen[0].visibility == 0.0  # a black picture shows nothing
+
+
+def test_nothing_seen_is_an_empty_array(rig, tmp_path):
+    blind = yolo_models.write(tmp_path / 'blind.onnx', output=np.zeros((1, 5, 3549)), metadata={'names': "['drone']"})
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    node = rig.start(DetectorNode, model=str(blind))
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    images.publish(picture(9))
+    rig.spin_until(lambda: found)
+    assert found[0].header.stamp.sec == 9
+    assert not found[0].detections
+
+
+def test_unusable_pictures_are_told_and_the_next_is_looked_at(rig, model):
+    found, status = rig.collect(Detection2DArray, 'detections', RESULT), rig.collect(DiagnosticArray, '/diagnostics', 10)
+    node = rig.start(DetectorNode, model=model)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    wrong = picture(1)
+    wrong.encoding = 'pink9'
+    images.publish(wrong)
+    rig.spin_until(lambda: any('pink9' in one.message for message in status for one in message.status))
+    for k, message in enumerate([picture(2, 'mono8', np.zeros((416, 416), np.uint8)),
+                                 picture(3, '16UC1', np.zeros((416, 416), np.uint16))]):
+        images.publish(message)
+        rig.spin_until(lambda: len(found) == k + 1)  # noqa: B023
+    assert all(len(message.detections) == 1 for message in found)
+
+
+def test_only_the_newest_picture_waits(rig, model, monkeypatch):
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    node = rig.start(DetectorNode, model=model)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    detect = node._detector.detect
+    monkeypatch.setattr(node._detector, 'detect', lambda image: (time.sleep(0.3), detect(image))[1])
+    for stamp in range(1, 31):
+        images.publish(picture(stamp))
+        rig.executor.spin_once(timeout_sec=0.02)
+    rig.spin_until(lambda: found and found[-1].header.stamp.sec >= 29)
+    assert len(found) < 15
+    assert node._latest.dropped + len(found) <= 30
+    assert node._latest.dropped > 10
+
+
+def test_compressed_pictures_and_the_debug_picture_on_demand(rig, model):
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    node = rig.start(DetectorNode, model=model, compressed=True)
+    images = rig.observer.create_publisher(CompressedImage, 'camera/image_raw/compressed', PICTURE)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count())
+    message = CompressedImage(format='jpeg', data=array('B', cv2.imencode('.jpg', np.zeros((416, 416, 3), np.uint8))[1].tobytes()))
+    message.header.stamp.sec = 4
+    images.publish(message)
+    rig.spin_until(lambda: found)
+    drawn = rig.collect(Image, 'detections/image', PICTURE)
+    rig.spin_until(lambda: node._debug.get_subscription_count())
+    message.header.stamp.sec = 5
+    images.publish(message)
+    rig.spin_until(lambda: drawn)
+    assert drawn[0].header.stamp.sec == 5
+    assert image_from_message(drawn[0]).max() > 100
+
+
+def test_a_missing_model_is_an_error_that_heals(rig, model, tmp_path):
+    status = rig.collect(DiagnosticArray, '/diagnostics', 10)
+    path = tmp_path / 'later.onnx'
+    node = rig.start(DetectorNode, model=str(path))
+    rig.spin_until(lambda: any('later.onnx does not exist' in one.message and one.level == b'\x02'
+                               for message in status for one in message.status))
+    assert not node.is_active
+    path.write_bytes(yolo_models.write(tmp_path / 'good.onnx', metadata={'names': "['a', 'drone', 'b']"}).read_bytes())
+    rig.spin_until(lambda: node.is_active)
+
+
+def test_a_missing_device_is_told_and_tried_again(rig):
+    status = rig.collect(DiagnosticArray, '/diagnostics', 10)
+    node = rig.start(CameraNode, source='device', device='/dev/video77')
+    rig.spin_until(lambda: any('/dev/video77 cannot be opened' in one.message for message in status for one in message.status))
+    assert node._capture.reconnections >= 1
+
+
+def test_a_realsense_publishes_colour_depth_and_motion(rig, monkeypatch):
+    pytest.importorskip('pyrealsense2', reason='pyrealsense2 is not installed')
+    from fake_realsense import DEPTH_MM, FakeRealSense
+    from sensor_msgs.msg import Imu
+
+    fake = FakeRealSense()
+    monkeypatch.setattr('av_vision.sources.realsense.RealSenseSource._find', lambda self: fake.device)
+    images, depths = (rig.collect(Image, topic, PICTURE) for topic in ('camera/image_raw', 'camera/depth/image_raw'))
+    infos, motions = rig.collect(CameraInfo, 'camera/camera_info', RESULT), rig.collect(Imu, 'imu/data_raw', PICTURE)
+    rig.start(CameraNode, source='device', device='realsense', depth=True, imu=True)
+    fake.start()
+    rig.spin_until(lambda: len(images) > 3 and len(depths) > 3 and infos and motions)
+    fake.stop()
+    assert infos[0].k[0] == 605.0
+    assert np.median(image_from_message(depths[0])) == DEPTH_MM
+    assert motions[0].linear_acceleration.y == pytest.approx(-9.81)
+    assert motions[0].orientation_covariance[0] == -1.0
+    assert {message.header.stamp.nanosec for message in depths} & {message.header.stamp.nanosec for message in images}
