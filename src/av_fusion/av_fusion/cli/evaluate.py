@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
                         "without it the simulator's oracle stands in")
     parser.add_argument('--static', action='store_true', help='the rig turns as the scenario says, not to the target')
     parser.add_argument('--duration', type=float, default=0.0, help="seconds; 0: the scenario's")
-    parser.add_argument('--taus', nargs='*', type=float, default=[], help='further gates on the confidence, for fused and gated')
+    parser.add_argument('--taus', nargs='*', type=float, default=[], help='further gates for fused and gated')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one a core')
     return parser
 

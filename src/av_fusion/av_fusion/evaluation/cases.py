@@ -9,17 +9,16 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from av_sim_bridge.config_files import find_config
-from av_sim_bridge.rig import load_rig
-from av_sim_bridge.scenario import load_scenario
-from av_vision.yolo import Detector, DetectorSettings
-
 from av_fusion.bayes import BayesTracker
 from av_fusion.evaluation.methods import BASELINES, bearings
 from av_fusion.evaluation.metrics import figures_of, summarise
 from av_fusion.evaluation.offline_run import OfflineRun
 from av_fusion.evaluation.picture import draw
 from av_fusion.pointing import PointingController, PointingSettings
+from av_sim_bridge.config_files import find_config
+from av_sim_bridge.rig import load_rig
+from av_sim_bridge.scenario import load_scenario
+from av_vision.yolo import Detector, DetectorSettings
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from av_common.angles import wrap
 from numpy.typing import NDArray
 
+from av_common.angles import wrap
 from av_fusion.bayes import BayesSettings, BayesTracker
 from av_fusion.evaluation.offline_run import Recording
 from av_fusion.evaluation.run_log import RunLog, Series
