@@ -72,6 +72,7 @@ class TestAssembly:
         monkeypatch.syspath_prepend(str(PROJECT / 'tools/ros_env'))
         module = importlib.import_module('assemble')
         monkeypatch.setattr(module, 'WHEELS', tmp_path / 'wheels')
+        module.WHEELS.mkdir()
         monkeypatch.setattr(module, 'LOCK', tmp_path / 'lock.txt')
         names = [f'package-{number}' for number in range(20)]
         hashes = {name: hashlib.sha256(name.encode()).hexdigest() for name in names}

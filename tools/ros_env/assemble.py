@@ -53,14 +53,15 @@ exec "{VENV}/bin/python" -c 'import sys; from ros2cli.cli import main; sys.argv[
 def main() -> int:
     """Take the steps that are left, and say what went wrong; returns the exit code."""
     try:
-        ROS.mkdir(exist_ok=True)
+        WHEELS.mkdir(parents=True, exist_ok=True)
         with (ROS / 'guard').open('w') as guard:
             fcntl.flock(guard, fcntl.LOCK_EX)  # a second shell waits here, and then finds everything done
             assemble()
     except MissingError as error:
         say(str(error))
     except (subprocess.CalledProcessError, OSError) as error:
-        say(f'{error}. What was downloaded is kept: try again.')
+        say(str(error))
+        say('what was downloaded is kept: try again')
     except KeyboardInterrupt:
         say('interrupted: the next call goes on from here')
     else:
@@ -120,7 +121,7 @@ def run_pip(*arguments: str | Path, **environment: str) -> None:
     """Run the environment's pip, which says no more than what went wrong."""
     clean = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
     command = [VENV / 'bin/python', '-m', 'pip', '-qq', '--disable-pip-version-check', *arguments]
-    subprocess.run(command, env={**clean, **environment}, check=True)
+    subprocess.run([str(part) for part in command], env={**clean, **environment}, check=True)
 
 
 def make_venv() -> None:
@@ -130,12 +131,11 @@ def make_venv() -> None:
     (ROS / 'packages.stamp').unlink(missing_ok=True)
     shutil.rmtree(VENV, ignore_errors=True)
     subprocess.run([python, '-m', 'venv', VENV], check=True)
-    pip('install', lines=requirements(*FIRST))
+    pip('install', '--find-links', WHEELS, lines=requirements(*FIRST))
 
 
 def download() -> None:
     """Fetch the wheels that are not here yet, and throw away what is damaged or of an earlier lock file."""
-    WHEELS.mkdir(exist_ok=True)
     wanted = {re.search('sha256:([0-9a-f]+)', line).group(1): line for line in requirements()}
     for wheel in WHEELS.iterdir():
         if not wanted.pop(sha256(wheel), None):
