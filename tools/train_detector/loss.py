@@ -77,9 +77,11 @@ def loss(logits: Tensor, raw: Tensor, truth: list[Tensor], corners: Tensor, stri
     assigned = [assign(scores[i], boxes[i].detach(), truth[i], corners, strides) for i in range(len(truth))]
     target = torch.stack([scores_wanted for scores_wanted, _ in assigned])
     norm = target.sum().clamp(min=1.0)
-    focal = (scores - target).abs()  # most cells are easy sky
+    # Most cells are easy sky; those that answer for an object must tell its class from the others.
+    answering = torch.stack([owner >= 0 for _, owner in assigned])[..., None]
+    weight = torch.where(answering, 1.0, (scores - target).abs().clamp(min=0.02))
     entropy = functional.binary_cross_entropy_with_logits(logits, target, reduction='none')
-    class_loss = (entropy * focal.clamp(min=0.02)).sum() / norm
+    class_loss = (entropy * weight).sum() / norm
     predicted = torch.cat([boxes[i][owner >= 0] for i, (_, owner) in enumerate(assigned)])
     real = torch.cat([truth[i][owner[owner >= 0], 1:] for i, (_, owner) in enumerate(assigned)])
     weight = torch.cat([wanted[owner >= 0].sum(-1) for wanted, owner in assigned])

@@ -38,7 +38,7 @@ class Sampler:
             image, boxes = window_of(rng, self._simulated, int(rng.integers(len(self._simulated))), side)
         else:
             image, boxes = window_of(rng, self._frames, int(rng.choice(self._by_kind[kind])), side)
-        clearness = np.exp(-rng.exponential(0.8)) if rng.random() < 0.3 else 1.0
+        clearness = np.exp(-rng.exponential(0.8)) if rng.random() < 0.2 else 1.0
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
@@ -65,7 +65,7 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
     zoom = max(log_uniform(rng, 0.5, 3.0), 1.02 * side / HEIGHT)
     if len(boxes):  # no object may outgrow the square
         zoom = min(zoom, max(0.9 * side / (boxes[:, 3:] - boxes[:, 1:3]).max(), 1.02 * side / HEIGHT))
-    if rng.random() < 0.35 and side < HEIGHT:
+    if rng.random() < 0.5 and side < HEIGHT:
         zoom = 1.0
     window = min(side / zoom, HEIGHT)
     low, high = np.zeros(2), np.array([WIDTH, HEIGHT]) - window
@@ -198,15 +198,15 @@ def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sa
     if rng.random() < 0.5:
         image = image[:, ::-1]
         boxes = boxes[:, [0, 3, 2, 1, 4]] * [1, -1, 1, -1, 1] + np.array([0, side, 0, side, 0])
-    if rng.random() < 0.8:
-        gain, gamma, tint = rng.uniform(0.6, 1.2), np.exp(rng.normal(0, 0.35)), rng.uniform(0.88, 1.12, 3)
+    if rng.random() < 0.6:
+        gain, gamma, tint = rng.uniform(0.65, 1.2), np.exp(rng.normal(0, 0.25)), rng.uniform(0.93, 1.07, 3)
         table = np.clip(255 * gain * tint * (np.arange(256)[:, None] / 255.0) ** gamma + rng.uniform(-15, 15), 0, 255)
         image = cv2.LUT(image, table.astype(np.uint8)[None])
-    if rng.random() < 0.12:
+    if rng.random() < 0.06:
         image = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
-    if rng.random() < 0.2:
-        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.4))
-    elif rng.random() < 0.15:
+    if rng.random() < 0.12:
+        image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.2))
+    elif rng.random() < 0.08:
         length = int(rng.integers(3, 8))
         kernel = np.zeros((length, length))
         kernel[length // 2] = 1.0
@@ -214,12 +214,12 @@ def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sa
         kernel = cv2.warpAffine(kernel, turn, (length, length))
         image = cv2.filter2D(image, -1, kernel / max(kernel.sum(), 1e-6))
     boxes = boxes[[visible(image, box[1:]) for box in boxes]] if len(boxes) else boxes
-    if rng.random() < 0.3:
+    if rng.random() < 0.2:
         grain = np.empty(image.shape, np.int16)
         cv2.setRNGSeed(int(rng.integers(2**31)))
         cv2.randn(grain, (0, 0, 0), (rng.uniform(1, 9),) * 3)
         image = cv2.add(image, grain, dtype=cv2.CV_8U)
-    if rng.random() < 0.35:
+    if rng.random() < 0.2:
         quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 95))]
         image = cv2.imdecode(cv2.imencode('.jpg', np.ascontiguousarray(image), quality)[1], cv2.IMREAD_COLOR)
     return np.ascontiguousarray(image), boxes.astype(np.float32)

@@ -167,7 +167,8 @@ def test_compressed_pictures_and_the_debug_picture_on_demand(rig, model):
     node = rig.start(DetectorNode, model=model, compressed=True)
     images = rig.observer.create_publisher(CompressedImage, 'camera/image_raw/compressed', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    message = CompressedImage(format='jpeg', data=array('B', cv2.imencode('.jpg', np.zeros((416, 416, 3), np.uint8))[1].tobytes()))
+    encoded = cv2.imencode('.jpg', np.zeros((416, 416, 3), np.uint8))[1]
+    message = CompressedImage(format='jpeg', data=array('B', encoded.tobytes()))
     message.header.stamp.sec = 4
     images.publish(message)
     rig.spin_until(lambda: found)
