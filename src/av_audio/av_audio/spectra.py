@@ -35,14 +35,15 @@ class SpectrumAnalyzer:
                              f'{window_samples / sample_rate:g} s is too short')
         self._bins = slice(used[0], used[-1] + 1)
         self._taper = signal.windows.tukey(window_samples, TAPER).astype(np.float32)
+        self._leakage = fft.rfft(self._taper)[self._bins]  # of a constant offset
         self.frequencies = frequencies[self._bins]
         self.response = response[self._bins]
         self._power_scale = 2.0 / (window_samples * np.sum(self._taper**2))
 
     def spectra(self, window: NDArray) -> NDArray:
         """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass."""
-        window = (window - window.mean(axis=1, keepdims=True)) * self._taper
-        return fft.rfft(window, axis=1)[:, self._bins]
+        spectra = fft.rfft(window * self._taper, axis=1)[:, self._bins]
+        return spectra - window.mean(axis=1, keepdims=True) * self._leakage
 
     def level_dbfs(self, spectra: NDArray) -> float:
         """Mean power of the channels after the band-pass in dB, 0 dB for a full-scale square wave; -inf for silence."""

@@ -8,6 +8,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio.capture import FileSource
+from av_audio.devices import DeviceSource
+from av_audio.health import ChannelHealth
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
 from av_common.node import RigNode, run
@@ -34,9 +36,9 @@ class AudioNode(RigNode):
         self._buffer_bytes = settings.buffer_bytes
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
 
-    def _open(self, settings: object) -> FileSource:
+    def _open(self, settings: object) -> FileSource | DeviceSource:
         if settings.source == 'device':
-            raise ValueError('source=device is not available yet, use file')
+            return DeviceSource(settings.device, settings.sample_rate, settings.channels, settings.block, self._now)
         if not settings.file:
             raise ValueError('file is empty, expected the path of a sound file')
         return FileSource(settings.file, settings.channels, settings.block, settings.loop, self._now)
@@ -47,6 +49,7 @@ class AudioNode(RigNode):
     def activate(self) -> None:
         """Begin to capture."""
         self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
+        self._health = ChannelHealth(self._source.channels)
         self._active_since = RateMeter()
         self._active_since.tick()
         self._started = False
@@ -72,6 +75,7 @@ class AudioNode(RigNode):
             self._start_when_heard()
         while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(self._block)
+            self._health.update(samples)
             message = AudioFrame(sample_rate=self._source.sample_rate, channels=self._source.channels,
                                  first_sample=first_sample, samples=array.array('f', samples.tobytes()))
             message.header.stamp = to_stamp(self._source.time_of(first_sample))
@@ -79,15 +83,24 @@ class AudioNode(RigNode):
             self._publisher.publish(message)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Losses and the end of a file."""
-        status.add('sample rate', f'{self._source.sample_rate} Hz')
-        status.add('channels', str(self._source.channels))
+        """Levels, losses and what is wrong with the channels."""
+        source = self._source
+        status.add('sample rate', f'{source.sample_rate} Hz')
+        status.add('level', ', '.join(f'{level:.1f}' for level in self._health.levels_dbfs()) + ' dBFS')
         status.add('overwritten samples', str(self._buffer.overwritten))
-        if self._source.finished:
-            status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
-        elif self._buffer.overwritten:
-            status.mergeSummary(DiagnosticStatus.WARN,
-                                f'{self._buffer.overwritten} samples lost, the machine is too slow')
+        problems = self._health.problems()
+        if isinstance(source, DeviceSource):
+            status.add('clock drift', f'{source.clock.ppm:+.1f} ppm')
+            status.add('overflows', str(source.overflows))
+            status.add('reopened', str(source.reopened))
+            if source.lost:
+                status.mergeSummary(DiagnosticStatus.ERROR, 'the device is gone, trying to open it again')
+        if source.finished:
+            problems.append('the file has ended')
+        if self._buffer.overwritten:
+            problems.append(f'{self._buffer.overwritten} samples lost, the machine is too slow')
+        if problems:
+            status.mergeSummary(DiagnosticStatus.WARN, '; '.join(problems))
 
 
 def main() -> None:

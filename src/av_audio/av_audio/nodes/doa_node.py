@@ -7,6 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio.array import MicrophoneArray
+from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_common.angles import angles_to_direction
@@ -39,12 +40,14 @@ class DoaNode(RigNode):
         self._localizer: Localizer | None = None
         self._last: DoaEstimate | None = None
         self._restarts = 0
+        self._swaps = 0
         self._problem_with_frames = ''
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
 
     def activate(self) -> None:
         """Begin to listen."""
         self._frames = RateMeter()
+        self._swap_detector = SwapDetector()
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_frame, STREAM)
 
     def deactivate(self) -> None:
@@ -68,6 +71,7 @@ class DoaNode(RigNode):
         self._problem_with_frames = ''
         for estimate in estimates:
             self._last = estimate
+            self._swaps += self._array.channels == 2 and self._swap_detector.update(estimate)
             self._publisher.publish(self._message(estimate, frame))
 
     def _process(self, frame: AudioFrame) -> list[DoaEstimate]:
@@ -106,6 +110,7 @@ class DoaNode(RigNode):
         """What arrives, what is wrong with it, and how loud it is."""
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._restarts))
+        status.add('sudden swaps of the channels', str(self._swaps))
         if self._last is not None:
             status.add('level', f'{self._last.level_dbfs:.1f} dBFS')
             status.add('confidence', f'{max(self._last.confidence, default=0.0):.2f}')
@@ -115,6 +120,8 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif self._last is not None and not len(self._last.azimuth):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
+        if self._swaps:
+            status.mergeSummary(DiagnosticStatus.WARN, 'the channels have changed places while running')
 
 
 def main() -> None:

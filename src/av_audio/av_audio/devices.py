@@ -1,0 +1,130 @@
+"""Sound of a PortAudio device, through unplugging and back."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from av_audio.clock import SampleClock
+from av_audio.device_process import HEADER, READY
+from av_audio.ring_buffer import RingBuffer
+
+# Without a block for this long the device counts as gone.
+LOST_AFTER_S = 1.5
+RETRY_S = 1.0
+OPEN_WITHIN_S = 15.0
+
+
+class DeviceSource:
+    """Captures into a ring buffer; the same interface as FileSource.
+
+    A process of its own captures (see device_process); a thread takes the blocks, notes their times, and begins that
+    process anew when no blocks come. What was lost meanwhile shows as a gap in the sample index.
+    """
+
+    def __init__(self, device: str, sample_rate: int, channels: Sequence[int] = (0, 1), block_samples: int = 1600,
+                 now: Callable[[], float] = time.time) -> None:
+        picked = list(channels) or [0, 1]
+        self._command = [sys.executable, '-m', 'av_audio.device_process', device, str(sample_rate), str(block_samples),
+                         *map(str, picked)]
+        self._block_bytes = HEADER.size + 4 * block_samples * len(picked)
+        self._now = now
+        self.sample_rate = sample_rate
+        self.channels = len(picked)
+        self.finished = False
+        self.clock = SampleClock(sample_rate)
+        self.overflows = 0
+        self.reopened = 0
+        self.lost = False
+        self._next_sample = 0
+        self._stop = threading.Event()
+
+    def start(self, buffer: RingBuffer) -> None:
+        """Open the device and begin to write. Raises ValueError that says what the device can do, or what is missing."""
+        self._buffer = buffer
+        self._stop.clear()
+        self._process = self._open()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close the device. `start` may follow."""
+        self._stop.set()
+        self._thread.join()
+        self._end_process()
+
+    def close(self) -> None:
+        """For the interface: `stop` has closed everything."""
+
+    def time_of(self, sample: int) -> float:
+        """Capture time in s of a sample, on the clock `now`."""
+        return self.clock.time_of(sample)
+
+    def _open(self) -> subprocess.Popen:
+        process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   bufsize=0)
+        if self._read(process, len(READY), OPEN_WITHIN_S) == READY:
+            return process
+        process.kill()
+        _, words = process.communicate()
+        # ALSA writes warnings of its own; the reason is the last line
+        reason = words.decode(errors='replace').strip().splitlines() or ['the device does not answer']
+        raise ValueError(reason[-1])
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            block = self._read(self._process, self._block_bytes, LOST_AFTER_S)
+            if block:
+                self._take(block)
+            elif not self._stop.is_set():
+                self._reopen()
+
+    def _read(self, process: subprocess.Popen, count: int, timeout_s: float) -> bytes:
+        """So many bytes of the process, or none when it ended, was silent for too long, or we are to stop."""
+        pipe = process.stdout.fileno()
+        data = bytearray()
+        end = time.monotonic() + timeout_s
+        while len(data) < count:
+            if self._stop.is_set() or time.monotonic() > end:
+                return b''
+            if select.select([pipe], [], [], 0.1)[0]:
+                piece = os.read(pipe, count - len(data))
+                if not piece:
+                    return b''
+                data += piece
+        return bytes(data)
+
+    def _take(self, block: bytes) -> None:
+        age, overflowed = HEADER.unpack_from(block)
+        samples = np.frombuffer(block, np.float32, offset=HEADER.size).reshape(-1, self.channels)
+        begin = self._now() - age
+        self.overflows += overflowed
+        if (overflowed or self.lost) and self._next_sample:
+            missing = round((begin - self.clock.time_of(self._next_sample)) * self.sample_rate)
+            self._next_sample += max(0, missing)
+        self.lost = False
+        self.clock.observe(self._next_sample, begin)
+        self._buffer.write(samples, self._next_sample)
+        self._next_sample += len(samples)
+
+    def _reopen(self) -> None:
+        self.lost = True
+        self._end_process()
+        while not self._stop.wait(RETRY_S):
+            try:
+                self._process = self._open()
+                self.reopened += 1
+                return
+            except ValueError:
+                continue
+
+    def _end_process(self) -> None:
+        self._process.kill()
+        self._process.communicate()

@@ -1,0 +1,61 @@
+"""The sample clock against a device whose true clock is known."""
+
+import numpy as np
+import pytest
+
+from av_audio.clock import SampleClock
+
+RATE, BLOCK = 48_000, 1600
+
+
+def run(clock, seconds, ppm, jitter_s, seed=0, start=1.7e9):
+    """Feed blocks that end at true times plus a one-sided jitter; return stamps and true times of the blocks."""
+    rng = np.random.default_rng(seed)
+    stamps, truth = [], []
+    for k in range(1, round(seconds * RATE / BLOCK)):
+        sample = k * BLOCK
+        true_time = start + sample / RATE * (1.0 + 1e-6 * ppm)
+        clock.observe(sample, true_time + rng.exponential(jitter_s))
+        stamps.append(clock.time_of(sample))
+        truth.append(true_time)
+    return np.array(stamps), np.array(truth)
+
+
+@pytest.mark.parametrize('ppm', [-120.0, 0.0, 85.0])
+@pytest.mark.parametrize('jitter_s', [0.0003, 0.003])
+def test_stamps_are_regular_and_drift_is_found(ppm, jitter_s):
+    clock = SampleClock(RATE)
+    stamps, truth = run(clock, 120.0, ppm, jitter_s)
+    # a float of today's epoch resolves 0.24 microseconds
+    assert np.abs(np.diff(stamps) - BLOCK / RATE).max() < 1e-4
+    settled = slice(len(stamps) // 2, None)
+    assert np.std((stamps - truth)[settled]) < 1e-4
+    assert clock.ppm == pytest.approx(ppm, abs=10.0)
+    assert clock.restarts == 0
+
+
+def test_without_jitter_the_clock_is_exact():
+    clock = SampleClock(RATE)
+    stamps, truth = run(clock, 60.0, 50.0, 0.0)
+    np.testing.assert_allclose(stamps[-100:], truth[-100:], rtol=0.0, atol=2e-5)
+
+
+def test_a_step_begins_anew():
+    clock = SampleClock(RATE)
+    run(clock, 5.0, 0.0, 0.0)
+    run(clock, 15.0, 0.0, 0.0, start=1.7e9 + 60.0)
+    assert clock.restarts == 1
+    assert clock.time_of(6 * RATE) == pytest.approx(1.7e9 + 66.0, abs=1e-5)
+
+
+def test_late_blocks_do_not_move_the_clock():
+    clock = SampleClock(RATE)
+    for k in range(1, 600):
+        sample = k * BLOCK
+        clock.observe(sample, 1.7e9 + sample / RATE + (0.4 if 300 <= k < 312 else 0.0))
+        assert clock.time_of(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
+
+
+def test_nothing_is_known_before_the_first_block():
+    with pytest.raises(ValueError, match='no block'):
+        SampleClock(RATE).time_of(0)
