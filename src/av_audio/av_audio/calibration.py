@@ -14,8 +14,11 @@ from av_audio.array import DelayCurve, MicrophoneArray
 from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
 
-# Degree of the delay curve: a head needs the fifth, a higher one follows the noise.
-DEGREE = 5
+# Degree of the polynomial in the angle's cosine; the angle itself is one more term, which is what a sphere adds
+# (Woodworth, 1938).
+DEGREE = 3
+STIFFNESS = 0.02  # keeps terms small that the data do not determine
+LEAST_ANGLES = 10
 # A body may make the delay longer than the straight line; the search has to reach that far.
 SEARCH_STRETCH = 1.5
 LEAST_CONFIDENCE = 0.9
@@ -67,27 +70,32 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
     azimuths, paths = np.asarray(azimuths, dtype=float), np.asarray(paths, dtype=float)
     axis = np.arctan2(array.basis[1, 0], array.basis[0, 0])
     spread = np.ptp(np.cos(azimuths - axis))
-    if azimuths.size < 2 * DEGREE or spread < 1.2:
+    if azimuths.size < LEAST_ANGLES or spread < 1.2:
         raise ValueError(f'{azimuths.size} angles that span {spread:.1f} of the 2.0 between both ends of the axis; '
-                         f'at least {2 * DEGREE} that span 1.2 are needed')
+                         f'at least {LEAST_ANGLES} that span 1.2 are needed')
 
     def misfit(parameters: NDArray) -> NDArray:
         offset, *coefficients = parameters
-        cosines = np.cos(azimuths - axis - offset)
-        smooth = 0.02 * np.array(coefficients[2:]) * np.arange(2, DEGREE + 1)
-        return np.concatenate([chebyshev.chebval(cosines, coefficients) - paths / array.aperture, smooth])
+        curve = _terms(np.cos(azimuths - axis - offset)) @ coefficients
+        return np.concatenate([curve - paths / array.aperture, STIFFNESS * np.array(coefficients[2:])])
 
-    start = np.zeros(DEGREE + 2)
+    start = np.zeros(DEGREE + 3)
     start[2] = 1.0
     # robust, as single wrong peaks happen in a recording
     offset, *coefficients = least_squares(misfit, start, loss='soft_l1', f_scale=0.02).x
-    grid = np.linspace(-1.0, 1.0, 41)
-    measured = chebyshev.chebval(grid, coefficients)
+    grid = -np.cos(np.linspace(0.0, np.pi, 61))
+    grid[[0, -1]] = -1.0, 1.0
+    measured = _terms(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
     fitted = MicrophoneArray(_turned(array, stretch, offset), array.name, DelayCurve(grid, measured / stretch))
     angles = np.arccos(np.clip(fitted.delay_curve.true_cosine(paths / fitted.aperture), -1.0, 1.0))
     residuals = angles - np.abs(wrap(azimuths - axis - offset))
     return Calibration(fitted, fitted.aperture, float(offset), residuals)
+
+
+def _terms(cosines: NDArray) -> NDArray:
+    """The delay curve's terms (n, DEGREE + 2) at cosines (n,) of the angle to the axis."""
+    return np.column_stack([chebyshev.chebvander(cosines, DEGREE), np.arcsin(cosines)])
 
 
 def _turned(array: MicrophoneArray, stretch: float, turn: float) -> NDArray:

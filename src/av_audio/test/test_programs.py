@@ -1,0 +1,102 @@
+"""The programs as a user calls them, against sound with known delays and a spherical head's formula."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+import soundfile
+
+from av_audio.array import MicrophoneArray
+from av_audio.benchmark.signals import RATE, flat
+from av_audio.calibration import calibrate as fit
+from av_audio.cli import benchmark, calibrate, localize
+from av_common.acoustics import speed_of_sound
+
+ARRAY = 'microphones: [[0, 0.1, 0], [0, -0.1, 0]]\n'
+C = speed_of_sound(20.0)
+
+
+def head_delay(azimuth, radius=0.0875):
+    """Woodworth's delay in s of a rigid sphere with ears at its sides, ahead on the left for positive azimuths."""
+    angle = np.arcsin(np.sin(azimuth))
+    return radius / C * (angle + np.sin(angle))
+
+
+@pytest.fixture
+def array_file(tmp_path):
+    path = tmp_path / 'array.yaml'
+    path.write_text(ARRAY)
+    return path
+
+
+@pytest.fixture
+def from_30_degrees(tmp_path):
+    path = tmp_path / 'from_30_degrees.flac'
+    sound = flat(np.random.default_rng(1), 2.0, np.array([0.0, 0.1 / C]))
+    soundfile.write(path, 0.3 * sound / np.abs(sound).max(), RATE)
+    return path
+
+
+def test_localize_prints_json(from_30_degrees, array_file, capsys):
+    localize.main([str(from_30_degrees), '--array', str(array_file), '--hop', '0.5', '--json'])
+    records = json.loads(capsys.readouterr().out)
+    assert [record['time'] for record in records] == [0.25, 0.75, 1.25, 1.75]
+    for record in records:
+        assert set(record) == {'time', 'azimuth_deg', 'elevation_deg', 'sigma_deg', 'confidence'}
+        assert record['azimuth_deg'] == pytest.approx([30.0, 150.0], abs=0.1)
+        assert record['elevation_deg'] == [0.0, 0.0]
+        assert 0.0 < record['sigma_deg'] < 0.5
+        assert record['confidence'] > 0.99
+
+
+def test_localize_prints_columns_and_a_table(from_30_degrees, array_file, capsys):
+    localize.main([str(from_30_degrees), '--array', str(array_file), '--hop', '0.5', '--csv'])
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert float(rows[2]['azimuth_deg_1']) == pytest.approx(150.0, abs=0.1)
+    localize.main([str(from_30_degrees), '--array', str(array_file), '--hop', '0.5'])
+    assert '30.0 or 150.0' in capsys.readouterr().out
+
+
+def test_localize_says_what_does_not_fit(from_30_degrees, array_file, tmp_path):
+    with pytest.raises(SystemExit, match='does not exist'):
+        localize.main(['missing.wav', '--array', str(array_file)])
+    with pytest.raises(SystemExit, match='choose with --channels'):
+        localize.main([str(from_30_degrees), '--array', str(array_file), '--channels', '0'])
+
+
+def test_calibrate_learns_a_head(tmp_path, array_file, capsys):
+    rng = np.random.default_rng(2)
+    offset = np.radians(3.0)  # the ears' axis is turned
+    azimuths = np.arange(-180.0, 180.0, 10.0)
+    pieces, rows = [], []
+    for k, azimuth in enumerate(azimuths):
+        piece = flat(rng, 1.0, np.array([0.0, head_delay(np.radians(azimuth) - offset)]))
+        pieces.append(piece / np.abs(piece).max())
+        rows += [(k, azimuth), (k + 0.999, azimuth)]
+    soundfile.write(tmp_path / 'head.wav', 0.5 * np.concatenate(pieces), RATE)
+    truth = tmp_path / 'truth.csv'
+    truth.write_text('time,azimuth_deg\n' + ''.join(f'{time},{azimuth}\n' for time, azimuth in rows))
+    calibrate.main([str(tmp_path / 'head.wav'), '--array', str(array_file), '--truth', str(truth), '--window', '0.5',
+                    '--hop', '1', '--output', str(tmp_path / 'head.yaml')])
+    assert 'axis offset   +3.' in capsys.readouterr().out
+    array = MicrophoneArray.load(tmp_path / 'head.yaml')
+    for azimuth in (-65.0, -15.0, 25.0, 75.0):
+        true_delay = head_delay(np.radians(azimuth) - offset)
+        direction = np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth)), 0.0])
+        assert array.delays(direction, C)[0, 0] == pytest.approx(true_delay, abs=6e-6)
+
+
+def test_calibration_refuses_too_little():
+    pair = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
+    azimuths = np.radians(np.linspace(-20.0, 20.0, 50))
+    with pytest.raises(ValueError, match=r'span 0\.7 of the 2\.0'):
+        fit(pair, azimuths, 0.2 * np.sin(azimuths))
+
+
+def test_benchmark_prints_figures_and_bounds(capsys):
+    with pytest.raises(SystemExit) as ended:
+        benchmark.main(['bound', '--trials', '30'])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.count('must be <= 1.3: ok') == 3
