@@ -20,7 +20,9 @@ from av_vision.camera import PinholeCamera
 from av_vision.image import to_bgr8
 
 LEFT_AT_RANGE = 0.05  # of the contrast, by definition of the meteorological range (WMO No. 8)
-BINS = 16
+BINS = 16  # of distance
+QUANTILES = (0.05, 0.2, 0.5, 0.8)  # of brightness in a bin; the brightest things may be lamps or walls
+ANCHOR = 1.0  # how much the sky's brightness counts as the light of the air, in grey levels
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright things of a scene: a uniform picture is fog, not paint
 LEAST_PIXELS = 30
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be told
@@ -66,8 +68,8 @@ def estimate(image: NDArray, distance: NDArray | None = None, target_distance: f
 def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> float:
     """Extinction in 1/m from brightness (h, w) against distance (h, w) in m; nan where too few distances are in view.
 
-    In each of some bins of distance the dark, middle and bright quantiles of brightness are taken; each follows
-    A + (J - A) e^(-bd) with its own J and common A and b, fitted with a robust loss.
+    In each of some bins of distance quantiles of brightness are taken; each follows A + (J - A) e^(-bd) with its own J and
+    common A and b, fitted with a robust loss.
     """
     near = np.isfinite(distance) & (distance > 0.3)
     if near.sum() < 4 * LEAST_PIXELS:
@@ -79,7 +81,7 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
         here = place == k
         if here.sum() >= LEAST_PIXELS:
             at.append(np.median(distance[near][here]))
-            levels.append(np.quantile(grey[near][here], [0.1, 0.5, 0.9]))
+            levels.append(np.quantile(grey[near][here], QUANTILES))
     if len(at) < 4 or max(at) < 1.5 * min(at):
         return math.nan
     sky = grey[~np.isfinite(distance)]
@@ -87,17 +89,18 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
 
 
 def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
-    """Least squares for log extinction, air light and three radiances over distances (n,) and quantiles (n, 3)."""
+    """Least squares for log extinction, air light and radiances over distances (n,) and quantiles (n, q)."""
     air = sky if sky is not None else float(levels[-1].mean())
 
     def residuals(x: NDArray) -> NDArray:
         left = np.exp(-np.exp(x[0]) * at)[:, None]
         model = x[1] + (x[2:] - x[1]) * left
-        anchor = 0.2 * (x[1] - air)
-        plain = max(USUAL_CONTRAST - (x[4] - x[2]), 0.0) / USUAL_CONTRAST
+        anchor = ANCHOR * (x[1] - air)
+        plain = max(USUAL_CONTRAST - (x[-1] - x[2]), 0.0) / USUAL_CONTRAST
         return np.concatenate([((model - levels) / 4.0).ravel(), [anchor, 8.0 * plain]])
 
-    bounds = (np.r_[math.log(CLEAREST), 0.0, [-40.0] * 3], np.r_[math.log(DENSEST), 255.0, [295.0] * 3])
+    bounds = (np.r_[math.log(CLEAREST), 0.0, [-40.0] * levels.shape[1]],
+              np.r_[math.log(DENSEST), 255.0, [295.0] * levels.shape[1]])
     fits = [least_squares(residuals, np.clip(np.r_[math.log(guess), air, levels[0]], *bounds), bounds=bounds, loss='soft_l1')
             for guess in (0.005, 0.05, 0.4)]
     return float(np.exp(min(fits, key=lambda fit: fit.cost).x[0]))
