@@ -177,7 +177,8 @@ def mend_cmake_files() -> None:
             text = text.replace(f'{BUILT_WITH}/include/python3.12', python_headers)
             text = text.replace(f'{BUILT_WITH}/lib/python3.12/site-packages/numpy/_core/include', numpy_headers)
             file.write_text(text)
-    (VENV / 'local_setup.sh').write_text('# colcon looks for this in every prefix that it builds against\n')
+    for shell in ('bash', 'sh', 'zsh'):  # colcon looks for them in every prefix that it builds against
+        (VENV / f'local_setup.{shell}').touch()
 
 
 def unpack_tree() -> None:
