@@ -31,6 +31,8 @@ CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 ARGUMENTS = {
     'source': ('sim', 'where sound and pictures come from', ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
+    'renderer': ('', 'source:=sim: scene (3D) or painter (flat, cheap); empty: scene where a detector looks at it',
+                 ['', 'scene', 'painter']),
     'image_rate': ('10', 'source:=sim: pictures a second', None),
     'voice': ('', "source:=sim: a recording as the drone's voice", None),
     'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
@@ -97,6 +99,7 @@ def simulator(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     """The built-in simulator, which knows nothing of ROS, and the bridge to it."""
     program = Path(get_package_prefix('av_sim_bridge')) / 'lib' / 'av_sim_bridge' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
+    options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'painter')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
     for name in ('image_rate', 'voice', 'seed'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []

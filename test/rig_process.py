@@ -7,15 +7,19 @@ import random
 import re
 import signal
 import subprocess
+import threading
 import time
 import uuid
 from pathlib import Path
+from typing import ClassVar
 
 MARK = 'AV_RIG_TEST_RUN'
 
 
 class RigProcess:
     """`ros2 launch av_fusion rig.launch.py ARGUMENTS` in a process group, ROS domain and UDP port range of its own."""
+
+    running: ClassVar[list[RigProcess]] = []  # killed after each test by the fixture in conftest.py
 
     def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py') -> None:
         self._run = uuid.uuid4().hex
@@ -24,34 +28,32 @@ class RigProcess:
         self._process = subprocess.Popen(
             ['ros2', 'launch', 'av_fusion', launch_file, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             stdin=subprocess.DEVNULL, text=True, env=self.environment, start_new_session=True)
-        self.output = ''
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=lambda: self._lines.extend(self._process.stdout), daemon=True)
+        self._reader.start()
+        RigProcess.running.append(self)
+
+    @property
+    def output(self) -> str:
+        """What was printed so far."""
+        return ''.join(self._lines)
 
     def finish(self, timeout: float = 120.0) -> int:
-        """Wait for the end; returns the exit code. Raises TimeoutExpired, with everything killed, when it hangs."""
-        try:
-            self.output += self._process.communicate(timeout=timeout)[0]
-        except subprocess.TimeoutExpired as expired:
-            self.output += (expired.stdout or b'').decode()
-            self._kill_all()
-            raise
-        return self._process.returncode
+        """Wait for the end; returns the exit code. Raises TimeoutExpired when it hangs."""
+        code = self._process.wait(timeout)
+        self._reader.join(10.0)
+        return code
 
     def interrupt(self) -> None:
         """Ctrl-C: SIGINT to the whole foreground process group."""
         os.killpg(self._process.pid, signal.SIGINT)
 
-    def wait_for(self, pattern: str, timeout: float = 60.0) -> None:
-        """Read the output until a line matches. Raises AssertionError with the output when none does."""
+    def wait_for(self, pattern: str, timeout: float = 90.0) -> None:
+        """Wait until the output matches. Raises AssertionError with the output when it does not, or the rig ends."""
         deadline = time.monotonic() + timeout
-        os.set_blocking(self._process.stdout.fileno(), False)
-        while time.monotonic() < deadline and self._process.poll() is None:
-            self.output += self._process.stdout.read() or ''
-            if re.search(pattern, self.output):
-                os.set_blocking(self._process.stdout.fileno(), True)
-                return
+        while not re.search(pattern, self.output):
+            assert self._process.poll() is None and time.monotonic() < deadline, f'no {pattern!r} in:\n{self.output}'
             time.sleep(0.2)
-        self._kill_all()
-        raise AssertionError(f'no {pattern!r} within {timeout} s in:\n{self.output}')
 
     def processes(self, name: str = '') -> list[int]:
         """Process ids of this run that are alive, those whose command line holds `name`."""
@@ -79,6 +81,7 @@ class RigProcess:
         assert match, f'no row {label!r} in:\n{self.output}'
         return float(match.group(1))
 
-    def _kill_all(self) -> None:
+    def kill(self) -> None:
+        """Leave nothing behind, whatever the test found."""
         for process in self.processes():
             os.kill(process, signal.SIGKILL)

@@ -38,7 +38,7 @@ def test_ctrl_c_ends_everything(port_offset):
     rig = RigProcess(f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     rig.interrupt()
-    rig.finish(timeout=30.0)
+    rig.finish(timeout=60.0)
     assert 'coverage' in rig.output
     assert not rig.leftovers()
 
@@ -48,7 +48,7 @@ def test_a_dead_node_fails_the_launch(port_offset):
     rig = RigProcess('duration:=60', f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     os.kill(rig.processes('lib/av_audio/doa_node')[0], signal.SIGKILL)
-    assert rig.finish(timeout=40.0) != 0
+    assert rig.finish(timeout=60.0) != 0
     assert 'doa_node' in rig.output and 'while the rig was running' in rig.output
     assert not rig.leftovers()
 
@@ -93,7 +93,7 @@ def test_garbage_on_every_port_is_survived(port_offset):
     ('source:=magic', 'source'), ('scenario:=nowhere', 'nowhere')])
 def test_wrong_arguments_are_named(argument, complaint, port_offset):
     """A mistake on the command line ends the launch at once, with its name and a code that is not 0."""
-    rig = RigProcess(argument, 'duration:=5', f'port_offset:={port_offset}')
-    assert rig.finish(timeout=40.0) != 0
+    rig = RigProcess(argument, f'port_offset:={port_offset}')
+    assert rig.finish(timeout=60.0) != 0
     assert complaint in rig.output, rig.output
     assert not rig.leftovers()
