@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import cv2
+import numpy as np
 from numpy.typing import NDArray
 
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
@@ -51,6 +52,7 @@ class WireOptions:
     truth_rate: int = 100
     jpeg_quality: int = 85
     renderer: str = 'auto'
+    speed: float = 1.0         # of real time
 
 
 @dataclass
@@ -65,6 +67,7 @@ class SimulatorCounts:
     late_blocks: int = 0
     resynchronised: int = 0
     unsent: int = 0
+    lost_on_purpose: int = 0
 
 
 class Simulator:
@@ -90,6 +93,8 @@ class Simulator:
         self._camera_ready = threading.Event()
         self._start: float | None = None
         self._sequence = 0
+        self._lossy = np.random.default_rng([world.seed, 16])
+        self._begin: float | None = None
 
     def stop(self) -> None:
         """End `run` within a block; may be called from a signal handler."""
@@ -100,8 +105,12 @@ class Simulator:
         self._socket.close()
         self._control.close()
 
-    def run(self, duration: float) -> None:
-        """Simulate `duration` seconds, or until stopped. Raises what keeps the camera from working."""
+    def run(self, duration: float, begin: float | None = None) -> None:
+        """Simulate `duration` seconds from the Unix time `begin` on, or until stopped.
+
+        Raises what keeps the camera from working.
+        """
+        self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
         with ThreadPoolExecutor(1, 'camera') as executor:
             camera = executor.submit(self._make_pictures)
@@ -120,7 +129,7 @@ class Simulator:
         sound = self.world.advance(samples)
         end = self.world.time
         if self._start is None:    # what takes its time the first time is ready now
-            self._start, self._start_ms = time.monotonic(), time.time_ns() // 1_000_000
+            self._start, self._start_ms = self._wait_for_begin()
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
                 return
@@ -128,6 +137,12 @@ class Simulator:
         if self._wait_until(end):
             self._send_sound(sound, begin)
             self._watch_lag(end)
+
+    def _wait_for_begin(self) -> tuple[float, int]:
+        """Monotonic time in s and Unix time in ms at which the world begins."""
+        while self._begin is not None and (remaining := self._begin - time.time()) > 0 and not self._stopped:
+            time.sleep(min(remaining, 0.1))
+        return time.monotonic(), time.time_ns() // 1_000_000
 
     def _schedule(self, begin: float, end: float) -> list:
         """What is to be sent at which time in (begin, end], in order."""
@@ -139,11 +154,11 @@ class Simulator:
 
     def _wait_until(self, moment: float) -> bool:
         """Sleep until the world's time is `moment`; False when stopped meanwhile."""
-        time.sleep(max(self._start + moment - time.monotonic(), 0.0))
+        time.sleep(max(self._start + moment / self.options.speed - time.monotonic(), 0.0))
         return not self._stopped
 
     def _watch_lag(self, moment: float) -> None:
-        lag = time.monotonic() - self._start - moment
+        lag = time.monotonic() - self._start - moment / self.options.speed
         if lag > self.LATE:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
@@ -171,6 +186,9 @@ class Simulator:
             self.world.dynamics.command(command.yaw_rate, self.world.time)
 
     def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
+        if self._lossy.random() < self.world.scenario.faults.lost_datagrams:
+            self.counts.lost_on_purpose += 1
+            return
         try:
             self._socket.sendto(datagram, (host or self.options.host, port))
         except OSError as error:

@@ -23,7 +23,7 @@ from av_sim_bridge.scenario import Scenario, Target
 from av_sim_bridge.sound import Box, Medium, Noise, RecordingVoice, RotorVoice, SoundWorld, Source, load_profile
 from av_sim_bridge.sound.levels import spl_to_pascal
 from av_sim_bridge.sound.obstacles import Obstacle
-from av_sim_bridge.trajectories import Position, acceleration, velocity
+from av_sim_bridge.trajectories import Position, Static, acceleration, velocity
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
 
 log = logging.getLogger('simulator')
@@ -151,6 +151,12 @@ def with_voice(scenario: Scenario, file: str | Path) -> Scenario:
     voice = RecordingVoice(file)
     return dataclasses.replace(scenario, targets=tuple(dataclasses.replace(target, voice=voice)
                                                        for target in scenario.targets))
+
+
+def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float) -> Scenario:
+    """The scenario heard and seen from another place (m, ENU)."""
+    rig = dataclasses.replace(scenario.rig, trajectory=Static((x, y, z)), yaw_deg=yaw_deg)
+    return dataclasses.replace(scenario, rig=rig)
 
 
 def _source(target: Target) -> Source:

@@ -15,7 +15,7 @@ from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import load_scenario
 from av_sim_bridge.simulator import Simulator, WireOptions
 from av_sim_bridge.wire.ports import Ports
-from av_sim_bridge.world import World, with_voice
+from av_sim_bridge.world import World, standing_at, with_voice
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -33,6 +33,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--image-header', choices=['old', 'new'], default='old', help="which of RFlySim's headers")
     parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
     parser.add_argument('--image-rate', type=float, default=15.0, help='pictures a second (default: %(default)s)')
+    parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='auto',
+                        help='3D scene, flat painting (cheaper), or what this machine can do')
+    parser.add_argument('--speed', type=float, default=1.0, help='of real time (default: %(default)s)')
+    parser.add_argument('--begin', type=float, help='Unix time to begin at, so that several rigs share one world')
+    parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
+                        help="where this rig stands, instead of the scenario's")
     # A launch file that runs this as a node adds --ros-args; nothing here is configured that way.
     return parser.parse_args(_without_ros_arguments(sys.argv[1:] if arguments is None else arguments))
 
@@ -47,18 +53,21 @@ def main(arguments: list[str] | None = None) -> int:
         scenario = load_scenario(find_config(options.scenario, 'scenarios'))
         if options.voice:
             scenario = with_voice(scenario, options.voice)
+        if options.at:
+            scenario = standing_at(scenario, *options.at)
         world = World(scenario, load_rig(find_config(options.rig)), options.seed)
         simulator = Simulator(world, WireOptions(
             host=options.host, ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
             audio_header=options.audio_header, image_frame_ids=options.image_header == 'new',
-            short_truth=options.truth_layout == 'short', image_rate=options.image_rate))
+            short_truth=options.truth_layout == 'short', image_rate=options.image_rate,
+            renderer=options.renderer, speed=options.speed))
     except (ValueError, OSError) as error:
         log.error('%s', error)
         return 2
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: simulator.stop())
     log.info('%s: %s', scenario.name, scenario.description)
-    simulator.run(scenario.duration if options.duration is None else options.duration)
+    simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
     simulator.close()
     counts = [f'{count} {name.replace("_", " ")}' for name, count in asdict(simulator.counts).items() if count]
     log.info('%.1f s simulated; %s', world.time, ', '.join(counts))
