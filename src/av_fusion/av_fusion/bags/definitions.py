@@ -14,6 +14,12 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+# Of a package that bags often hold but few installations have.
+AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
+                'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',
+                'audio_common_msgs/msg/AudioInfo': 'uint8 channels\nuint32 sample_rate\nstring sample_format\n'
+                                                   'uint32 bitrate\nstring coding_format\n'}
+
 
 class UnknownTypeError(ValueError):
     """No definition of a message type is at hand."""
@@ -22,7 +28,10 @@ class UnknownTypeError(ValueError):
 @cache
 def rig_types() -> Typestore:
     """The standard messages of ROS 2; `learn` adds those of installed packages."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    store.register({name: fields for kind, text in AUDIO_COMMON.items()
+                    for name, fields in get_types_from_msg(text, kind).items()})
+    return store
 
 
 def learn(name: str) -> Typestore:

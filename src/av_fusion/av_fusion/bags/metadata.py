@@ -36,6 +36,7 @@ class TopicQos:
 
 
 DEFAULT_QOS = TopicQos()
+LATCHED = TopicQos(durability=1)
 
 
 @dataclass

@@ -1,0 +1,105 @@
+"""Messages of a bag under the rig's names, in the rig's types, dated by one clock."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from av_fusion.bags import topics as names
+from av_fusion.bags.converters import AudioLayout, Converter, converter
+from av_fusion.bags.definitions import learn
+from av_fusion.bags.poses import pose_of, read_odometry
+from av_fusion.bags.reader import FOREVER, Bag
+
+SECOND = 10**9
+# As fusion_node: a stamp further from the clock than this is of another clock.
+CLOCK_TOLERANCE_S = 2.0
+POSES = (names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG)
+# Whose stamps must agree with the bag's times, or with each other.
+CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
+
+
+class Piece(NamedTuple):
+    """A message as recorded: the rig's name of its topic, the time now in s, when it was recorded in ns, its bytes."""
+
+    name: str
+    now: float
+    time_ns: int
+    data: bytes
+
+
+class Feed:
+    """Yields the pieces of `topics` (the bag's, by the rig's names) in order of time.
+
+    Now is when a message was recorded; in a bag whose stamps are all of another clock, as of a simulation, it is the
+    newest stamp. `problems` says what could not be read. Raises BagError when bytes of sound come without description.
+    """
+
+    def __init__(self, bag: Bag, topics: Mapping[str, str], layout: AudioLayout | None = None, start_ns: int = 0,
+                 stop_ns: int = FOREVER) -> None:
+        self._bag, self._topics = bag, dict(topics)
+        self._names = {topic: name for name, topic in topics.items()}
+        self._start_ns, self._stop_ns = start_ns, stop_ns
+        self._converters: dict[str, Converter | None] = {
+            name: converter(bag, name, topic, layout) for name, topic in topics.items()}
+        self._first_stamp = self._foreign_clock()
+        self.problems: dict[str, None] = {}
+
+    def __iter__(self) -> Iterator[Piece]:
+        now = self._first_stamp or 0.0
+        for topic, time_ns, data in self._bag.messages(self._names, self._start_ns, self._stop_ns):
+            name = self._names[topic]
+            if self._first_stamp is None:
+                now = max(now, time_ns / SECOND)
+            elif name in CLOCKED:
+                now = max(now, stamp_of(data))
+            yield Piece(name, now, time_ns, data)
+
+    def is_converted(self, name: str) -> bool:
+        """Whether the bag has the topic in another type than the rig's."""
+        return self._converters[name] is not None
+
+    def contents(self, piece: Piece) -> Iterable[tuple[Any, bytes | memoryview]]:
+        """What a piece means to the rig: `Pose`s of odometry, else messages; each also as CDR of the rig's type."""
+        try:
+            if self._converters[piece.name] is None:
+                if piece.name in POSES:
+                    return [(read_odometry(piece.data), piece.data)]
+                return [(self._bag.decode(self._topics[piece.name], piece.data), piece.data)]
+            messages = self._converted(piece)
+        except ValueError as error:
+            self.problems[f'{self._topics[piece.name]}: {error}'] = None
+            return []
+        return [(pose_of(message) if piece.name in POSES else message, self._serialise(piece.name, message))
+                for message in messages]
+
+    def serialised(self, piece: Piece) -> Iterable[bytes | memoryview]:
+        """A piece as CDR of the rig's type."""
+        return [data for _, data in self.contents(piece)] if self.is_converted(piece.name) else [piece.data]
+
+    def _converted(self, piece: Piece) -> Iterable[Any]:
+        return self._converters[piece.name](self._bag.decode(self._topics[piece.name], piece.data), piece.time_ns)
+
+    def _serialise(self, name: str, message: Any) -> memoryview:
+        kind = names.KINDS[name][0]
+        return learn(kind).serialize_cdr(message, kind)
+
+    def _foreign_clock(self) -> float | None:
+        """The first stamp where all stamps are of another clock than the bag's times, else None."""
+        offsets, stamps = [], []
+        for name, topic in self._topics.items():
+            if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
+                _, time_ns, data = next(self._bag.messages([topic], self._start_ns), (None, 0, b''))
+                if data:
+                    stamps.append(stamp_of(data))
+                    offsets.append(abs(stamps[-1] - time_ns / SECOND))
+        return min(stamps) if offsets and min(offsets) > CLOCK_TOLERANCE_S else None
+
+
+def stamp_of(data: bytes) -> float:
+    """The stamp in s of a message in CDR that begins with a std_msgs/Header; 0 where the bytes end early."""
+    if len(data) < 12:
+        return 0.0
+    seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
+    return seconds + 1e-9 * nanoseconds

@@ -1,0 +1,59 @@
+"""What a replay finds, for tables and pictures: the same columns as the monitor's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from av_common.stamps import to_seconds
+from av_fusion.bags import topics as names
+from av_fusion.bags.poses import Pose
+from av_fusion.evaluation.run_log import RunLog
+from av_fusion.measurements import Look, Sound, State, Track
+
+
+class Journal:
+    """Writes a RunLog. Delays are in the bag's time: computing takes none."""
+
+    def __init__(self) -> None:
+        self.log = RunLog()
+
+    def hear(self, sounds: Sequence[Sound], now: float) -> None:
+        """The strongest of the sounds of one window."""
+        for sound in sounds[:1]:
+            azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
+            self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
+                               sound.confidence, now - sound.time - 0.5 * sound.window)
+
+    def see(self, look: Look, message: Any, now: float) -> None:
+        """A picture's best detection; `message` tells who detected."""
+        best = look.best
+        self.log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
+                           now - look.time)
+        if any(detection.id.startswith('oracle') for detection in message.detections):
+            self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
+
+    def follow(self, track: Track, now: float) -> None:
+        """A bearing."""
+        known = track.state != State.NONE
+        self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
+                           now - track.measured if known else math.nan)
+
+    def know(self, name: str, pose: Pose) -> None:
+        """The truth of target or rig."""
+        if name == names.TRUE_TARGET:
+            self.log.target.add(pose.time, pose.x, pose.y, pose.z)
+        else:
+            self.log.rig.add(pose.time, pose.x, pose.y, pose.z, pose.yaw)
+
+
+def track_of(bearing: Any, state: Any | None) -> Track:
+    """The track that a recorded Bearing and the FusionState before it tell of."""
+    return Track(
+        time=to_seconds(bearing.header.stamp), state=State(min(bearing.state, max(State))), azimuth=bearing.azimuth,
+        elevation=bearing.elevation, azimuth_variance=bearing.azimuth_variance,
+        elevation_variance=bearing.elevation_variance, azimuth_world=bearing.azimuth_world,
+        azimuth_world_rate=bearing.azimuth_world_rate, measured=to_seconds(bearing.measured),
+        resolved=bool(state and state.hemisphere_resolved),
+        requested_rotation=state.requested_rotation if state else 0.0)

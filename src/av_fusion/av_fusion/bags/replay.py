@@ -1,0 +1,210 @@
+"""A bag through the rig's algorithms: no middleware, no wall clock, the same bytes every time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+from av_audio.array import MicrophoneArray
+from av_fusion.bags import algorithms
+from av_fusion.bags import topics as names
+from av_fusion.bags.chain import Chain
+from av_fusion.bags.converters import AudioLayout
+from av_fusion.bags.errors import BagError
+from av_fusion.bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed
+from av_fusion.bags.frames import SensorFrames
+from av_fusion.bags.journal import Journal
+from av_fusion.bags.messages import MessageMaker
+from av_fusion.bags.metadata import DEFAULT_QOS, LATCHED
+from av_fusion.bags.parameters import node_parameters
+from av_fusion.bags.reader import FOREVER, Bag
+from av_fusion.bags.senses import Senses
+from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
+from av_fusion.bags.topics import Found, absolute, find_topics
+from av_fusion.bags.writer import BagWriter
+from av_fusion.evaluation.run_log import RunLog
+from av_fusion.pointing import PointingController
+from av_sim_bridge.config_files import find_config
+from av_sim_bridge.rig import Rig, load_rig
+from av_vision.camera import PinholeCamera
+
+STAGES = ('raw', 'doa', 'bearing')
+# Known as a whole before anything else is read.
+READ_AHEAD = (names.CAMERA, names.FRAMES)
+# What is done without topics that are not in the bag.
+WITHOUT = {
+    names.CAMERA: "the camera of the rig's description is assumed",
+    names.AUDIO: 'the rig is deaf',
+    names.DETECTIONS: 'the rig is blind',
+    names.IMAGE: 'the rig is blind',
+    names.DOA: 'the rig is deaf',
+    names.ODOMETRY: 'the rig counts as standing still',
+    names.TRUE_TARGET: 'errors cannot be told',
+    names.TRUE_RIG: 'errors cannot be told',
+}
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """What to compute, and with what.
+
+    stage: from which of STAGES on to compute anew, empty for as early as the bag allows; rig, array: files, empty for
+    the shipped ones; model: a detector's ONNX file, empty takes the recorded detections; parameters: files as the
+    nodes read them; commands: of pointing, too, though nobody obeys; start, duration: of the part to replay, in s from
+    the bag's start. Raises BagError.
+    """
+
+    stage: str = ''
+    rig: str = ''
+    array: str = ''
+    model: str = ''
+    classes: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    remappings: dict[str, str] = field(default_factory=dict)
+    namespace: str = ''
+    audio: AudioLayout | None = None
+    commands: bool = False
+    start: float = 0.0
+    duration: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.stage not in ('', *STAGES):
+            raise BagError(f'cannot replay from {self.stage!r}, expected {", ".join(STAGES)}')
+        if not (self.start >= 0.0 and self.duration > 0.0):
+            raise BagError(f'start is {self.start} s, duration {self.duration} s, expected at least 0 and more than 0')
+
+
+class Replay:
+    """Computes what the rig would have said.
+
+    `notes` say what is missing and how it is made up for, and after `run` what could not be used. Raises BagError when
+    the bag cannot be replayed, ValueError or OSError when the files that describe the rig cannot be used.
+    """
+
+    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings()) -> None:
+        self._bag, self._settings = bag, settings
+        self._journal, self._make = Journal(), MessageMaker()
+        self.notes: list[str] = []
+        self._written: dict[str, str] = {}  # topics of the output by the rig's names
+        found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
+        self.stage = settings.stage or ('raw' if names.AUDIO in found else
+                                        'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
+        self._topics = self._choose(found)
+        start_ns = bag.start_ns + round(settings.start * SECOND)
+        stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
+        self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
+        self._start = start_ns / SECOND
+        self._chain = self._build(load_rig(settings.rig or find_config('rig')))
+
+    @property
+    def log(self) -> RunLog:
+        """Truth, what the senses said, and the bearing."""
+        return self._journal.log
+
+    def run(self, out: BagWriter | None = None, progress: Callable[[float], None] | None = None) -> RunLog:
+        """Replay. `out` gets what is computed, and of the bag what it rests on but for sound and pictures.
+
+        `progress` is called about each second of the bag with the time done, in s since the bag's start.
+        """
+        told = 0.0
+        for piece in self._feed:
+            done = piece.time_ns / SECOND - self._start
+            if progress is not None and done - told >= 1.0:
+                told = done
+                progress(done)
+            if piece.name in READ_AHEAD:
+                self._put(out, piece.name, piece.now, piece.data)
+                continue
+            for content, data in self._feed.contents(piece):
+                self._put_all(out, self._chain.wait(piece.now))
+                if piece.name not in (names.AUDIO, names.IMAGE):
+                    self._put(out, piece.name, piece.now, data)
+                if piece.name in (names.TRUE_TARGET, names.TRUE_RIG):
+                    self._journal.know(piece.name, content)
+                else:
+                    self._put_all(out, self._chain.take(piece.name, content, piece.now))
+        self._conclude()
+        return self.log
+
+    def _put_all(self, out: BagWriter | None, outputs: Iterable[Output]) -> None:
+        for name, time, content in outputs:
+            if out is not None:
+                self._put(out, name, time, self._make.output(name, time, content))
+
+    def _put(self, out: BagWriter | None, name: str, time: float, data: bytes | memoryview) -> None:
+        if out is None:
+            return
+        if name not in self._written:
+            self._written[name] = absolute(name, self._settings.namespace)
+            out.add_topic(self._written[name], names.KINDS[name][0], LATCHED if name == names.FRAMES else DEFAULT_QOS)
+        out.write(self._written[name], round(time * SECOND), data)
+
+    def _choose(self, found: Found) -> dict[str, str]:
+        """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
+        seeing = names.IMAGE if self.stage == 'raw' and self._settings.model else names.DETECTIONS
+        senses = {'raw': (names.AUDIO, seeing), 'doa': (names.DOA, names.DETECTIONS), 'bearing': (names.BEARING,)}
+        wanted = senses[self.stage]
+        if not any(name in found for name in wanted):
+            reasons = '; '.join(found.missing[name] for name in wanted)
+            raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
+        for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
+            if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
+                self._note(f'{found.missing[name]}: {WITHOUT[name]}')
+        context = (names.CAMERA, names.VISIBILITY, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG, names.FRAMES)
+        beside = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+        return {name: found.topics[name] for name in (*wanted, *beside, *context) if name in found}
+
+    def _build(self, rig: Rig) -> Chain:
+        fusion = self._parameters('av_fusion', 'fusion_node')
+        self._make.frame = fusion.base_frame
+        self._frames = SensorFrames(rig, fusion.base_frame)
+        if names.FRAMES in self._topics:
+            self._frames.learn(self._bag, self._topics[names.FRAMES])
+        senses = Senses(self._frames.rotation, fusion.target_classes, self._camera(rig))
+        self._hearing = self._seeing = self._fusing = None
+        if self.stage == 'raw' and names.AUDIO in self._topics:
+            array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
+            settings = algorithms.localizer_settings(self._parameters('av_audio', 'doa_node'))
+            self._hearing = Hearing(array, settings, self._make)
+        if names.IMAGE in self._topics:
+            given = {'model': self._settings.model, 'keep_classes': list(self._settings.classes) or None}
+            detector = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
+            self._seeing = Seeing(algorithms.make_detector(detector), detector.track_gap, self._make)
+        if self.stage != 'bearing':
+            self._fusing = Fusing(algorithms.make_tracker(fusion), senses, self._journal, fusion.rate,
+                                  fusion.min_sound_confidence)
+        pointing = None
+        if self._settings.commands or self.stage == 'bearing':
+            settings = algorithms.pointing_settings(self._parameters('av_fusion', 'pointing_node'))
+            pointing = Pointing(PointingController(settings))
+        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing)
+
+    def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
+        files = (find_config('rig_params'), *self._settings.parameters)
+        return node_parameters(package, node, files, given, self._settings.namespace)
+
+    def _camera(self, rig: Rig) -> PinholeCamera:
+        topic = self._topics.get(names.CAMERA)
+        if topic is None:
+            return rig.camera.model
+        _, _, data = next(self._bag.messages([topic]))
+        return PinholeCamera.from_camera_info(self._bag.decode(topic, data))
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def _conclude(self) -> None:
+        for problem in (*self._bag.problems, *self._feed.problems):
+            self._note(problem)
+        for stage in (self._hearing, self._seeing):
+            for problem in sorted(stage.problems if stage else ()):
+                self._note(problem)
+        for name, count in (self._fusing.foreign if self._fusing else {}).items():
+            self._note(f'{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s off '
+                       "the bag's time")
+        for frame in sorted(self._frames.unknown):
+            self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')

@@ -1,0 +1,154 @@
+"""The rig's nodes without nodes: each stage takes messages and the time at which they came, and gives what follows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from av_audio.array import MicrophoneArray
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.stamps import to_seconds
+from av_fusion.bags import topics as names
+from av_fusion.bags.feed import CLOCK_TOLERANCE_S
+from av_fusion.bags.journal import Journal
+from av_fusion.bags.messages import MessageMaker
+from av_fusion.bags.senses import Senses
+from av_fusion.bayes import BayesTracker
+from av_fusion.gated import GatedTracker
+from av_fusion.measurements import Track
+from av_fusion.pointing import PointingController
+from av_vision.image import image_from_message
+from av_vision.tracking import Tracker
+from av_vision.yolo import Detector
+
+# As fusion_node: an input without messages for so long is missing, a visibility that far from the picture is not of it.
+SILENT_S = 1.0
+VISIBILITY_AGE_S = 1.0
+LONGEST_SILENCE_S = 60.0
+
+Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, a message or what one is made of
+
+
+class Hearing:
+    """doa_node: audio frames to directions of arrival. `problems` holds what was wrong with frames left out."""
+
+    def __init__(self, array: MicrophoneArray, settings: LocalizerSettings, make: MessageMaker) -> None:
+        self._array, self._settings, self._make = array, settings, make
+        self._localizer: Localizer | None = None
+        self.problems: set[str] = set()
+
+    def take(self, frame: Any, now: float) -> Iterator[Output]:
+        """Directions of the windows that a frame completes."""
+        try:
+            estimates = self._process(frame)
+        except ValueError as error:
+            self.problems.add(f'{names.AUDIO}: {error}')
+            self._localizer = None
+            return
+        start = to_seconds(frame.header.stamp)
+        for estimate in estimates:
+            time = max(0.0, start + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
+            message = self._make.doa(estimate, time, frame.header.frame_id, self._settings.window_s,
+                                     self._settings.method)
+            yield names.DOA, now, self._make.rounded(message)
+
+    def _process(self, frame: Any) -> list:
+        channels = self._array.channels
+        if frame.channels != channels:
+            raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {channels} microphones')
+        if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
+            self._localizer = Localizer(self._array, frame.sample_rate, self._settings)
+        samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
+        return self._localizer.process(samples, frame.first_sample)
+
+
+class Seeing:
+    """detector_node: pictures to detections; here none is left out, however long one takes."""
+
+    def __init__(self, detector: Detector, track_gap: float, make: MessageMaker) -> None:
+        self._detector, self._make = detector, make
+        self._tracker = Tracker(track_gap)
+        self.problems: set[str] = set()
+
+    def take(self, picture: Any, now: float) -> Iterator[Output]:
+        """What is seen in a picture."""
+        try:
+            found = self._detector.detect(image_from_message(picture))
+        except ValueError as error:
+            self.problems.add(f'{names.IMAGE}: {error}')
+            return
+        tracks = self._tracker.update(found, to_seconds(picture.header.stamp))
+        yield names.DETECTIONS, now, self._make.rounded(self._make.detections(found, tracks, picture.header))
+
+
+class Fusing:
+    """fusion_node: all senses to one track. A measurement gives one at once, silence one each `1/rate` s."""
+
+    def __init__(self, tracker: BayesTracker | GatedTracker, senses: Senses, journal: Journal, rate: float,
+                 least_confidence: float) -> None:
+        self._tracker, self._senses, self._journal = tracker, senses, journal
+        self._period, self._least_confidence = 1.0 / rate, least_confidence
+        self._visibility = (-math.inf, math.nan)
+        self._came = dict.fromkeys((names.DOA, names.DETECTIONS, names.ODOMETRY), -math.inf)
+        self._published = -math.inf
+        self.foreign: dict[str, int] = {}
+
+    @property
+    def due(self) -> float:
+        """When the next track comes, if no measurement comes before."""
+        return self._published + self._period
+
+    def wait(self, now: float) -> Iterator[Output]:
+        """The tracks that come until `now` without a measurement."""
+        if now - self._published > LONGEST_SILENCE_S:  # the bag's beginning, or a hole in it
+            self._published = now - self._period
+        while self.due <= now:
+            yield from self._publish(self.due)
+
+    def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
+        """What a message of one of the fusion's topics leads to."""
+        if name == names.VISIBILITY:
+            self._visibility = (to_seconds(message.header.stamp), message.visibility)
+            return
+        self._came[name] = now
+        stamp = message.time if name == names.ODOMETRY else to_seconds(message.header.stamp)
+        if abs(stamp - now) > CLOCK_TOLERANCE_S:
+            self.foreign[name] = self.foreign.get(name, 0) + 1
+        elif name == names.ODOMETRY:
+            if message.has_attitude:
+                self._tracker.add_pose(stamp, message.yaw, message.yaw_rate)
+        elif name == names.DOA:
+            sounds = self._senses.sounds(message)
+            self._journal.hear(sounds, now)
+            for sound in sounds:
+                if sound.confidence >= self._least_confidence:
+                    self._tracker.add_sound(sound)
+            yield from self._publish(now)
+        else:
+            seen, visibility = self._visibility
+            look = self._senses.look(message, visibility if abs(stamp - seen) < VISIBILITY_AGE_S else math.nan)
+            if look is not None:
+                self._journal.see(look, message, now)
+                self._tracker.add_look(look)
+                yield from self._publish(now)
+
+    def _publish(self, now: float) -> Iterator[Output]:
+        self._published = now
+        track = self._tracker.estimate(now)
+        self._journal.follow(track, now)
+        yield names.STATE, now, (track, [name for name, came in self._came.items() if now - came > SILENT_S])
+        yield names.BEARING, now, track
+
+
+class Pointing:
+    """pointing_node: tracks to commands, one for each. The rig does not obey: what it did is in the bag."""
+
+    def __init__(self, controller: PointingController) -> None:
+        self._controller = controller
+
+    def take(self, track: Track, now: float) -> Output:
+        """The command that follows a bearing."""
+        return names.COMMAND, now, self._controller.step(now, track)
