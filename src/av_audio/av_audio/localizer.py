@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.baselines import Music, Mvdr
+from av_audio.own_rotors import find_blade_pass, notch
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
 from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
@@ -45,6 +46,7 @@ class LocalizerSettings:
     method: str = 'ml'
     temperature_c: float = 20.0
     elevation_deg: tuple[float, float] = (0.0, 90.0)  # mirror images outside of this range are left out
+    estimated_rotors: int = 0  # so many own rotors are looked for in the sound and notched
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.window_s <= 10.0:
@@ -53,6 +55,8 @@ class LocalizerSettings:
             raise ValueError(f'hop_s={self.hop_s}, expected 0.001..60 s')
         if self.method not in METHODS:
             raise ValueError(f'method={self.method!r}, expected one of {", ".join(METHODS)}')
+        if not 0 <= self.estimated_rotors <= 16:
+            raise ValueError(f'estimated_rotors={self.estimated_rotors}, expected 0..16')
         if not -90.0 <= self.elevation_deg[0] < self.elevation_deg[1] <= 90.0:
             raise ValueError(f'elevation_deg={self.elevation_deg}, expected a rising range within -90..90')
 
@@ -91,6 +95,8 @@ class Localizer:
         self.array = array
         self.sample_rate = sample_rate
         self.settings = settings
+        # Of the rig's own rotors: their harmonics are left out. May change at any time.
+        self.blade_pass_hz: NDArray = np.zeros(0)
         self.restarts = 0  # how often a gap or unusable samples made the window start anew
         self._window = round(settings.window_s * sample_rate)
         self._hop = max(1, round(settings.hop_s * sample_rate))
@@ -157,7 +163,7 @@ class Localizer:
             nothing = np.zeros(0)
             return DoaEstimate(centre / self.sample_rate, centre, nothing, nothing, nothing, nothing, nothing,
                                np.zeros(0, int), np.zeros(0, bool), level, nothing)
-        peak = self._estimator.estimate(spectra)
+        peak = self._estimator.estimate(self._without_own_rotors(spectra))
         q, covariance = self._straighten(peak)
         angles, variances = self._directions(q, covariance)
         kept = self._kept(angles)
@@ -166,6 +172,15 @@ class Localizer:
         return DoaEstimate(
             centre / self.sample_rate, centre, *angles[:, kept], *variances[:, kept],
             np.full(count, self._confidence(peak, window)), np.zeros(count, int), np.full(count, end_fire), level, peak.q)
+
+    def _without_own_rotors(self, spectra: NDArray) -> NDArray:
+        """Spectra (m, k) with zeros where the rig's own rotors sound."""
+        frequencies = self._analyzer.frequencies
+        own = self.blade_pass_hz
+        if self.settings.estimated_rotors:
+            power = np.mean(np.abs(spectra) ** 2, axis=0)
+            own = np.concatenate([own, find_blade_pass(frequencies, power, self.settings.estimated_rotors)])
+        return spectra * notch(frequencies, own) if len(own) else spectra
 
     def _confidence(self, peak: Peak, window: NDArray) -> float:
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, scenes
+from av_audio.benchmark import accuracy, cost, own_noise, scenes
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import flat, recordings, rotors
 
@@ -26,6 +26,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'kemar': scenes.kemar(data),
         'room': scenes.room(clips),
         'square': scenes.square(count),
+        'own-rotors': own_noise.own_noise(min(count, 100)),
         'speed': cost.speed(),
         'memory': cost.memory(),
     }

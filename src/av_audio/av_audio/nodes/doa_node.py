@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from std_msgs.msg import Float32MultiArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.health import SwapDetector
@@ -36,7 +37,10 @@ class DoaNode(RigNode):
         self._array = MicrophoneArray.load(values.array_file)
         self._localizer_settings = LocalizerSettings(
             window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
-            temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg))
+            temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg),
+            estimated_rotors=values.own_rotor_count if values.own_rotors == 'estimated' else 0)
+        self._blades = values.own_rotor_blades if values.own_rotors == 'topic' else 0
+        self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
         self._last: DoaEstimate | None = None
         self._restarts = 0
@@ -49,6 +53,9 @@ class DoaNode(RigNode):
         self._frames = RateMeter()
         self._swap_detector = SwapDetector()
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_frame, STREAM)
+        if self._blades:
+            self._motor_speeds = RateMeter()
+            self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
 
     def deactivate(self) -> None:
         """Forget the sound heard so far."""
@@ -57,6 +64,11 @@ class DoaNode(RigNode):
     def cleanup(self) -> None:
         """Drop what `configure` made."""
         self.destroy_publisher(self._publisher)
+
+    def _on_motor_speeds(self, message: Float32MultiArray) -> None:
+        self._motor_speeds.tick()
+        speeds = np.abs(np.asarray(message.data, dtype=float))
+        self._blade_pass_hz = self._blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi)
 
     def _on_frame(self, frame: AudioFrame) -> None:
         self._frames.tick()
@@ -84,6 +96,7 @@ class DoaNode(RigNode):
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings)
         samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
+        self._localizer.blade_pass_hz = self._blade_pass_hz
         before = self._localizer.restarts
         estimates = self._localizer.process(samples, frame.first_sample)
         self._restarts += self._localizer.restarts - before
@@ -120,6 +133,8 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif self._last is not None and not len(self._last.azimuth):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
+        if self._blades and self._motor_speeds.age > SILENT_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, own rotors are not left out')
         if self._swaps:
             status.mergeSummary(DiagnosticStatus.WARN, 'the channels have changed places while running')
 
