@@ -27,6 +27,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'audio_common_node = av_audio.nodes.audio_common_node:main',
             'audio_node = av_audio.nodes.audio_node:main',
             'doa_node = av_audio.nodes.doa_node:main',
             'benchmark = av_audio.cli.benchmark:main',
