@@ -26,11 +26,11 @@ from torch import Tensor
 
 # (side of the squares, how many a batch, how often): small windows teach the small far drones cheaply, large ones the near.
 BATCHES = ((256, 16, 0.75), (448, 6, 0.25))
-WARM_UP, DECAY = 200, 0.35
+WARM_UP, DECAY = 200, 0.25
 
 
 def rate_at(step: int, steps: int, peak: float) -> float:
-    """Learning rate: a warm-up, a plateau, and a fall to nothing over the last third (the plateau's end can be moved)."""
+    """Learning rate: a warm-up, a plateau, and a fall to nothing over the last quarter (the plateau's end can be moved)."""
     left = (steps - step) / (DECAY * steps)
     return peak * min(1.0, (step + 1) / WARM_UP, max(left, 0.0) ** 1.2)
 
