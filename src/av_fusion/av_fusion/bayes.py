@@ -146,7 +146,8 @@ class BayesTracker:
                     confidence = max(confidence, detection.confidence)
         view_share = width * UNIFORM
         self._background *= (1.0 - view_share * settings.recall * visibility) ** fresh
-        self._give_birth(lag, [Newborn(azimuth, d.azimuth_variance, view_share * settings.recall * o * fresh, d)
+        # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
+        self._give_birth(lag, [Newborn(azimuth, d.azimuth_variance, o * fresh, d)
                                for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
         if best is None:
             confidence = max((d.confidence for d in seen), default=0.0)

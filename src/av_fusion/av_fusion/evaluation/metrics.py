@@ -47,14 +47,14 @@ class Summary:
 def summarise(log: RunLog, tau: float = 0.5) -> Summary:
     """Compute the figures.
 
-    They count from the first detection on; where nothing was seen from the first bearing whose hemisphere was declared,
-    else from the first bearing.
+    They count from the arrival of the first detection on; where nothing was seen from the first bearing whose hemisphere
+    was declared, else from the first bearing.
     """
     seen = log.sight['confidence'] >= tau
     following = log.fused['state'] != State.NONE
     heard = log.sound['confidence'] > 0.0
     declared = following & (log.fused['resolved'] > 0.0)
-    beginnings = (log.sight['time'][seen], log.fused['time'][declared], log.fused['time'][following])
+    beginnings = ((log.sight['time'] + log.sight['delay'])[seen], log.fused['time'][declared], log.fused['time'][following])
     acquired = next((float(times.min()) for times in beginnings if times.size), math.nan)
     end = max((float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)), default=0.0)
     sound = np.stack([log.sound['azimuth'], log.sound['mirrored']])[:, heard]
