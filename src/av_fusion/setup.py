@@ -37,6 +37,7 @@ setup(
             'monitor_node = av_fusion.nodes.monitor_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
             'evaluate = av_fusion.cli.evaluate:main',
+            'player_node = av_fusion.nodes.player_node:main',
             'replay = av_fusion.cli.replay:main',
             'recorder_node = av_fusion.nodes.recorder_node:main',
         ],

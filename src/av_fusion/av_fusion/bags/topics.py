@@ -31,6 +31,14 @@ KINDS: dict[str, tuple[str, ...]] = {
     FRAMES: ('tf2_msgs/msg/TFMessage',),
 }
 
+_CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, TRUE_TARGET, TRUE_RIG, FRAMES)
+# What is played from a bag so that the rest is computed anew.
+STAGES: dict[str, tuple[str, ...]] = {
+    'raw': (AUDIO, IMAGE, DETECTIONS, *_CONTEXT),
+    'doa': (DOA, DETECTIONS, *_CONTEXT),
+    'bearing': (BEARING, STATE, DOA, DETECTIONS, *_CONTEXT),
+    'all': tuple(KINDS),
+}
 # Of these, messages without a stamp.
 WITHOUT_HEADER = ('audio_common_msgs/msg/AudioData', 'tf2_msgs/msg/TFMessage')
 
