@@ -38,6 +38,7 @@ setup(
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
             'evaluate = av_fusion.cli.evaluate:main',
             'player_node = av_fusion.nodes.player_node:main',
+            'repair_bag = av_fusion.cli.repair_bag:main',
             'replay = av_fusion.cli.replay:main',
             'recorder_node = av_fusion.nodes.recorder_node:main',
         ],

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from av_fusion.bags.errors import BagError
 from av_fusion.bags.reader import Bag
 from av_fusion.bags.writer import BagWriter
+from av_fusion.cli.repair_bag import main as repair_bag
 
 MILLISECOND = 10**6
 
@@ -172,3 +174,32 @@ def test_a_truncated_database_gives_an_error_or_a_part(tmp_path):
             assert bag.problems
     except BagError as error:
         assert 'bag cannot be read' in str(error)
+
+
+def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys):
+    whole, cut, mended = (tmp_path / name for name in ('whole.mcap', 'cut.mcap', 'mended.mcap'))
+    with BagWriter(whole, 'none') as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+        for k in range(1000):
+            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
+            if k % 50 == 49:
+                writer.flush()
+    cut.write_bytes(whole.read_bytes()[:whole.stat().st_size // 2])
+    assert repair_bag([str(cut), '--out', str(mended)]) == 0
+    captured = capsys.readouterr()
+    with AnyReader([mended]) as reader:
+        values = [reader.deserialize(data, make.ODOMETRY).pose.pose.position.x for _, _, data in reader.messages()]
+    assert values == list(range(len(values)))
+    assert f'{len(values)} messages to {mended}' in captured.out
+    assert 'cut.mcap ends after byte' in captured.err
+    assert repair_bag([str(tmp_path / 'nowhere'), '--out', str(tmp_path / 'x.mcap')]) == 1
+
+
+def test_a_database_becomes_an_mcap_with_the_definitions_of_its_own(tmp_path):
+    with make_foreign(tmp_path / 'bag', StoragePlugin.SQLITE3) as writer:
+        topic = writer.add_connection('/heat', 'far_msgs/msg/Heat', msgdef='float64 kelvin\n', rihs01='RIHS01_0')
+        writer.write(topic, 5, b'\x00\x01\x00\x00' + np.float64(300.5).tobytes())
+    assert repair_bag([str(tmp_path / 'bag'), '--out', str(tmp_path / 'bag.mcap')]) == 0
+    with AnyReader([tmp_path / 'bag.mcap']) as reader:
+        ((connection, time_ns, data),) = reader.messages()
+        assert (time_ns, reader.deserialize(data, connection.msgtype).kelvin) == (5, 300.5)

@@ -90,6 +90,11 @@ class Bag:
             if self._can_be_salvaged and isinstance(self._source, _Intact):
                 yield from _Damaged(self._files).messages(wanted, reached + 1, stop_ns)
 
+    def definition(self, topic: str) -> str:
+        """How the bag itself defines a topic's messages (ros2msg), empty where it does not."""
+        text = self._source.definitions.get(self.topics[topic].kind)
+        return text.data if text is not None and text.format == MessageDefinitionFormat.MSG else ''
+
     def decode(self, topic: str, data: bytes) -> object:
         """The message with its fields as attributes. Raises BagError when the bytes are not of the topic's type."""
         kind = self.topics[topic].kind

@@ -65,11 +65,14 @@ class BagWriter:
         """Bytes that the disk has not taken yet."""
         return self._stream.waiting
 
-    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS) -> None:
-        """Announce a topic of messages 'package/msg/Type'. Raises UnknownTypeError when their package is missing."""
+    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS, text: str = '') -> None:
+        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed.
+
+        Raises UnknownTypeError when their package is missing.
+        """
         if kind not in self._schemas:
-            text, _ = definition(kind)
-            self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', text.encode())
+            content = (text or definition(kind)[0]).encode()
+            self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', content)
         metadata = {'offered_qos_profiles': qos.to_yaml()}
         channel = self._writer.register_channel(name, 'cdr', self._schemas[kind], metadata)
         self._topics[name] = TopicRecord(name, kind, qos, channel)
