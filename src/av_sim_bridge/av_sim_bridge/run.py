@@ -84,16 +84,16 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
             sound = world.advance(world.sample_rate // BLOCKS_PER_SECOND)
             views = [world.view(round(time * image_rate), time) for time in times(begin, world.time, image_rate)]
             yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views],
-                       [moment(world, time) for time in times(begin, world.time, truth_rate)])
+                       moments(world, times(begin, world.time, truth_rate)))
     finally:
         if camera is not None:
             camera.close()
 
 
-def moment(world: World, time: float) -> Moment:
-    """The truth at a time within the world's newest step."""
-    targets = [world.target_state(number, time) for number in range(len(world.scenario.targets))]
-    return Moment(time, world.rig_state(time), targets)
+def moments(world: World, at: list[float]) -> list[Moment]:
+    """The truth at times within the world's newest step."""
+    targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
+    return [Moment(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
 
 
 def times(begin: float, end: float, rate: float) -> list[float]:

@@ -9,6 +9,7 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
 from av_sim_bridge.run import times
-from av_sim_bridge.vehicle import to_imu, to_truth
+from av_sim_bridge.vehicle import VehicleState, to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.image import EncodedImage, encode_image
@@ -147,7 +148,9 @@ class Simulator:
     def _schedule(self, begin: float, end: float) -> list:
         """What is to be sent at which time in (begin, end], in order."""
         options = self.options
-        events = [(moment, self._send_truth) for moment in times(begin, end, options.truth_rate)]
+        moments = times(begin, end, options.truth_rate)
+        targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
+        events = [(moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
         events += [(moment, self._ask_for_picture) for moment in times(begin, end, options.image_rate)]
         events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
@@ -166,7 +169,9 @@ class Simulator:
         if lag > self.HOPELESS:
             self._start += lag
             self.counts.resynchronised += 1
-            log.warning('%.1f s behind real time: going on from here', lag)
+            if self.counts.resynchronised in (1, 10, 100, 1000):
+                log.warning('%.1f s behind real time: going on from here, for the %d. time', lag,
+                            self.counts.resynchronised)
 
     def _take_commands(self) -> None:
         while True:
@@ -202,13 +207,13 @@ class Simulator:
         self._sequence += 1
         self.counts.audio_frames += len(sound)
 
-    def _send_truth(self, moment: float) -> None:
+    def _send_truth(self, targets: list[VehicleState], moment: float) -> None:
         ports, short = self.options.ports, self.options.short_truth
         rig = self.world.rig_state(moment)
         self._send(encode_truth(to_truth(rig, RIG_ID), short), ports.rig_truth)
         self._send(encode_imu(to_imu(rig, round(moment * self.options.truth_rate))), ports.imu)
-        for number in range(len(self.world.scenario.targets)):
-            truth = to_truth(self.world.target_state(number, moment), FIRST_TARGET_ID + number)
+        for number, target in enumerate(targets):
+            truth = to_truth(target, FIRST_TARGET_ID + number)
             self._send(encode_truth(truth, short), ports.target_truth + 2 * number)
 
     def _send_time_sync(self, moment: float) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 from transforms3d.quaternions import mat2quat
 
 from av_sim_bridge.config_files import find_config
@@ -97,15 +98,19 @@ class World:
                             np.array([0.0, 0.0, float(turn.rate(time))]))
 
     def target_state(self, number: int, time: float) -> VehicleState:
-        """State of one target: it flies forward, tilted as its acceleration needs."""
-        target = self.scenario.targets[number]
-        path = target.trajectory
-        rotation = _flight_attitude(path, time)
-        step = 2e-3
-        turned = _flight_attitude(path, time - step).T @ _flight_attitude(path, time + step)
-        rate = np.array([turned[2, 1], turned[0, 2], turned[1, 0]]) / (2 * step)
-        return VehicleState(time, path(time)[0], velocity(path, time)[0], acceleration(path, time)[0],
-                            mat2quat(rotation), rate, self._rotor_rpm(number, time))
+        """State of one target at a time."""
+        return self.target_states(number, [time])[0]
+
+    def target_states(self, number: int, times: ArrayLike) -> list[VehicleState]:
+        """States of one target at times (k,): it flies forward, tilted as its acceleration needs."""
+        path, t, step = self.scenario.targets[number].trajectory, np.asarray(times, float), 2e-3
+        before, rotations, after = np.split(_flight_attitudes(path, np.concatenate([t - step, t, t + step])), 3)
+        turned = np.einsum('kji,kjl->kil', before, after)
+        rates = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / (2 * step)
+        attitudes = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
+        rows = zip(t.tolist(), path(t), velocity(path, t), acceleration(path, t), attitudes, rates,
+                   self._rotor_rpm(number, t), strict=True)
+        return [VehicleState(*row) for row in rows]
 
     def view(self, index: int, time: float) -> View:
         """What the camera has before it at a time within the newest step."""
@@ -126,11 +131,12 @@ class World:
         return Drone(FIRST_TARGET_ID + number, state.position, state.rotation, target.size, rotors,
                      np.mod(2 * np.pi * turns * time * sides, 2 * np.pi))
 
-    def _rotor_rpm(self, number: int, time: float) -> NDArray:
-        rpm, voice = np.zeros(8), self._sources[number].voice
+    def _rotor_rpm(self, number: int, times: NDArray) -> NDArray:
+        """Rotor speeds (k, 8) at times (k,), 0 for what has no rotors."""
+        rpm, voice = np.zeros((len(times), 8)), self._sources[number].voice
         if isinstance(voice, RotorVoice):
             rotors = np.array(voice.rotor_hz)[:8]
-            rpm[:len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, time)[0]
+            rpm[:, :len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, times)
         return rpm
 
     def _rotors(self, number: int) -> int:
@@ -195,15 +201,18 @@ def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:
     return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
 
 
-def _flight_attitude(path: Position, time: float) -> NDArray:
-    """Rotation (3, 3) from FLU to ENU: x along the flight, z along the thrust."""
-    ahead = velocity(path, time)[0]
-    heading = np.arctan2(ahead[1], ahead[0]) if np.hypot(ahead[0], ahead[1]) > 0.05 else 0.0
-    up = acceleration(path, time)[0] + [0.0, 0.0, GRAVITY]
-    up /= np.linalg.norm(up)
-    left = np.cross(up, [np.cos(heading), np.sin(heading), 0.0])
-    left /= np.linalg.norm(left)
-    return np.column_stack([np.cross(left, up), left, up])
+def _flight_attitudes(path: Position, times: NDArray) -> NDArray:
+    """Rotations (k, 3, 3) from FLU to ENU: x along the flight, z along the thrust."""
+    ahead = velocity(path, times)
+    moving = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.05
+    heading = np.where(moving, np.arctan2(ahead[:, 1], ahead[:, 0]), 0.0)
+    up = _unit(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]))
+    left = _unit(np.cross(up, np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=1)))
+    return np.stack([np.cross(left, up), left, up], axis=2)
+
+
+def _unit(vectors: NDArray) -> NDArray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _yaw_rotation(yaw: float) -> NDArray:
