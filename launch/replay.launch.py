@@ -38,7 +38,7 @@ ARGUMENTS = {
     'recorded_namespace': ('', 'the namespace of the recorded rig', None),
     'audio_rate': ('0', 'sound in bare bytes without AudioInfo: samples a second', None),
     'audio_channels': ('2', '... its channels', None),
-    'audio_format': ('S16LE', '... the type of its samples', ['U8', 'S16LE', 'S32LE', 'F32LE']),
+    'audio_format': ('S16LE', '... the type of its samples', ['S16LE', 'S32LE', 'F32LE']),
     'model': ('', "only:=raw: a detector's ONNX file; empty takes the recorded detections", None),
     'classes': ('', 'classes of the model to be taken for the target, separated by commas', None),
     'rig': (str(CONFIG / 'rig.yaml'), 'description of the rig: array, and sensor frames if the bag has none', None),

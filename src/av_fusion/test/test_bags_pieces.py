@@ -6,7 +6,10 @@ import bag_messages as make
 import cv2
 import numpy as np
 import pytest
+import rclpy
+from rclpy.parameter import Parameter
 
+from av_audio.nodes.doa_node import DoaNode
 from av_audio.nodes.doa_node_parameters import doa_node
 from av_fusion.bags import algorithms
 from av_fusion.bags.parameters import node_parameters
@@ -156,3 +159,21 @@ def test_a_picture_that_is_none_is_left_out_and_noted(tmp_path):
         replay.run()
     assert len(replay.log.sight) == 1
     assert any('/camera/image_raw/compressed: 20 bytes of compressed image cannot be decoded' in note for note in replay.notes)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize('changes', [{}, {'window': 0.3, 'band_low': 300.0, 'temperature': 5.0},
+                                     {'own_rotors': 'estimated', 'own_rotor_count': 3}])
+def test_hearing_is_that_of_doa_node(changes):
+    array = str(Path(__file__).parents[3] / 'config' / 'arrays' / 'two_microphones.yaml')
+    overrides = [Parameter(name, value=value) for name, value in {**changes, 'array_file': array, 'autostart': False}.items()]
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = DoaNode(context=context, parameter_overrides=overrides)
+    try:
+        node.configure()
+        parameters = node_parameters('av_audio', 'doa_node', overrides=changes)
+        assert algorithms.localizer_settings(parameters) == node._localizer_settings
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)

@@ -33,11 +33,18 @@ class Chain:
         """What a message leads to."""
         if name == names.AUDIO and self._hearing is not None:
             yield from self._fuse(self._hearing.take(message, now))
+        elif name == names.MOTORS and self._hearing is not None:
+            self._hearing.turn(message)
         elif name == names.IMAGE and self._seeing is not None:
             yield from self._fuse(self._seeing.take(message, now))
         elif self._fusing is not None:
             yield from self._point(self._fusing.take(name, message, now))
-        elif name == names.DOA:
+        else:
+            yield from self._follow(name, message, now)
+
+    def _follow(self, name: str, message: Any, now: float) -> Iterator[Output]:
+        """What a message leads to when the bearings are recorded ones."""
+        if name == names.DOA:
             self._journal.hear(self._senses.sounds(message), now)
         elif name == names.DETECTIONS:
             look = self._senses.look(message)

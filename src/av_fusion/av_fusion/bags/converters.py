@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.pcm import FORMATS, decode
 from av_common.angles import wrap
 from av_common.frames import yaw_of
 from av_common.stamps import to_seconds, to_stamp
@@ -20,9 +21,6 @@ from av_sim_bridge.clock import SampleClock
 from av_vision.image import encoding_of, image_from_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
-# Names of GStreamer, which audio_common uses: type of a sample, value of silence, full scale.
-SAMPLE_FORMATS = {'U8': ('u1', 128.0, 128.0), 'S16LE': ('<i2', 0.0, 2.0**15), 'S32LE': ('<i4', 0.0, 2.0**31),
-                  'F32LE': ('<f4', 0.0, 1.0)}
 # A stamp that far from where the samples so far would put it is a gap in the sound.
 GAP_S = 0.05
 # For sound that does not say where it was heard.
@@ -31,7 +29,7 @@ ARRAY_FRAME = 'microphones'
 
 @dataclass(frozen=True)
 class AudioLayout:
-    """What bare bytes of sound mean: samples a second, interleaved channels, one of SAMPLE_FORMATS.
+    """What bare bytes of sound mean: samples a second, interleaved channels, one of `pcm.FORMATS`.
 
     Raises BagError when out of bounds.
     """
@@ -43,8 +41,8 @@ class AudioLayout:
     def __post_init__(self) -> None:
         if not (8000 <= self.sample_rate <= 384_000 and 1 <= self.channels <= 64):
             raise BagError(f'audio of {self.sample_rate} Hz and {self.channels} channels, expected 8000..384000 and 1..64')
-        if self.sample_format not in SAMPLE_FORMATS:
-            raise BagError(f'audio in {self.sample_format!r}, expected one of {", ".join(SAMPLE_FORMATS)}')
+        if self.sample_format not in FORMATS:
+            raise BagError(f'audio in {self.sample_format!r}, expected one of {", ".join(FORMATS)}')
 
 
 def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None) -> Converter | None:
@@ -91,13 +89,11 @@ class AudioBytes:
 
     def _samples(self, data: NDArray) -> NDArray[np.float32]:
         """Samples (n, channels), full scale 1."""
-        dtype, silence, full_scale = SAMPLE_FORMATS[self._layout.sample_format]
-        size = np.dtype(dtype).itemsize * self._layout.channels
+        size = np.dtype(FORMATS[self._layout.sample_format][0]).itemsize * self._layout.channels
         content = self._rest + np.asarray(data, np.uint8).tobytes()
         whole = len(content) // size * size
         self._rest = content[whole:]
-        samples = np.frombuffer(content[:whole], dtype).reshape(-1, self._layout.channels)
-        return ((samples - np.float32(silence)) / np.float32(full_scale)).astype(np.float32)
+        return decode(content[:whole], self._layout.sample_format, self._layout.channels)
 
     def _skip_gap(self, stamp: float) -> None:
         expected = stamp if self._origin is None else self._origin + self._next / self._layout.sample_rate

@@ -13,6 +13,7 @@ from av_fusion.bags import topics as names
 from av_fusion.bags.definitions import learn
 from av_fusion.measurements import State, Track
 from av_fusion.pointing import Command
+from av_vision.visibility import Visibility
 from av_vision.yolo import Detections
 
 
@@ -21,7 +22,7 @@ class MessageMaker:
 
     def __init__(self, frame: str = 'base_link') -> None:
         self.frame = frame
-        for name in (names.DOA, names.DETECTIONS, names.BEARING, names.STATE, names.COMMAND):
+        for name in (names.DOA, names.DETECTIONS, names.VISIBILITY, names.BEARING, names.STATE, names.COMMAND):
             self._store = learn(names.KINDS[name][0])
         self._types = types = self._store.types
         self._no_pose = types['geometry_msgs/msg/PoseWithCovariance'](types['geometry_msgs/msg/Pose'](
@@ -69,6 +70,10 @@ class MessageMaker:
         return self._types[names.KINDS[names.DETECTIONS][0]](header, [
             detection(header, [result(hypothesis(name, score), self._no_pose)], box(pose(point(*centre), 0.0), *size),
                       str(track)) for centre, size, score, name, track in rows])
+
+    def visibility(self, seen: Visibility, header: Any) -> Any:
+        """How far one can see in a picture."""
+        return self._types[names.KINDS[names.VISIBILITY][0]](header, float(seen.share), float(seen.range))
 
     def bearing(self, track: Track, header: Any) -> Any:
         """A track."""

@@ -153,8 +153,10 @@ class Replay:
         for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
                 self._note(f'{found.missing[name]}: {WITHOUT[name]}')
-        context = (names.CAMERA, names.VISIBILITY, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG, names.FRAMES)
+        context = (names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG, names.FRAMES)
         beside = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+        beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
+        beside += (names.VISIBILITY,) if seeing == names.DETECTIONS else ()
         return {name: found.topics[name] for name in (*wanted, *beside, *context) if name in found}
 
     def _build(self, rig: Rig) -> Chain:
@@ -167,12 +169,14 @@ class Replay:
         self._hearing = self._seeing = self._fusing = None
         if self.stage == 'raw' and names.AUDIO in self._topics:
             array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
-            settings = algorithms.localizer_settings(self._parameters('av_audio', 'doa_node'))
-            self._hearing = Hearing(array, settings, self._make)
+            p = self._parameters('av_audio', 'doa_node')
+            self._hearing = Hearing(array, algorithms.localizer_settings(p), self._make,
+                                    p.own_rotor_blades if p.own_rotors == 'topic' else 0)
         if names.IMAGE in self._topics:
             given = {'model': self._settings.model, 'keep_classes': list(self._settings.classes) or None}
-            detector = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
-            self._seeing = Seeing(algorithms.make_detector(detector), detector.track_gap, self._make)
+            p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
+            self._seeing = Seeing(algorithms.make_detector(p), p.track_gap, self._make, p.visibility_rate,
+                                  p.visibility_distance, algorithms.ground(p, senses.camera))
         if self.stage != 'bearing':
             self._fusing = Fusing(algorithms.make_tracker(fusion), senses, self._journal, fusion.rate,
                                   fusion.min_sound_confidence)

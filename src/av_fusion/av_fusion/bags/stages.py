@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.localizer import Localizer, LocalizerSettings
@@ -20,6 +21,7 @@ from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
+from av_vision import visibility
 from av_vision.image import image_from_message
 from av_vision.tracking import Tracker
 from av_vision.yolo import Detector
@@ -33,12 +35,22 @@ Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, a mes
 
 
 class Hearing:
-    """doa_node: audio frames to directions of arrival. `problems` holds what was wrong with frames left out."""
+    """doa_node: audio frames to directions of arrival. `problems` holds what was wrong with frames left out.
 
-    def __init__(self, array: MicrophoneArray, settings: LocalizerSettings, make: MessageMaker) -> None:
-        self._array, self._settings, self._make = array, settings, make
+    `blades` of a rotor of the rig's own turn the motors' speeds into the tones to leave out; 0 listens to all.
+    """
+
+    def __init__(self, array: MicrophoneArray, settings: LocalizerSettings, make: MessageMaker, blades: int = 0) -> None:
+        self._array, self._settings, self._make, self._blades = array, settings, make, blades
+        self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
         self.problems: set[str] = set()
+
+    def turn(self, motor_speeds: Any) -> None:
+        """The rig's own rotors turn at these speeds (rad/s)."""
+        if self._blades:
+            speeds = np.abs(np.asarray(motor_speeds.data, float))
+            self._blade_pass_hz = self._blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi)
 
     def take(self, frame: Any, now: float) -> Iterator[Output]:
         """Directions of the windows that a frame completes."""
@@ -61,26 +73,41 @@ class Hearing:
             raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {channels} microphones')
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings)
+        self._localizer.blade_pass_hz = self._blade_pass_hz
         samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
         return self._localizer.process(samples, frame.first_sample)
 
 
 class Seeing:
-    """detector_node: pictures to detections; here none is left out, however long one takes."""
+    """detector_node: pictures to detections and visibility; here none is left out, however long one takes.
 
-    def __init__(self, detector: Detector, track_gap: float, make: MessageMaker) -> None:
+    `ground` (h, w) holds the distances in m to what pixels show, None where they are unknown; how far one can see is
+    told `rate` times a second for things `distance` m away.
+    """
+
+    def __init__(self, detector: Detector, track_gap: float, make: MessageMaker, rate: float = 0.0,
+                 distance: float = 10.0, ground: NDArray | None = None) -> None:
         self._detector, self._make = detector, make
         self._tracker = Tracker(track_gap)
+        self._rate, self._distance, self._ground = rate, distance, ground
+        self._next = -math.inf
         self.problems: set[str] = set()
 
     def take(self, picture: Any, now: float) -> Iterator[Output]:
         """What is seen in a picture."""
         try:
-            found = self._detector.detect(image_from_message(picture))
+            image = image_from_message(picture)
+            found = self._detector.detect(image)
         except ValueError as error:
             self.problems.add(f'{names.IMAGE}: {error}')
             return
-        tracks = self._tracker.update(found, to_seconds(picture.header.stamp))
+        time = to_seconds(picture.header.stamp)
+        if self._rate > 0.0 and time >= self._next:
+            self._next = time + 1.0 / self._rate
+            ground = self._ground if self._ground is not None and self._ground.shape == image.shape[:2] else None
+            seen = visibility.estimate(image, ground, self._distance)
+            yield names.VISIBILITY, now, self._make.rounded(self._make.visibility(seen, picture.header))
+        tracks = self._tracker.update(found, time)
         yield names.DETECTIONS, now, self._make.rounded(self._make.detections(found, tracks, picture.header))
 
 
@@ -128,8 +155,8 @@ class Fusing:
                     self._tracker.add_sound(sound)
             yield from self._publish(now)
         else:
-            seen, visibility = self._visibility
-            look = self._senses.look(message, visibility if abs(stamp - seen) < VISIBILITY_AGE_S else math.nan)
+            seen, share = self._visibility
+            look = self._senses.look(message, share if abs(stamp - seen) < VISIBILITY_AGE_S else math.nan)
             if look is not None:
                 self._journal.see(look, message, now)
                 self._tracker.add_look(look)

@@ -11,7 +11,7 @@ from av_fusion.bags.reader import Bag
 AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/camera_info'
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
-TRUE_TARGET, TRUE_RIG, FRAMES = 'truth/target', 'truth/rig', '/tf_static'
+TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
 # The rig's own type first; the others are converted to it.
@@ -29,18 +29,19 @@ KINDS: dict[str, tuple[str, ...]] = {
     TRUE_TARGET: _POSES,
     TRUE_RIG: _POSES,
     FRAMES: ('tf2_msgs/msg/TFMessage',),
+    MOTORS: ('std_msgs/msg/Float32MultiArray',),
 }
 
 _CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, TRUE_TARGET, TRUE_RIG, FRAMES)
 # What is played from a bag so that the rest is computed anew.
 STAGES: dict[str, tuple[str, ...]] = {
-    'raw': (AUDIO, IMAGE, DETECTIONS, *_CONTEXT),
+    'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),
     'doa': (DOA, DETECTIONS, *_CONTEXT),
     'bearing': (BEARING, STATE, DOA, DETECTIONS, *_CONTEXT),
     'all': tuple(KINDS),
 }
 # Of these, messages without a stamp.
-WITHOUT_HEADER = ('audio_common_msgs/msg/AudioData', 'tf2_msgs/msg/TFMessage')
+WITHOUT_HEADER = ('audio_common_msgs/msg/AudioData', 'tf2_msgs/msg/TFMessage', 'std_msgs/msg/Float32MultiArray')
 
 
 @dataclass(frozen=True)

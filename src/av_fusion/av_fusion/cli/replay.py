@@ -11,7 +11,8 @@ from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
-from av_fusion.bags.converters import SAMPLE_FORMATS, AudioLayout
+from av_audio.pcm import FORMATS
+from av_fusion.bags.converters import AudioLayout
 from av_fusion.bags.reader import Bag
 from av_fusion.bags.replay import STAGES, Replay, ReplaySettings
 from av_fusion.bags.topics import KINDS, parse_remappings
@@ -46,13 +47,13 @@ def make_parser() -> argparse.ArgumentParser:
     add('--array', default='', metavar='FILE', help="an array file other than the rig's")
     add('--params', action='append', default=[], metavar='FILE', help="parameters as the nodes read them, on top of "
         'config/rig_params.yaml; can be repeated')
-    add('--model', default='', metavar='FILE', help="a detector's ONNX file; default: the recorded detections")
+    add('--model', default='', metavar='FILE', help="a detector's ONNX file, or 'shipped'; default: the recorded detections")
     add('--classes', default='', metavar='A,B', help="the model's classes that are taken for the target")
     add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='topics of other names in the bag')
     add('--namespace', default='', help='the namespace of the recorded rig')
     add('--audio-rate', type=int, default=0, metavar='HZ', help='for sound in bare bytes: samples a second')
     add('--audio-channels', type=int, default=2, metavar='N', help='... channels (default 2)')
-    add('--audio-format', default='S16LE', choices=SAMPLE_FORMATS, help='... of which type (default S16LE)')
+    add('--audio-format', default='S16LE', choices=FORMATS, help='... of which type (default S16LE)')
     add('--commands', action='store_true', help='compute pointing commands, too, though nobody obeys')
     add('--quiet', action='store_true', help='no progress')
     return parser
