@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
 from av_sim_bridge.run import times
-from av_sim_bridge.vehicle import VehicleState, to_imu, to_truth
+from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.image import EncodedImage, encode_image
@@ -26,7 +26,7 @@ from av_sim_bridge.wire.oracle import encode_oracle
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
-from av_sim_bridge.wire.truth import encode_truth
+from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_sim_bridge.world import World
 
 log = logging.getLogger('simulator')
@@ -180,7 +180,11 @@ class Simulator:
             except BlockingIOError:
                 return
             try:
-                self._obey(decode_rig_control(datagram))
+                if is_truth(datagram):
+                    self.counts.commands += 1
+                    self.world.dynamics.follow(from_truth(decode_truth(datagram)))
+                else:
+                    self._obey(decode_rig_control(datagram))
             except WireError as error:
                 self.counts.malformed_commands += 1
                 log.debug('%s', error)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from transforms3d.quaternions import mat2quat
 
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.picture.mjcf import MOST_DRONES
@@ -19,7 +18,7 @@ from av_sim_bridge.picture.scene_renderer import SceneRenderer
 from av_sim_bridge.picture.scenes import Solid
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_sim_bridge.rig import Rig
-from av_sim_bridge.rig_dynamics import RigDynamics, Turn
+from av_sim_bridge.rig_dynamics import RigDynamics
 from av_sim_bridge.scenario import Scenario, Target
 from av_sim_bridge.sound import Box, Medium, Noise, RecordingVoice, RotorVoice, SoundWorld, Source, load_profile
 from av_sim_bridge.sound.levels import spl_to_pascal
@@ -82,20 +81,16 @@ class World:
         """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""
         if samples <= 0 or samples % INSTANT:
             raise ValueError(f'samples: {samples}, a positive multiple of {INSTANT} expected')
-        turn = self.dynamics.step(self.time)
         end = (self._samples + samples) / self.sample_rate
-        microphones = self._microphones(turn, np.linspace(self.time, end, samples // INSTANT + 1))
+        motion = self.dynamics.step(self.time, end)
+        positions, rotations = motion.poses(np.linspace(self.time, end, samples // INSTANT + 1))
+        microphones = positions[:, np.newaxis] + np.einsum('kij,mj->kmi', rotations, self.rig.array.positions)
         self._samples += samples
         return self._sound.render(samples, microphones)
 
     def rig_state(self, time: float) -> VehicleState:
         """The rig's state at a time within the newest step."""
-        motion = self.scenario.rig
-        turn = self.dynamics.turn
-        yaw = float(turn.yaw(time))
-        return VehicleState(time, motion.trajectory(time)[0], velocity(motion.trajectory, time)[0],
-                            acceleration(motion.trajectory, time)[0], mat2quat(_yaw_rotation(yaw)),
-                            np.array([0.0, 0.0, float(turn.rate(time))]))
+        return self.dynamics.motion.state(time)
 
     def target_state(self, number: int, time: float) -> VehicleState:
         """State of one target at a time."""
@@ -142,14 +137,6 @@ class World:
     def _rotors(self, number: int) -> int:
         voice = self._sources[number].voice
         return min(max(len(voice.rotor_hz), 3), 8) if isinstance(voice, RotorVoice) else 4
-
-    def _microphones(self, turn: Turn, times: NDArray) -> NDArray:
-        """World positions (k, m, 3) of the microphones at times (k,)."""
-        body = self.rig.array.positions
-        c, s = np.cos(turn.yaw(times))[:, np.newaxis], np.sin(turn.yaw(times))[:, np.newaxis]
-        x, y, z = body.T
-        turned = np.stack([c * x - s * y, s * x + c * y, np.broadcast_to(z, (len(times), len(z)))], axis=2)
-        return self.scenario.rig.trajectory(times)[:, np.newaxis] + turned
 
 
 def with_voice(scenario: Scenario, file: str | Path) -> Scenario:
@@ -213,8 +200,3 @@ def _flight_attitudes(path: Position, times: NDArray) -> NDArray:
 
 def _unit(vectors: NDArray) -> NDArray:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _yaw_rotation(yaw: float) -> NDArray:
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

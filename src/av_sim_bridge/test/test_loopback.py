@@ -20,9 +20,11 @@ from av_sim_bridge.scenario import Scenario, Target, Weather
 from av_sim_bridge.simulator import Simulator, WireOptions
 from av_sim_bridge.sound import FormulaVoice, Noise
 from av_sim_bridge.trajectories import Line
+from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.ports import Ports
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
+from av_sim_bridge.wire.truth import encode_truth
 from av_sim_bridge.world import World
 
 CLICK = 2.0       # s, when the drone clicks
@@ -164,6 +166,25 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
     assert np.abs(np.diff(rates)).max() <= 120.0 * 0.01 + 0.1      # acceleration limit at 100 states a second
     assert simulator.counts.commands >= 15
     assert simulator.counts.malformed_commands >= 15
+
+
+def test_an_autopilot_moves_the_rig():
+    """A state of the rig on the control port, as PX4 or RFlySim have it, takes it there."""
+    options = WireOptions(ports=free_ports(), renderer='painter')
+    given = VehicleState(0.0, np.array([2.0, 3.0, 4.0]),
+                         attitude_wxyz=np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0]))
+
+    def autopilot(thread, listener):
+        control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        while thread.is_alive():
+            control.sendto(encode_truth(to_truth(given, 1)), ('127.0.0.1', options.ports.control))
+            thread.join(0.05)
+        control.close()
+
+    _, listener = run(options, dataclasses.replace(SCENARIO, duration=1.0), during=autopilot)
+    state = [state for number, state, _ in listener.states if number == 1][-1]
+    np.testing.assert_allclose(state.position, given.position, atol=1e-5)
+    np.testing.assert_allclose(state.rotation, given.rotation, atol=1e-5)
 
 
 def test_garbage_on_every_port_is_counted_and_harms_nothing():

@@ -51,6 +51,11 @@ def encode_truth(truth: VehicleTruth, short: bool = False) -> bytes:
                       *truth.position_ned, *gps)
 
 
+def is_truth(datagram: bytes) -> bool:
+    """Whether a datagram has the length of either layout."""
+    return len(datagram) in (_LONG.size, _SHORT.size)
+
+
 def decode_truth(datagram: bytes) -> VehicleTruth:
     """Decode either layout, told apart by length and magic. Raises WireError."""
     truth = _decode_short(datagram) if len(datagram) == _SHORT.size else _decode_long(datagram)
