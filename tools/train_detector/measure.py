@@ -26,9 +26,9 @@ class Measurement:
     frames: NDArray[np.intp]
     drones: NDArray[np.intp]
 
-    def f1(self, threshold: float, overlap: float = 0.3) -> float:
-        """F1 on the frames that show a drone."""
-        ours = (self.scores >= threshold) & (self.drones[self.frames] > 0)
+    def f1(self, threshold: float, overlap: float = 0.3, everywhere: bool = False) -> float:
+        """F1 on the frames that show a drone; `everywhere` counts false drones on the other frames against it too."""
+        ours = (self.scores >= threshold) & ((self.drones[self.frames] > 0) | everywhere)
         found = np.sum(ours & (self.overlaps >= overlap))
         return 2.0 * found / max(ours.sum() + self.drones.sum(), 1)
 

@@ -11,7 +11,7 @@ Rng = np.random.Generator
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED = 400  # backgrounds
-MIXTURE = {'DRONE': 0.38, 'BIRD': 0.16, 'AIRPLANE': 0.12, 'HELICOPTER': 0.1, 'PAINTED': 0.12, 'SIMULATED': 0.12}
+MIXTURE = {'DRONE': 0.28, 'BIRD': 0.24, 'AIRPLANE': 0.2, 'HELICOPTER': 0.12, 'PAINTED': 0.08, 'SIMULATED': 0.08}
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -42,7 +42,7 @@ class Sampler:
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
-        if rng.random() < (0.75 if kind == 'PAINTED' else 0.25):
+        if rng.random() < (0.75 if kind == 'PAINTED' else 0.15):
             for _ in range(1 + (rng.random() < 0.15)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 boxes = paste(rng, image, boxes, self._drones, log_uniform(rng, 6.0, min(0.95 * side, 320.0)), nearer, veil, 0)
