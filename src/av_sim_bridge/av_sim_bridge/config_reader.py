@@ -48,7 +48,7 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
     if not isinstance(content, dict):
         raise ConfigError(f'{key or "file"}: {content!r}, a mapping expected')
     hints = typing.get_type_hints(cls, include_extras=True)
-    fields = {field.name: field for field in dataclasses.fields(cls) if not _is_callable(hints[field.name])}
+    fields = settable_fields(cls)
     for name in content:
         if name not in fields:
             raise ConfigError(f'{_join(key, name)}: unknown key, one of {", ".join(fields)} expected')
@@ -63,6 +63,12 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
         raise
     except (ValueError, OSError) as error:
         raise ConfigError(f'{key}: {error}' if key else str(error)) from error
+
+
+def settable_fields(cls: type) -> dict[str, dataclasses.Field]:
+    """The fields of a dataclass that a file may set: all but functions."""
+    hints = typing.get_type_hints(cls, include_extras=True)
+    return {field.name: field for field in dataclasses.fields(cls) if not _is_callable(hints[field.name])}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -36,6 +36,13 @@ class Profile:
             raise ConfigError(f'{key}: {min(values)} is below 0')
         return cls(tuple(map(float, times)), tuple(map(float, values)))
 
+    @staticmethod
+    def yaml_schema() -> dict:
+        """JSON Schema of what `from_yaml` takes."""
+        point = {'type': 'array', 'prefixItems': [{'type': 'number'}, {'type': 'number', 'minimum': 0}],
+                 'minItems': 2, 'maxItems': 2}
+        return {'anyOf': [{'type': 'number', 'minimum': 0}, {'type': 'array', 'items': point, 'minItems': 1}]}
+
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))

@@ -1,5 +1,6 @@
 """Scenarios: the shipped ones are what they claim, broken ones are named by file, key and value."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,23 @@ import yaml
 
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.config_reader import ConfigError
-from av_sim_bridge.scenario import load_scenario
+from av_sim_bridge.config_schema import schema
+from av_sim_bridge.scenario import Scenario, load_scenario
 from av_sim_bridge.trajectories import TRAJECTORIES, acceleration, velocity
 
 SCENARIOS = Path(__file__).resolve().parents[3] / 'config' / 'scenarios'
 GOOD = {'name': 'test', 'targets': [{'trajectory': {'kind': 'static', 'position': [1, 2, 3]}}]}
+
+
+def test_the_schema_in_config_is_that_of_the_reader():
+    """Written by: python -m av_sim_bridge.config_schema > config/scenario.schema.json"""
+    assert json.loads((SCENARIOS.parent / 'scenario.schema.json').read_text()) == schema(Scenario)
+
+
+@pytest.mark.parametrize('file', sorted(SCENARIOS.glob('*.yaml')), ids=lambda file: file.stem)
+def test_shipped_scenarios_keep_the_schema(file):
+    jsonschema = pytest.importorskip('jsonschema')
+    jsonschema.validate(yaml.safe_load(file.read_text()), schema(Scenario))
 
 
 @pytest.mark.parametrize('file', sorted(SCENARIOS.glob('*.yaml')), ids=lambda file: file.stem)
@@ -39,6 +52,14 @@ def test_fog_woodland_can_be_followed():
 
 
 BROKEN = [
+    ({'faults': {'lost_datagrams': 2}}, r'faults.lost_datagrams: 2.0 is beyond 1.0'),
+    ({'ground': {'surface': 'lava'}}, r"ground: .*'lava'"),
+    ({'ground': {}, 'room': {'minimum': [0, 0, 0], 'maximum': [1, 1, 1]}}, r'ground and room'),
+    ({'obstacles': [{'kind': 'box', 'center': [0, 0, 0], 'size': [1, 1, 0]}]}, r'obstacles\[0\]: .*three positive'),
+    ({'noise': {'wind': {'velocity': [0, 0, 0]}}}, r'noise.wind: .*speed above 0'),
+    ({'scene': {'kind': 'moon'}}, r"scene.kind: 'moon', one of woodland, field, indoors, urban"),
+    ({'weather': {'smoke': [{'position': [0, 0, 1], 'density': -1}]}}, r'weather.smoke\[0\].density: -1.0 is below 0'),
+    ({'weather': {'temperature_c': 300}}, r'weather.temperature_c: 300.0 is beyond 55'),
     ({'foo': 1}, r'foo: unknown key'),
     ({'duration': -1}, r'duration: -1.0 must be more than 0'),
     ({'duration': 'long'}, r"duration: 'long', a number expected"),
