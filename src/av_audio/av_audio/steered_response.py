@@ -53,9 +53,10 @@ class SteeredResponse:
         self._clusters = np.arange(0, len(frequencies), max(1, round(CLUSTER_HZ / self._bin_hz)))
         step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
         reach = MARGIN * array.aperture / speed_of_sound
-        count = 2 * int(np.ceil(reach / step)) + 1
-        self._delays = np.linspace(-reach, reach, count)
-        angles = np.outer(self._delays, 2.0 * np.pi * frequencies)
+        delays = np.linspace(0.0, reach, int(np.ceil(reach / step)) + 1)
+        self._delays = np.concatenate([-delays[:0:-1], delays])
+        # of the delays from 0 on: the others differ in the sign of the sines only
+        angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self._grid = _grid(array.rank, array.aperture / speed_of_sound / step)
         self._grid_delays = self._grid @ self._slowness.T  # (g, p)
@@ -73,7 +74,8 @@ class SteeredResponse:
 
     def curve(self, weighted: NDArray) -> NDArray:
         """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
-        by_delay = weighted.real @ self._cosines.T + weighted.imag @ self._sines.T  # (p, delays)
+        even, odd = weighted.real @ self._cosines.T, weighted.imag @ self._sines.T
+        by_delay = np.concatenate([(even - odd)[:, :0:-1], even + odd], axis=1)  # (p, delays)
         if self._array.channels == 2:
             return np.interp(self._grid_delays[:, 0], self._delays, by_delay[0])
         return sum(np.interp(delays, self._delays, response)

@@ -6,6 +6,7 @@ Every function takes delays (m,) in s and returns sound (n, m): channel k is the
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,11 +31,12 @@ def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, 
     return _delayed(spectrum, frequencies, delays, count)
 
 
-def rotors(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
-    """Four rotors with broadband noise 10 dB below, both of equal power per octave.
+def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) -> NDArray:
+    """Four rotors with broadband noise of equal power per octave 10 dB below.
 
-    The rotors are harmonics of 150 to 220 Hz, speeds wander by 0.3 %. Equal power per octave is the mean of the real
-    drone recordings in shared/data (within 2 dB from 200 to 4000 Hz).
+    The rotors are harmonics k of 150 to 220 Hz with amplitudes k^-decay, speeds wander by 0.3 %. A decay of 0.5 is equal
+    power per octave, the mean of the real drone recordings in shared/data (within 2 dB from 200 to 4000 Hz); 0 makes all
+    harmonics alike, as close to a nearby drone.
     """
     count = round(seconds * RATE)
     time = np.arange(count)[:, None] / RATE - delays
@@ -44,13 +46,16 @@ def rotors(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
         wander = 0.003 / (2.0 * np.pi * wander_hz) * np.sin(2.0 * np.pi * (wander_hz * time + rng.uniform()))
         turn = np.exp(2j * np.pi * fundamental * (time + wander))
         harmonics = np.arange(1, int(4500.0 / fundamental))
-        amplitudes = harmonics**-0.5 * np.exp(2j * np.pi * rng.uniform(size=harmonics.size))
+        amplitudes = harmonics**-decay * np.exp(2j * np.pi * rng.uniform(size=harmonics.size))
         tones += (np.polynomial.polynomial.polyval(turn, np.concatenate([[0.0], amplitudes]))).real
     frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
     inside = (frequencies > 100.0) & (frequencies < 6000.0)
     spectrum = np.where(inside, rng.normal(size=inside.size) + 1j * rng.normal(size=inside.size), 0.0)
     broadband = _delayed(spectrum / np.sqrt(np.maximum(frequencies, 1.0)), frequencies, delays, count)
     return tones / tones[:, 0].std() + 10.0**-0.5 * broadband / broadband[:, 0].std()
+
+
+bright_rotors: Source = partial(rotors, decay=0.0)
 
 
 def recordings(folder: Path) -> Source:

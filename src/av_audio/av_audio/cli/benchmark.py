@@ -9,12 +9,12 @@ from pathlib import Path
 
 from av_audio.benchmark import accuracy, cost, own_noise, scenes
 from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import flat, recordings, rotors
+from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
 
 def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
     """The figures by section; each is computed when it is asked for. Raises FileNotFoundError for absent recordings."""
-    sources = {'rotors': rotors, 'flat noise': flat}
+    sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
     if clips.is_dir():
         sources['drone recordings'] = recordings(clips)
@@ -28,6 +28,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'square': scenes.square(count),
         'own-rotors': own_noise.own_noise(min(count, 100)),
         'speed': cost.speed(),
+        'node': cost.node(),
         'memory': cost.memory(),
     }
 
