@@ -129,6 +129,17 @@ def test_frames_that_do_not_fit_are_reported_and_survived(rig, array_file):
     assert to_seconds(rig.heard['doa'][0].header.stamp) == pytest.approx(200.25, abs=1e-6)
 
 
+def test_parameters_change_while_running(rig, tmp_path, array_file):
+    soundfile.write(tmp_path / 'sound.wav', sound(2.0), RATE)
+    node = rig.add(DoaNode, array_file=array_file, hop=0.1)
+    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
+    rig.spin(lambda: rig.heard['doa'])
+    node.set_parameters([Parameter('temperature', value=-20.0), Parameter('method', value='phat')])
+    rig.spin(lambda: rig.heard['doa'][-1].method == 'phat')
+    # in slower sound the same delay is a shorter path
+    assert np.degrees(rig.heard['doa'][-1].hypotheses[0].azimuth) == pytest.approx(27.7, abs=0.3)
+
+
 def test_missing_input_is_said(rig, array_file, tmp_path):
     rig.add(DoaNode, array_file=array_file)
     rig.says('no audio frames', DiagnosticStatus.WARN)

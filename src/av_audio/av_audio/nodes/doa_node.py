@@ -20,6 +20,7 @@ from av_interfaces.msg import AudioFrame, Doa, DoaArray
 
 # Without sound for this long the node says so.
 SILENT_S = 1.0
+PARAMETERS_S = 1.0
 
 
 class DoaNode(RigNode):
@@ -35,10 +36,7 @@ class DoaNode(RigNode):
             raise ValueError('array_file is empty, expected the path of an array file such as '
                              'config/arrays/two_microphones.yaml')
         self._array = MicrophoneArray.load(values.array_file)
-        self._localizer_settings = LocalizerSettings(
-            window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
-            temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg),
-            estimated_rotors=values.own_rotor_count if values.own_rotors == 'estimated' else 0)
+        self._localizer_settings = self._read_settings()
         self._blades = values.own_rotor_blades if values.own_rotors == 'topic' else 0
         self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
@@ -48,8 +46,27 @@ class DoaNode(RigNode):
         self._problem_with_frames = ''
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
 
+    def _read_settings(self) -> LocalizerSettings:
+        values = self.settings
+        return LocalizerSettings(
+            window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
+            temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg),
+            estimated_rotors=values.own_rotor_count if values.own_rotors == 'estimated' else 0)
+
+    def _follow_parameters(self) -> None:
+        """Take over what was changed at run time; what cannot be is reported and the old settings stay."""
+        try:
+            settings = self._read_settings()
+        except ValueError as error:
+            self.get_logger().error(f'parameters left as they were: {error}', throttle_duration_sec=10.0)
+            return
+        if settings != self._localizer_settings:
+            self._localizer_settings = settings
+            self._localizer = None
+
     def activate(self) -> None:
         """Begin to listen."""
+        self.while_active(self.create_timer, PARAMETERS_S, self._follow_parameters)
         self._frames = RateMeter()
         self._swap_detector = SwapDetector()
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_frame, STREAM)
