@@ -30,6 +30,7 @@ setup(
             'bridge_node = av_sim_bridge.nodes.bridge_node:main',
             'simulator = av_sim_bridge.cli.simulator:main',
             'simulate = av_sim_bridge.cli.simulate:main',
+            'benchmark = av_sim_bridge.cli.benchmark:main',
         ],
     },
 )

@@ -21,8 +21,12 @@ def find_config(name: str, folder: str = '') -> Path:
         candidate = shelf / (name if direct.suffix else f'{name}.yaml')
         if candidate.is_file():
             return candidate
-    known = sorted({file.stem for shelf in shelves for file in shelf.glob('*.yaml')})
-    raise ConfigError(f'{name}: no such file, nor one of the shipped {", ".join(known) or "(none found)"}')
+    raise ConfigError(f'{name}: no such file, nor one of the shipped {", ".join(shipped(folder)) or "(none found)"}')
+
+
+def shipped(folder: str) -> list[str]:
+    """Names of the YAML files in `folder` of config/."""
+    return sorted({file.stem for root in _config_roots() for file in (root / folder).glob('*.yaml')})
 
 
 def _config_roots() -> list[Path]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from av_sim_bridge.picture.view import View
 
 SHUTTER_S = 1.0 / 100.0     # at the most; less light is made up for by gain
+LONGEST_BLUR_PX = 50.0
 READ_NOISE = 1.5            # grey levels at an exposure of 1
 SHOT_NOISE = 0.12           # of the square root of the grey level, at an exposure of 1
 _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
@@ -64,10 +65,11 @@ def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: f
     x, y = np.multiply(image_motion, shutter_s)
     if np.hypot(x, y) < 1.0:
         return bgr
-    half = int(np.ceil(max(abs(x), abs(y)) / 2))
-    kernel = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
-    for share in np.linspace(-0.5, 0.5, 8 * half + 1):
-        kernel[round(half + share * y), round(half + share * x)] += 1.0
+    x, y = np.array([x, y]) * min(1.0, LONGEST_BLUR_PX / np.hypot(x, y))
+    half_x, half_y = int(np.ceil(abs(x) / 2)), int(np.ceil(abs(y) / 2 - 0.25))
+    share = np.linspace(-0.5, 0.5, 8 * max(half_x, half_y) + 1)
+    kernel = np.zeros((2 * half_y + 1, 2 * half_x + 1), np.float32)
+    np.add.at(kernel, (np.rint(half_y + share * y).astype(int), np.rint(half_x + share * x).astype(int)), 1.0)
     return cv2.filter2D(bgr, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
 
 

@@ -67,7 +67,7 @@ def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples:
     _add(root, 'compiler', angle='radian')
     visual = _add(root, 'visual')
     _add(visual, 'global', offwidth=str(size[0]), offheight=str(size[1]), fovy=str(fovy_deg))
-    _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='12', numstacks='8', numquads='1')
+    _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='10', numstacks='7', numquads='1')
     lamps = '0 0 0' if sky else '0.5 0.5 0.48'    # indoors, light comes from everywhere
     _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse=lamps, specular='0 0 0')
     _add(visual, 'map', znear='0.001', zfar='50')

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -22,6 +23,8 @@ from av_vision.camera import PinholeCamera
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
 AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # of thick fog by day: blue, green, red
 HORIZON = 1000.0
+Window = tuple[slice, slice]    # rows and columns of a picture
+_ALL = (slice(None), slice(None))
 SKY_DISTANCE = 3000.0                                     # m, over which fog lies before the sky
 
 
@@ -60,7 +63,6 @@ class SceneRenderer:
         self._eye.fixedcamid = 0
         self._options = mujoco.MjvOption()
         self._all_groups = np.array([1] * 6)
-        self._viewport = mujoco.MjrRect(0, 0, *self._lens.size)
 
     def close(self) -> None:
         """Give the OpenGL context back."""
@@ -70,17 +72,17 @@ class SceneRenderer:
     def render(self, view: View) -> Picture:
         """The picture of one view, with depth, the oracle's boxes and the truth."""
         self._place(view)
-        rgb, zbuffer = self._draw()
+        rgb, zbuffer = self._draw(self._lens.whole)
         depth = self._lens.bend(self._to_metres(zbuffer), nearest=True)
         bgr = self._lens.bend(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         optical_depth = self._optical_depth(view, depth)
         bgr = self._effects.apply(_veiled(bgr, optical_depth), view)
         seen = {drone.target_id: appearance(self._camera, view, drone) for drone in view.drones}
-        identities = self._identities() if self._everything or any(seen.values()) else None
+        identities = self._identities(_ALL) if self._everything else None
         truth, boxes = [], []
         for number, drone in enumerate(view.drones):
             where = seen[drone.target_id]
-            truth.append(self._truth(view, number, drone, where, identities, depth))
+            truth.append(self._truth(view, number, drone, where, depth))
             if where is not None and (box := oracle_box(where, truth[-1], contrast_left(view))) is not None:
                 boxes.append(box)
         segmentation = None if identities is None else self._owner[identities]
@@ -99,41 +101,52 @@ class SceneRenderer:
         self._mujoco.mj_kinematics(model, data)
         self._mujoco.mj_camlight(model, data)
 
-    def _draw(self, groups: NDArray | None = None, identities: bool = False) -> tuple[NDArray, NDArray | None]:
-        """Colours and depth buffer, or identities as colours, top row first."""
+    def _draw(self, crop: Crop, groups: NDArray | None = None, identities: bool = False) \
+            -> tuple[NDArray, NDArray | None]:
+        """Colours and depth buffer, or identities as colours, of a part of the rendered picture, top row first."""
         mujoco = self._mujoco
         self._options.geomgroup[:] = self._all_groups if groups is None else groups
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
             self._scene.flags[flag] = identities
         mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._eye, mujoco.mjtCatBit.mjCAT_ALL,
                                self._scene)
-        mujoco.mjr_render(self._viewport, self._scene, self._target)
-        width, height = self._lens.size
-        rgb = np.empty((height, width, 3), np.uint8)
-        zbuffer = None if identities else np.empty((height, width), np.float32)
-        mujoco.mjr_readPixels(rgb, zbuffer, self._viewport, self._target)
+        for eye in self._scene.camera:
+            self._narrow(eye, crop)
+        viewport = mujoco.MjrRect(0, 0, crop.width, crop.height)
+        mujoco.mjr_render(viewport, self._scene, self._target)
+        rgb = np.empty((crop.height, crop.width, 3), np.uint8)
+        zbuffer = None if identities else np.empty((crop.height, crop.width), np.float32)
+        mujoco.mjr_readPixels(rgb, zbuffer, viewport, self._target)
         return rgb[::-1], None if zbuffer is None else zbuffer[::-1]
 
-    def _identities(self, groups: NDArray | None = None) -> NDArray:
-        """Number of the thing at each pixel, -1 for the sky."""
-        rgb, _ = self._draw(groups, identities=True)
-        red, green, blue = cv2.split(self._lens.bend(rgb, nearest=True))
-        value = red.astype(np.int32) + (green.astype(np.int32) << 8) + (blue.astype(np.int32) << 16)
+    def _narrow(self, eye: object, crop: Crop) -> None:
+        """Let an eye's frustum be that of a part of the picture, pixel by pixel."""
+        width, height = self._lens.size
+        pixel = (eye.frustum_top - eye.frustum_bottom) / height
+        eye.frustum_center += pixel * (crop.left + crop.width / 2 - width / 2)
+        eye.frustum_bottom += pixel * (height - crop.top - crop.height)
+        eye.frustum_top -= pixel * crop.top
+
+    def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
+        """Number of the thing at each pixel of a window of the picture, -1 for the sky."""
+        places, crop = self._lens.places(window)
+        rgb, _ = self._draw(crop, groups, identities=True)
+        red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
+        value = red + (green << 8) + (blue << 16)
         order = np.full(self._scene.ngeom + 1, -1, np.int32)
         for geom in self._scene.geoms[:self._scene.ngeom]:
             if geom.segid >= 0:
                 order[geom.segid + 1] = geom.objid
         return order[value]
 
-    def _truth(self, view: View, number: int, drone: Drone, where: Appearance | None, identities: NDArray | None,
-               depth: NDArray) -> TruthBox:
+    def _truth(self, view: View, number: int, drone: Drone, where: Appearance | None, depth: NDArray) -> TruthBox:
         distance = float(np.linalg.norm(drone.position - view.position))
         transmission = view.atmosphere.transmission(view.position, drone.position)
         hidden = TruthBox(drone.target_id, None, 0.0, transmission, distance)
         if where is None:
             return hidden
         window = where.window(margin=2)
-        visible = self._owner[identities[window]] == drone.target_id
+        visible = self._owner[self._identities(window)] == drone.target_id
         if not visible.any():
             return hidden
         fraction = 1.0
@@ -141,7 +154,7 @@ class SceneRenderer:
         if depth[window].min() < nearest:    # something stands before it: what would it cover alone?
             alone = np.zeros(6, int)
             alone[DRONE_GROUP + number] = 1
-            fraction = float(visible.sum() / max((self._identities(alone)[window] >= 0).sum(), visible.sum()))
+            fraction = float(visible.sum() / max((self._identities(window, alone) >= 0).sum(), visible.sum()))
         rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
         box = (columns[0] + window[1].start, rows[0] + window[0].start,
                columns[-1] + window[1].start, rows[-1] + window[0].start)
@@ -180,6 +193,16 @@ class SceneRenderer:
         return thermal_image(self._warmth[identities], ~np.isfinite(depth), upward, optical_depth, self._air_c)
 
 
+@dataclass(frozen=True)
+class Crop:
+    """A part of the rendered picture, in its pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
 class _Lens:
     """The pinhole picture that has to be rendered so that the distorted camera's one can be cut out of it."""
 
@@ -198,6 +221,18 @@ class _Lens:
         places = (plane * focal + centre).astype(np.float32)
         self._map = cv2.convertMaps(places[:, 0].reshape(shape), places[:, 1].reshape(shape), cv2.CV_16SC2)
         self._nearest = (np.rint(places).astype(np.int16).reshape(*shape, 2), None)
+
+    @property
+    def whole(self) -> Crop:
+        """All of the rendered picture."""
+        return Crop(0, 0, *self.size)
+
+    def places(self, window: Window) -> tuple[NDArray, Crop]:
+        """Where the pixels of a window lie in the rendered picture: column and row (h, w, 2) in a part of it."""
+        places = self._nearest[0][window]
+        low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+        width, height = (high - low + 1).tolist()
+        return places - low, Crop(int(low[0]), int(low[1]), width, height)
 
     def bend(self, image: NDArray, nearest: bool = False) -> NDArray:
         """The camera's picture out of the rendered one."""
