@@ -160,8 +160,12 @@ class Simulator:
         time.sleep(max(self._start + moment / self.options.speed - time.monotonic(), 0.0))
         return not self._stopped
 
+    def _lag(self, moment: float) -> float:
+        """Seconds by which the world's time is behind the wall's."""
+        return time.monotonic() - self._start - moment / self.options.speed
+
     def _watch_lag(self, moment: float) -> None:
-        lag = time.monotonic() - self._start - moment / self.options.speed
+        lag = self._lag(moment)
         if lag > self.LATE:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
@@ -226,6 +230,9 @@ class Simulator:
                    TIME_SYNC_GROUP)
 
     def _ask_for_picture(self, moment: float) -> None:
+        if self._lag(moment) > self.LATE:    # sound cannot wait, a picture can be left out
+            self.counts.images_skipped += 1
+            return
         try:
             self._views.put_nowait(self.world.view(round(moment * self.options.image_rate), moment))
         except queue.Full:
