@@ -73,7 +73,7 @@ def methods(count: int) -> Iterator[Figure]:
     for snr_db in (10.0, 0.0, -5.0, -10.0):
         for method in ('ml', 'phat', 'plain', 'music', 'mvdr'):
             result = trials(np.random.default_rng(32), rotors, snr_db, count, method=method)
-            yield Figure(f'{method}, {snr_db:+.0f} dB: RMSE (median)', rms(result.error), 'deg')
+            yield Figure(f'{method}, {snr_db:+.0f} dB: RMSE', rms(result.error), 'deg')
             yield Figure(f'{method}, {snr_db:+.0f} dB: median error', float(np.median(result.error)), 'deg')
 
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, own_noise, scenes
+from av_audio.benchmark import accuracy, cost, delay, own_noise, scenes
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
@@ -21,6 +21,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
     return {
         'accuracy': accuracy.accuracy(count, sources),
         'methods': accuracy.methods(count),
+        'interpolation': delay.interpolation(count),
         'bound': accuracy.bound(count),
         'sigma': accuracy.sigma(count, sources),
         'kemar': scenes.kemar(data),
