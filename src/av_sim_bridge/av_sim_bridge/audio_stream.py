@@ -5,6 +5,7 @@ never early, so that after a loss every following one arrives early by a multipl
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +42,10 @@ class AudioCounts:
 class AudioDecoder:
     """Decodes either kind of stream; the header is recognised by its magic number."""
 
-    def __init__(self, layout: AudioFormat):
+    def __init__(self, layout: AudioFormat, lateness: Callable[[], float] = float):
+        """lateness(): seconds by which the sender is known to be late, from streams that carry stamps."""
         self.layout = layout
+        self._lateness = lateness
         self.counts = AudioCounts()
         self._stream: _NumberedStream | _BareStream | None = None
         self._first_sample = 0
@@ -74,7 +77,7 @@ class AudioDecoder:
         if kind is _BareStream and self._stream is not None and self._stream.alive(arrival):
             raise WireError('audio: header missing in a stream that has one')
         self.restart()
-        self._stream = kind(self.layout, self.counts, self._first_sample)
+        self._stream = kind(self.layout, self.counts, self._first_sample, self._lateness)
 
 
 class _NumberedStream:
@@ -84,7 +87,7 @@ class _NumberedStream:
     SILENCE = 1.0      # s without a datagram after which the stream may change its kind
     RESTART = 64       # a sequence number that falls back further than this begins a new stream
 
-    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
         self._expected: int | None = None
         self._early: dict[int, AudioBlock] = {}
@@ -131,9 +134,10 @@ class _BareStream:
     """A stream of bytes cut anywhere. Positions are counted in bytes, so that alignment survives a loss.
 
     Bytes count as lost when, for `WINDOW` seconds, every datagram has lagged behind the clock by about the same time,
-    and by more than half a datagram: a sender that is merely late catches up. Datagrams of whole frames are passed on
-    meanwhile, for they can only be numbered too low; others are held back, for they could swap the channels. One that
-    comes early holds samples of the future: it is not from this stream, unless bytes were wrongly thought lost before.
+    by more than half a datagram and by more than the sender's other streams: one that is merely late catches up.
+    Datagrams of whole frames are passed on meanwhile, for they can only be numbered too low; others are held back, for
+    they could swap the channels. One that comes early holds samples of the future: it is not from this stream, unless
+    bytes were wrongly thought lost before.
     """
 
     WINDOW = 1.0
@@ -142,8 +146,8 @@ class _BareStream:
     MOST_EARLY = 15    # early datagrams in a row after which the clock itself must have jumped
     DRIFT = 200e-6     # the sender's clock may be off by this much
 
-    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int):
-        self.layout, self.counts = layout, counts
+    def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, lateness: Callable[[], float]):
+        self.layout, self.counts, self._lateness = layout, counts, lateness
         self._rate = layout.frame_bytes * layout.sample_rate   # bytes per second
         self._position = next_sample * layout.frame_bytes      # of the next byte to be released
         self._partial = b''
@@ -205,7 +209,8 @@ class _BareStream:
         """Lag in s that every datagram of the window has had, 0 where there is none or it still changes."""
         if len(self._recent) < self.FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * self.WINDOW:
             return 0.0
-        lags = [lag for _, lag in self._recent]
+        late = self._lateness()
+        lags = [lag - late for _, lag in self._recent]
         middle = len(lags) // 2
         before, after = min(lags[:middle]), min(lags[middle:])
         return after if min(before, after) > half > abs(after - before) else 0.0

@@ -4,7 +4,8 @@ A datagram can be late but never early. The smallest difference between arrival 
 between both clocks plus the least delay, and it may only rise as fast as the clocks can drift apart.
 """
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 
 @dataclass
@@ -21,6 +22,7 @@ class SenderClock:
     restarts: int = 0
     _offset: float | None = None
     _in_time: float = 0.0    # when a stamp was last accepted
+    _lags: deque = field(default_factory=deque)    # arrival and lag over the last second
 
     @property
     def known(self) -> bool:
@@ -40,7 +42,15 @@ class SenderClock:
         else:
             self._offset = min(self._offset + self.drift * max(arrival - self._in_time, 0.0), offset)
         self._in_time = max(self._in_time, arrival)
+        self._lags.append((arrival, offset - self._offset))
+        while self._lags[0][0] < arrival - 1.0:
+            self._lags.popleft()
         return True
+
+    @property
+    def lateness(self) -> float:
+        """Seconds by which even the quickest datagram of the last second was late: the sender does not keep up."""
+        return min((lag for _, lag in tuple(self._lags)), default=0.0)
 
     def to_ros(self, stamp: float) -> float:
         """ROS time in s of a sender's stamp. Raises RuntimeError before the first observation."""

@@ -50,6 +50,15 @@ def test_a_single_wrong_stamp_is_refused(error):
     assert clock.to_ros(4.0) == pytest.approx(104.0, abs=1e-3)
 
 
+def test_a_sender_that_falls_behind_is_late(rng):
+    clock = SenderClock()
+    for stamp in np.arange(0, 6, 0.01):
+        clock.observe(stamp, 10.0 + stamp + 0.005 * rng.random() + (0.2 if stamp > 3 else 0.0))
+        if stamp == 2.5:
+            assert clock.lateness < 1e-3
+    assert clock.lateness == pytest.approx(0.2, abs=2e-3)
+
+
 def test_samples_are_placed_by_the_lower_envelope(rng):
     clock = SampleClock(48_000)
     for n in range(1, 300):

@@ -27,7 +27,7 @@ class AudioIntake:
     SILENCE = 1.0
 
     def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: SenderClock):
-        self.decoder = AudioDecoder(layout)
+        self.decoder = AudioDecoder(layout, lambda: clock.lateness)
         self.ring = ring
         self.foreign = 0
         self._sender_clock = clock
