@@ -61,5 +61,5 @@ def test_the_simulated_drone_has_a_recorded_voice(tmp_path):
     rig = RigProcess('scenario:=circle', f'voice:={CLIPS}/audio/DRONE_001.flac', 'duration:=20', f'out:={tmp_path}',
                      f'port_offset:={random.randrange(2, 300) * 100}')
     assert rig.finish() == 0, rig.output
-    assert rig.value('coverage') == 100.0 and rig.value('median error') < 3.0, rig.output
+    assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output
     assert not rig.leftovers()

@@ -88,7 +88,7 @@ class OfflineRun:
             samples = self.world.advance(STEP)
             now = self.world.time
             state = self.world.rig_state(now)
-            yaw, yaw_rate = float(self.world.dynamics.turn.yaw(now)), float(self.world.dynamics.turn.rate(now))
+            yaw, yaw_rate = math.atan2(state.rotation[1, 0], state.rotation[0, 0]), float(state.rate_flu[2])
             self._tracker.add_pose(now, yaw, yaw_rate)
             self.recording.events.append((now, yaw, yaw_rate))
             self.log.rig.add(now, *state.position, yaw)
