@@ -8,7 +8,8 @@ MEMORY_S = 60.0
 SLEW_S = 2e-5
 # Blocks that wait for their reader keep the time they had when they came.
 REMEMBERED_BLOCKS = 64
-# A busy machine delivers single blocks late by any time. So many in a row mean that the clock was set: begin anew.
+# A busy machine delivers single blocks late by any time; so many in a row mean that the clock was set: begin anew. No
+# block comes early: it was the first one that came late.
 LATE_S = 0.05
 LATE_BLOCKS = 100
 MOST_DRIFT = 2e-3
@@ -45,11 +46,11 @@ class SampleClock:
 
     def observe(self, sample: int, time: float) -> None:
         """A sample was seen to be captured at about this time in s."""
-        late = bool(self._anchors) and abs(time - self.time_of(sample)) > LATE_S
-        self._late_blocks = self._late_blocks + 1 if late else 0
-        if not self._anchors or self._late_blocks > LATE_BLOCKS:
+        error = time - self.time_of(sample) if self._anchors else 0.0
+        self._late_blocks = self._late_blocks + 1 if error > LATE_S else 0
+        if not self._anchors or error < -LATE_S or self._late_blocks > LATE_BLOCKS:
             self._begin(sample, time)
-        elif not late:
+        elif not self._late_blocks:
             self._follow(sample, time)
 
     def _follow(self, sample: int, time: float) -> None:

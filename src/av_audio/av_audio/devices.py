@@ -20,6 +20,8 @@ from av_audio.ring_buffer import RingBuffer
 LOST_AFTER_S = 1.5
 RETRY_S = 1.0
 OPEN_WITHIN_S = 15.0
+# The first blocks come in bursts and with the converter's transients: they only set the clock.
+WARM_UP_S = 0.5
 
 
 class DeviceSource:
@@ -111,7 +113,8 @@ class DeviceSource:
             self._next_sample += max(0, missing)
         self.lost = False
         self.clock.observe(self._next_sample, begin)
-        self._buffer.write(samples, self._next_sample)
+        if self._next_sample >= WARM_UP_S * self.sample_rate:
+            self._buffer.write(samples, self._next_sample)
         self._next_sample += len(samples)
 
     def _reopen(self) -> None:

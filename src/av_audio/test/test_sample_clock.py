@@ -48,6 +48,13 @@ def test_a_step_begins_anew():
     assert clock.time_of(6 * RATE) == pytest.approx(1.7e9 + 66.0, abs=1e-5)
 
 
+def test_a_first_block_that_came_late_is_forgotten():
+    clock = SampleClock(RATE)
+    for k in range(1, 50):
+        clock.observe(k * BLOCK, 1.7e9 + k * BLOCK / RATE + (0.2 if k == 1 else 0.0))
+    assert clock.time_of(50 * BLOCK) == pytest.approx(1.7e9 + 50 * BLOCK / RATE, abs=1e-5)
+
+
 def test_late_blocks_do_not_move_the_clock():
     clock = SampleClock(RATE)
     for k in range(1, 600):
