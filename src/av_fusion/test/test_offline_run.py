@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from av_fusion.bayes import BayesTracker
 from av_fusion.evaluation.methods import bearings
 from av_fusion.evaluation.metrics import figures_of, summarise
