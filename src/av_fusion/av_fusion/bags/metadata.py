@@ -39,21 +39,19 @@ DEFAULT_QOS = TopicQos()
 LATCHED = TopicQos(durability=1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class TopicRecord:
     """What was recorded of one topic."""
 
     name: str
     kind: str
     qos: TopicQos
-    channel: int
-    count: int = 0
+    count: int
 
 
 def write_metadata(file: Path, topics: list[TopicRecord], start_ns: int, end_ns: int) -> None:
     """Describe the mcap `file` in a metadata.yaml beside it."""
     count = sum(topic.count for topic in topics)
-    start_ns, end_ns = (start_ns, end_ns) if count else (0, 0)
     span = {'starting_time': {'nanoseconds_since_epoch': start_ns}, 'duration': {'nanoseconds': end_ns - start_ns}}
     content = {'rosbag2_bagfile_information': {
         'version': VERSION, 'storage_identifier': 'mcap', **span, 'message_count': count,

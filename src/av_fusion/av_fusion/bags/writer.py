@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import TracebackType
 
-from mcap.writer import CompressionType, Writer
-
 from av_fusion.bags.definitions import definition
 from av_fusion.bags.errors import BagError
+from av_fusion.bags.mcap_file import COMPRESSORS, McapFile
 from av_fusion.bags.metadata import (
     DEFAULT_QOS,
     TopicQos,
@@ -19,9 +17,6 @@ from av_fusion.bags.metadata import (
 from av_fusion.bags.patient_file import PatientFile
 
 CHUNK_BYTES = 512 * 1024
-# The library names its version in the file by default, which would make equal bags differ.
-LIBRARY = 'av_fusion'
-COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
 
 
 class BagWriter:
@@ -35,8 +30,9 @@ class BagWriter:
         path = Path(path).expanduser()
         if path.exists():
             raise BagError(f'{path} exists already; choose another path or remove it')
-        if compression not in COMPRESSIONS:
-            raise BagError(f'compression is {compression!r}, expected one of {", ".join(COMPRESSIONS)}')
+        compression = compression.removeprefix('none')
+        if compression not in COMPRESSORS:
+            raise BagError(f'compression is {compression!r}, expected none, lz4 or zstd')
         self._in_folder = path.suffix != '.mcap'
         self.file = path / f'{path.name}_0.mcap' if self._in_folder else path
         try:
@@ -44,16 +40,15 @@ class BagWriter:
             self._stream = PatientFile(self.file)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error
-        self._writer = Writer(self._stream, chunk_size=CHUNK_BYTES, compression=COMPRESSIONS[compression])
-        self._writer.start(profile='ros2', library=LIBRARY)
-        self._topics: dict[str, TopicRecord] = {}
+        self._mcap = McapFile(self._stream, compression, CHUNK_BYTES)
         self._schemas: dict[str, int] = {}
-        self._start_ns, self._end_ns = sys.maxsize, 0
+        self._channels: dict[str, int] = {}
+        self._qos: dict[str, tuple[str, TopicQos]] = {}
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages written of each topic."""
-        return {topic.name: topic.count for topic in self._topics.values()}
+        return self._mcap.counts
 
     @property
     def bytes_written(self) -> int:
@@ -72,20 +67,17 @@ class BagWriter:
         """
         if kind not in self._schemas:
             content = (text or definition(kind)[0]).encode()
-            self._schemas[kind] = self._writer.register_schema(kind, 'ros2msg', content)
+            self._schemas[kind] = self._mcap.add_schema(kind, 'ros2msg', content)
         metadata = {'offered_qos_profiles': qos.to_yaml()}
-        channel = self._writer.register_channel(name, 'cdr', self._schemas[kind], metadata)
-        self._topics[name] = TopicRecord(name, kind, qos, channel)
+        self._channels[name] = self._mcap.add_channel(name, self._schemas[kind], metadata)
+        self._qos[name] = (kind, qos)
 
     def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Append a message of an announced topic; it reaches the file with the next `flush` at the latest.
 
         Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
         """
-        record = self._topics[topic]
-        self._writer.add_message(record.channel, time_ns, data, time_ns, record.count)
-        record.count += 1
-        self._start_ns, self._end_ns = min(self._start_ns, time_ns), max(self._end_ns, time_ns)
+        self._mcap.add_message(self._channels[topic], time_ns, data)
         if self._stream.waiting > CHUNK_BYTES:
             self._stream.commit()
 
@@ -94,7 +86,7 @@ class BagWriter:
 
         Raises OSError; may then be called again, without loss.
         """
-        self._writer.flush()
+        self._mcap.end_chunk()
         self._stream.commit()
         if sync:
             self._stream.sync()
@@ -102,10 +94,11 @@ class BagWriter:
     def close(self) -> None:
         """Finish the file. Raises OSError when the disk refuses its end; what came before can still be read."""
         try:
-            self._writer.finish()
+            self._mcap.finish()
             self._stream.commit()
             if self._in_folder:
-                write_metadata(self.file, list(self._topics.values()), self._start_ns, self._end_ns)
+                records = [TopicRecord(name, *self._qos[name], count) for name, count in self.counts.items()]
+                write_metadata(self.file, records, *self._mcap.span_ns)
         finally:
             self._stream.close()
 
