@@ -47,7 +47,10 @@ class SceneRenderer:
         self._model = mujoco.MjModel.from_xml_string(xml, assets)
         self._data = mujoco.MjData(self._model)
         self._warmth = self._warmth_of(solids, len(drones))
-        self._open()
+        try:
+            self._open()
+        except (ImportError, mujoco.FatalError) as error:    # a library without a driver
+            raise RuntimeError(f'no OpenGL without a screen: {error}') from error
 
     def _open(self) -> None:
         mujoco = self._mujoco
