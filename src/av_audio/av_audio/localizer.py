@@ -184,7 +184,8 @@ class Localizer:
 
     def _confidence(self, peak: Peak, window: NDArray) -> float:
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
-        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size
+        loud = max(float(window.max()), -float(window.min())) >= FULL_SCALE
+        clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
 
     def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:

@@ -17,7 +17,7 @@ from av_audio.benchmark.signals import RATE, Source, add_noise, load_clip, recor
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
-from av_common.angles import angles_to_direction
+from av_common.angles import angles_to_direction, wrap
 
 SETTINGS = LocalizerSettings(hop_s=0.5)
 # Reflections blur low frequencies: indoors the README advises to listen higher.
@@ -53,7 +53,7 @@ def kemar(data: Path) -> Iterator[Figure]:
     for k in range(1, len(azimuths), 2):
         for clip in clips:
             for estimate in Localizer(calibration.array, rate, SETTINGS).process(heard(k, clip, 5.0), 0):
-                truth.append(np.degrees(azimuths[k]))
+                truth.append(np.degrees(wrap(azimuths[k])))
                 errors.append(azimuth_error(estimate, azimuths[k]))
     truth, errors = np.array(truth), np.array(errors)
     yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', errors[np.abs(truth) <= 60.0].mean(), 'deg', 1.5)
