@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -206,7 +207,12 @@ class Localizer:
             angles = np.array(direction_to_angles(self.array.hypotheses(q)))
             return angles, np.full_like(angles, np.inf)
         if self.array.rank == 1:
-            angle, sigma = angle_to_axis(float(q[0]), float(np.sqrt(covariance[0, 0])))
+            angle, sigma = angle_to_axis(float(q[0]), math.sqrt(covariance[0, 0]))
+            axis = self.array.basis[:, 0]
+            if axis[2] == 0.0:  # the usual case in closed form, as it is the most frequent
+                turn = math.atan2(axis[1], axis[0])
+                azimuths = math.remainder(turn - angle, math.tau), math.remainder(turn + angle, math.tau)
+                return np.array([azimuths, (0.0, 0.0)]), np.array([(sigma**2, sigma**2), (np.inf, np.inf)])
             points = np.cos([[angle], [min(angle + sigma, np.pi)], [max(angle - sigma, 0.0)]])
         else:
             eigenvalues, axes = np.linalg.eigh(covariance)
