@@ -40,7 +40,7 @@ ARGUMENTS = {
     'seed': ('', "source:=sim: another seed than the scenario's", None),
     'audio': ('', 'source:=file: a sound file; empty: deaf', None),
     'video': ('', 'source:=file: a video or a folder of pictures; empty: blind', None),
-    'model': ('', "a detector's ONNX file; empty: the simulator's visual oracle, or blind without a simulator", None),
+    'model': ('', "a detector's ONNX file, or `shipped`; empty: shipped, but with simulators their visual oracle", None),
     'classes': ('', 'classes of the model to be taken for the target, separated by commas', None),
     'rig': (str(CONFIG / 'rig.yaml'), 'description of the rig: array, camera and where they sit', None),
     'array': ('', "an array file other than the rig's", None),
@@ -69,7 +69,7 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     except ValueError as error:
         raise ValueError(f"duration is {arguments['duration']!r}, expected seconds") from error
     for name in ('audio', 'video', 'voice', 'model', 'rig', 'array', 'params'):
-        if arguments[name] and not Path(arguments[name]).exists():
+        if arguments[name] not in ('', 'shipped') and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = rig_node(arguments, 'av_fusion', 'monitor_node', {
@@ -112,7 +112,8 @@ def bridge(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
                   **{f'{name}_port': port for name, port in ports.items()}}
-    return [rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters), *detector(arguments)]
+    node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
+    return [node, *detector(arguments)] if arguments['model'] else [node]
 
 
 def files(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
@@ -133,11 +134,10 @@ def hardware(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
 
 
 def detector(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
-    """The detector, when there is a model."""
-    if not arguments['model']:
-        return []
+    """The detector, with the model given or the shipped one."""
+    model = '' if arguments['model'] == 'shipped' else arguments['model']
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
-    return [rig_node(arguments, 'av_vision', 'detector_node', {'model': arguments['model'], **classes})]
+    return [rig_node(arguments, 'av_vision', 'detector_node', {'model': model, **classes})]
 
 
 def array_file(arguments: dict[str, str]) -> str:
