@@ -114,19 +114,29 @@ def test_a_path_that_cannot_be_made_is_named(tmp_path):
         BagWriter(tmp_path / 'file' / 'bag.mcap')
 
 
-@pytest.fixture
-def small_disk():
-    """Files cannot grow beyond a limit, which the test may lift."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-
-    def limit(size):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (before[1] if size is None else size, before[1]))
-
-    yield limit
-    limit(None)
+def alone(case, folder):
+    """Run a case in a process of its own: its limit holds for every file, also for one into which these tests are logged."""
+    code = 'import pathlib, sys, test_bags_writer as t; getattr(t, sys.argv[1])(pathlib.Path(sys.argv[2]))'
+    done = subprocess.run([sys.executable, '-c', code, case.__name__, str(folder)], cwd=Path(__file__).parent, timeout=120,
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
-def test_a_full_disk_loses_nothing_once_there_is_room(tmp_path, small_disk):
+def small_disk(size):
+    """Files cannot grow beyond a size; None lifts the limit."""
+    most = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most if size is None else size, most))
+
+
+def test_a_full_disk_loses_nothing_once_there_is_room(tmp_path):
+    alone(a_full_disk_with_room_later, tmp_path)
+
+
+def test_a_disk_that_stays_full_drops_counts_and_leaves_a_readable_bag(tmp_path):
+    alone(a_disk_that_stays_full, tmp_path)
+
+
+def a_full_disk_with_room_later(tmp_path):
     recording = Recording(tmp_path / 'bag.mcap', 'none')
     recording.add_topic('/odometry', make.ODOMETRY)
     data = make.cdr(make.odometry(0.0))
@@ -146,7 +156,7 @@ def test_a_full_disk_loses_nothing_once_there_is_room(tmp_path, small_disk):
     assert recording.dropped == 0
 
 
-def test_a_disk_that_stays_full_drops_counts_and_leaves_a_readable_bag(tmp_path, small_disk):
+def a_disk_that_stays_full(tmp_path):
     recording = Recording(tmp_path / 'bag.mcap', 'none', queue_bytes=20_000)
     recording.add_topic('/odometry', make.ODOMETRY)
     data = make.cdr(make.odometry(0.0))
