@@ -1,15 +1,18 @@
 """Writes mcap (https://mcap.dev/spec) several times as fast as the library whose records it is made of.
 
-Only the record of a message is packed here: the library takes a dozen calls for it, a sixth of the time of a replay.
+Only messages and their index are packed here: the library takes two dozen calls for each, a third of the time of a
+replay.
 """
 
 from __future__ import annotations
 
 import struct
+from array import array
 from typing import Protocol
 from zlib import crc32
 
 import lz4.frame
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -21,7 +24,6 @@ from mcap.records import (
     Footer,
     Header,
     McapRecord,
-    MessageIndex,
     Schema,
     Statistics,
     SummaryOffset,
@@ -33,6 +35,8 @@ LIBRARY = 'av_fusion'
 # Opcode, length of the rest, channel, sequence, log time, publish time; the data follow.
 _MESSAGE = struct.Struct('<BQHIQQ')
 _MESSAGE_HEAD = _MESSAGE.size - 9
+# Opcode, length of the rest, channel, length of what follows.
+_INDEX = struct.Struct('<BQHI')
 COMPRESSORS = {'': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
 
 
@@ -86,7 +90,7 @@ class McapFile:
 
     def add_message(self, channel: int, time_ns: int, data: bytes | memoryview) -> None:
         """Append a message."""
-        self._index.setdefault(channel, []).append((time_ns, len(self._content)))
+        self._index.setdefault(channel, array('Q')).extend((time_ns, len(self._content)))
         self._content += _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_HEAD + len(data), channel, self._counts[channel - 1],
                                        time_ns, time_ns)
         self._content += data
@@ -99,9 +103,9 @@ class McapFile:
         if not self._index:
             return
         content = bytes(self._content)
-        times = [time_ns for entries in self._index.values() for time_ns, _ in entries]
+        start_ns, end_ns = (pick(pick(entries[::2]) for entries in self._index.values()) for pick in (min, max))
         packed = COMPRESSORS[self._compression](content)
-        chunk = Chunk(compression=self._compression, data=packed, message_start_time=min(times), message_end_time=max(times),
+        chunk = Chunk(compression=self._compression, data=packed, message_start_time=start_ns, message_end_time=end_ns,
                       uncompressed_crc=crc32(content), uncompressed_size=len(content))
         begin = self._stream.tell()
         self._write(chunk)
@@ -109,7 +113,7 @@ class McapFile:
         offsets = {}
         for channel, entries in self._index.items():
             offsets[channel] = self._stream.tell()
-            self._write(MessageIndex(channel_id=channel, records=entries))
+            self._stream.write(_message_index(channel, entries))
         self._chunks.append(ChunkIndex(
             message_start_time=chunk.message_start_time, message_end_time=chunk.message_end_time, chunk_start_offset=begin,
             chunk_length=indices_begin - begin, message_index_offsets=offsets,
@@ -146,10 +150,15 @@ class McapFile:
 
     def _start_chunk(self) -> None:
         self._content = bytearray()
-        self._index: dict[int, list[tuple[int, int]]] = {}
+        self._index: dict[int, array] = {}  # time and offset, in turns, of the messages of each channel
 
     def _write(self, record: McapRecord) -> None:
         self._stream.write(_bytes_of(record))
+
+
+def _message_index(channel: int, entries: array) -> bytes:
+    content = np.asarray(entries, '<u8').tobytes()
+    return _INDEX.pack(Opcode.MESSAGE_INDEX, len(content) + 6, channel, len(content)) + content
 
 
 def _bytes_of(record: McapRecord) -> bytes:

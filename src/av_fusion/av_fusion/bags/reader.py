@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from rosbags.typesys.store import Typestore
 
 from av_fusion.bags.definitions import learn, rig_types
 from av_fusion.bags.errors import BagError
-from av_fusion.bags.salvage import Salvage
+from av_fusion.bags.mcap_source import McapSource
 
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -41,30 +42,22 @@ class Bag:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path).expanduser()
-        self.problems: list[str] = []
-        storage = _storage_of(self.path)
-        self._files = sorted(storage.glob('*.mcap')) if storage.is_dir() else [storage]
-        self._source = self._open(storage)
-        self.topics = {topic.name: topic for topic in self._source.topics}
-        if not any(topic.count for topic in self.topics.values()):
-            raise BagError(f'{self.path}: the bag holds no messages{self._because()}')
-
-    def _open(self, storage: Path) -> _Intact | _Damaged:
+        files = _mcap_files(self.path)
         try:
-            return _Intact(storage)
+            self._source: _Mcap | _Rosbags = _Mcap(files) if files else _Rosbags(_database(self.path))
+        except BagError:
+            raise
         except Exception as error:  # whatever a library makes of broken bytes
-            if not self._can_be_salvaged:
-                raise BagError(f'{self.path} cannot be read: {error}') from error
-            damaged = _Damaged(self._files)
-            self.problems += damaged.problems
-            return damaged
+            raise BagError(f'{self.path} cannot be read: {error}') from error
+        self.topics = {topic.name: topic for topic in self._source.topics}
+        self._problems: list[str] = []
+        if not any(topic.count for topic in self.topics.values()):
+            raise BagError(f'{self.path}: the bag holds no messages ({"; ".join(self.problems) or "it is intact"})')
 
     @property
-    def _can_be_salvaged(self) -> bool:
-        return bool(self._files) and all(file.suffix == '.mcap' for file in self._files)
-
-    def _because(self) -> str:
-        return f' ({"; ".join(self.problems)})' if self.problems else ''
+    def problems(self) -> list[str]:
+        """What is damaged or left out, as far as it has shown."""
+        return [*self._source.problems, *self._problems]
 
     @property
     def start_ns(self) -> int:
@@ -79,16 +72,13 @@ class Bag:
     def messages(self, topics: Collection[str] | None = None, start_ns: int = 0,
                  stop_ns: int = FOREVER) -> Iterator[tuple[str, int, bytes]]:
         """Topic, time and CDR of each message of `topics` (all by default), in order of time."""
-        wanted = set(self.topics if topics is None else topics)
         reached = start_ns
         try:
-            for topic, time_ns, data in self._source.messages(wanted, start_ns, stop_ns):
-                yield topic, time_ns, data
+            for topic, time_ns, data in self._source.messages(topics or self.topics, start_ns, stop_ns):
                 reached = time_ns
+                yield topic, time_ns, data
         except Exception as error:  # noqa: BLE001  whatever a library makes of broken bytes
-            self.problems.append(f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})')
-            if self._can_be_salvaged and isinstance(self._source, _Intact):
-                yield from _Damaged(self._files).messages(wanted, reached + 1, stop_ns)
+            self._problems.append(f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})')
 
     def definition(self, topic: str) -> str:
         """How the bag itself defines a topic's messages (ros2msg), empty where it does not."""
@@ -132,8 +122,47 @@ class Bag:
         self.close()
 
 
-class _Intact:
-    """A bag that rosbags reads."""
+class _Mcap:
+    """A bag of mcap files, one after the other in time; messages of other encodings than CDR are left out."""
+
+    def __init__(self, files: list[Path]) -> None:
+        self._parts = sorted((McapSource(file) for file in files), key=lambda part: part.start_ns)
+        self._left_out: list[str] = []
+        self.start_ns = min(part.start_ns for part in self._parts)
+        self.end_ns = max(part.end_ns for part in self._parts)
+        self.definitions: dict[str, MessageDefinition] = {}
+        counts: dict[tuple[str, str], int] = {}
+        for part in self._parts:
+            for number, channel in part.channels.items():
+                schema = part.schemas.get(channel.schema_id)
+                if channel.message_encoding != 'cdr' or schema is None:
+                    self._left_out.append(f'{channel.topic}: messages in {channel.message_encoding!r} are not read')
+                    continue
+                key = (channel.topic, schema.name)
+                counts[key] = counts.get(key, 0) + part.counts.get(number, 0)
+                form = MessageDefinitionFormat.MSG if schema.encoding == 'ros2msg' else MessageDefinitionFormat.IDL
+                self.definitions[schema.name] = MessageDefinition(form, schema.data.decode(errors='replace'))
+        self.topics = [Topic(name, kind, count) for (name, kind), count in counts.items()]
+
+    @property
+    def problems(self) -> list[str]:
+        """What is damaged or left out, as far as it has shown."""
+        return [problem for part in self._parts for problem in part.problems] + self._left_out
+
+    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
+        known = {topic.name for topic in self.topics}
+        for part in self._parts:
+            names = {number: channel.topic for number, channel in part.channels.items()
+                     if channel.topic in topics and channel.topic in known}
+            for time_ns, number, data in part.messages(names, start_ns, stop_ns):
+                yield names[number], time_ns, data
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class _Rosbags:
+    """A bag that rosbags reads: sqlite3, and what rosbag2 compressed by file or message."""
 
     def __init__(self, path: Path) -> None:
         self._reader = Reader(path)
@@ -144,6 +173,7 @@ class _Intact:
         self.topics = [Topic(c.topic, c.msgtype, c.msgcount) for c in self._connections]
         self.definitions = {c.msgtype: c.msgdef for c in self._connections
                             if c.msgdef.format != MessageDefinitionFormat.NONE}
+        self.problems: list[str] = []
 
     def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
         wanted = [c for c in self._connections if c.topic in topics]
@@ -155,63 +185,45 @@ class _Intact:
         self._reader.close()
 
 
-class _Damaged:
-    """Files of one bag, of which at least one is damaged; messages of encodings other than CDR are left out."""
-
-    def __init__(self, files: list[Path]) -> None:
-        self._parts = sorted((Salvage(file) for file in files), key=lambda part: part.start_ns)
-        self.problems = [problem for part in self._parts for problem in part.problems]
-        self.start_ns = min(part.start_ns for part in self._parts)
-        self.end_ns = max(part.end_ns for part in self._parts)
-        counts: dict[tuple[str, str], int] = {}
-        self.definitions: dict[str, MessageDefinition] = {}
-        for part in self._parts:
-            for number, channel in part.channels.items():
-                schema = part.definitions.get(channel.schema_id)
-                if channel.message_encoding == 'cdr' and schema is not None:
-                    key = (channel.topic, schema.name)
-                    counts[key] = counts.get(key, 0) + part.counts.get(number, 0)
-                    form = MessageDefinitionFormat.MSG if schema.encoding == 'ros2msg' else MessageDefinitionFormat.IDL
-                    self.definitions[schema.name] = MessageDefinition(form, schema.data.decode(errors='replace'))
-                else:
-                    self.problems.append(f'{channel.topic}: messages in {channel.message_encoding!r} are not read')
-        self.topics = [Topic(name, kind, count) for (name, kind), count in counts.items()]
-
-    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
-        known = {topic.name for topic in self.topics}
-        for part in self._parts:
-            names = {number: channel.topic for number, channel in part.channels.items()
-                     if channel.topic in topics and channel.topic in known}
-            for number, time_ns, data in part.messages(start_ns, stop_ns):
-                if number in names:
-                    yield names[number], time_ns, data
-
-    def close(self) -> None:
-        pass
-
-
-def _storage_of(path: Path) -> Path:
-    """The file or folder for the libraries to read. Raises BagError for what is no bag."""
+def _mcap_files(path: Path) -> list[Path]:
+    """The mcap files of a bag, none when it is of another kind. Raises BagError for what is no bag."""
     if not path.exists():
         raise BagError(f'{path}: no such bag')
-    if path.is_dir():
-        if (path / 'metadata.yaml').is_file():
-            return path
-        files = [file for file in sorted(path.iterdir()) if file.suffix in SUFFIXES]
-        if not files:
-            raise BagError(f'{path} is no bag: a folder without metadata.yaml, .mcap or .db3')
-        return files[0] if len(files) == 1 else path
+    if not path.is_dir():
+        return [path] if _checked_kind(path) == 'mcap' else []
+    files = sorted(path.glob('*.mcap'))
+    metadata = path / 'metadata.yaml'
+    if metadata.is_file():
+        compressed = re.search(r'^\s*compression_mode:\s*["\']?(file|message)', metadata.read_text(), re.I | re.M)
+        return [] if compressed else files
+    if not files and not any(path.glob('*.db3')):
+        raise BagError(f'{path} is no bag: a folder without metadata.yaml, .mcap or .db3')
+    return files
+
+
+def _database(path: Path) -> Path:
+    """What rosbags is to read: a folder only with its metadata.yaml. Raises BagError where that is needed."""
+    if not path.is_dir() or (path / 'metadata.yaml').is_file():
+        return path
+    files = sorted(path.glob('*.db3'))
+    if len(files) > 1:
+        raise BagError(f'{path} has several databases but no metadata.yaml; make one with: ros2 bag reindex {path}')
+    return files[0]
+
+
+def _checked_kind(path: Path) -> str:
+    """The kind of a bag's file. Raises BagError for what is none."""
     with path.open('rb') as file:
         head = file.read(16)
-    kinds = [kind for kind, magic in MAGICS.items() if head.startswith(magic)]
+    kind = next((kind for kind, magic in MAGICS.items() if head.startswith(magic)), None)
     if not head:
         raise BagError(f'{path} is empty: 0 bytes')
-    if kinds == ['ros1']:
+    if kind == 'ros1':
         raise BagError(f'{path} is a bag of ROS 1; convert it with: rosbags-convert --src {path} --dst FOLDER')
-    if path.suffix not in SUFFIXES or kinds != [SUFFIXES[path.suffix]]:
-        what = f'its content is {kinds[0]}' if kinds else 'its content is neither mcap nor sqlite3'
+    if kind is None or kind != SUFFIXES.get(path.suffix):
+        what = f'its content is {kind}' if kind else 'its content is neither mcap nor sqlite3'
         raise BagError(f'{path} is no bag: {what}, expected a .mcap or .db3 file or a folder of them')
-    return path
+    return kind
 
 
 def _parse(name: str, text: MessageDefinition) -> dict:
