@@ -14,10 +14,11 @@ DEAD_DBFS = -100.0
 QUIET_DB = 40.0
 CLIPPED_SHARE = 1e-3
 OFFSET = 0.05
-# An angle cosine that changes its sign within a window or two, but not its size, belongs to no moving source.
+# An angle cosine that jumps from one steady value to its negative, with nothing in between, belongs to no moving source.
 LEAST_SWAP = 0.3
 SWAP_TOLERANCE = 0.05
-SWAP_WITHIN_S = 1.5
+SWAP_WITHIN_S = 2.5
+STEADY = 3
 CONFIDENT = 0.9
 
 
@@ -82,22 +83,24 @@ class ChannelHealth:
 class SwapDetector:
     """Notices that two channels changed places while the stream ran, as a lost sample of an interleaved stream does.
 
-    That swap mirrors the direction from one moment to the next. (Channels that were swapped from the beginning cannot
-    be told from a source on the other side.)
+    That swap mirrors the direction from one moment to the next, while a source, or a rig that turns, passes through the
+    directions between. (Channels that were swapped from the beginning cannot be told from a source on the other side.)
     """
 
     def __init__(self) -> None:
         self._history: deque[tuple[float, float]] = deque()
 
     def update(self, estimate: DoaEstimate) -> bool:
-        """Whether the estimate of a pair is the mirror image of what was heard shortly before."""
+        """Whether the estimates of a pair have stayed at one direction and now stay at its mirror image."""
         if not len(estimate.confidence) or estimate.confidence[0] < CONFIDENT:
             return False
-        cosine = float(estimate.q[0])
         while self._history and self._history[0][0] < estimate.time - SWAP_WITHIN_S:
             self._history.popleft()
-        swapped = abs(cosine) > LEAST_SWAP and any(abs(cosine + before) < SWAP_TOLERANCE for _, before in self._history)
+        self._history.append((estimate.time, float(estimate.q[0])))
+        cosines = np.array([cosine for _, cosine in self._history])
+        before, after = np.abs(cosines + cosines[-1]) < SWAP_TOLERANCE, np.abs(cosines - cosines[-1]) < SWAP_TOLERANCE
+        swapped = bool(abs(cosines[-1]) > LEAST_SWAP and np.all(before | after)
+                       and before[:STEADY].sum() == STEADY and after[-STEADY:].sum() == STEADY)
         if swapped:
             self._history.clear()
-        self._history.append((estimate.time, cosine))
         return swapped

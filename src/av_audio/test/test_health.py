@@ -1,5 +1,7 @@
 """Faults made on purpose, one at a time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -49,3 +51,9 @@ def test_a_sudden_swap_is_noticed_and_a_moving_source_is_not():
         window = flat(np.random.default_rng(k), 0.5, np.array([0.0, delay]))
         estimate, = localizer.process(window / np.abs(window).max(), localizer.next_sample)
         assert not detector.update(estimate)
+
+
+def test_a_rig_that_turns_past_the_source_is_no_swap():
+    detector = SwapDetector()
+    for k, azimuth in enumerate(np.radians(np.clip(np.arange(-60.0, 90.0, 6.0), -40.0, 40.0))):    # 60 degrees a second
+        assert not detector.update(SimpleNamespace(time=0.1 * k, confidence=np.array([1.0]), q=np.sin([azimuth])))

@@ -28,6 +28,15 @@ def test_a_mix_with_levels_only_is_noticed():
     assert check.spread_s < 1e-6
 
 
+def test_a_source_that_the_rig_keeps_straight_ahead_is_fine():
+    random = np.random.default_rng(2)
+    check, frequencies = DirectionCheck(RATE), np.fft.rfftfreq(4800, 1 / RATE)
+    for delay in random.normal(0.0, 2e-6, 120):    # 0.2 degrees for microphones 0.2 m apart
+        source = np.fft.rfft(random.standard_normal(4800))
+        check.add(np.fft.irfft(source[:, None] * np.exp(-2j * np.pi * frequencies[:, None] * [0.0, delay]), axis=0))
+    assert check.complaint == ''
+
+
 def test_a_source_at_rest_aside_is_fine():
     assert complaint([15] * 120).complaint == ''
 

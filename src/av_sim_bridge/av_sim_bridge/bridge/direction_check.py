@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 _BLOCK_S = 0.1            # of which one delay is measured
 _BLOCKS = 100             # newest delays that are looked at
 _LOUD = 1e-4              # root mean square below which there is nothing to measure
-_LEAST_SPREAD_S = 12e-6   # half a sample at 48 kHz
+_LEAST_SPREAD_S = 1e-6    # a source that is kept straight ahead moves by some, a mix by none
 
 
 class DirectionCheck:
@@ -48,7 +48,7 @@ class DirectionCheck:
             return ''
         if abs(np.median(self._delays)) < _LEAST_SPREAD_S:
             return ('the channels differ in level at most, never in time: this looks like a listener mix '
-                    'that carries no direction (or a source that stays straight ahead)')
+                    'that carries no direction')
         return ''
 
     def _delay(self, block: NDArray) -> float:
