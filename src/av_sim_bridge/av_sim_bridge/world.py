@@ -77,6 +77,11 @@ class World:
             log.warning('painting instead of rendering: %s', error)
             return Painter(camera, scenario.scene, self.seed, obstacles)
 
+    def solids(self) -> list[Solid]:
+        """All that stands in the scene and can hide a drone."""
+        return [*self.scenario.scene.solids(np.random.default_rng([self.seed, 11])),
+                *(_seen(obstacle) for obstacle in self.scenario.obstacles)]
+
     def advance(self, samples: int) -> NDArray:
         """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""
         if samples <= 0 or samples % INSTANT:

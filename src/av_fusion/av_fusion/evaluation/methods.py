@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_fusion.bayes import BayesSettings, BayesTracker
-from av_fusion.evaluation.offline_run import Recording
+from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog, Series
 from av_fusion.gated import GatedSettings, GatedTracker
 from av_fusion.machine import MachineSettings
@@ -24,7 +24,7 @@ from av_fusion.mode import Mode
 
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
 METHODS = ('fused', 'gated', 'kalman', 'moving_average', *BASELINES, 'sight')
-AVERAGED = 10  # windows, half a second
+AVERAGED = 5  # windows, half a second
 MEDIAN = 5  # samples of the median filter that every method gets
 
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
-from av_fusion.evaluation.run_log import RunLog, Series
-from av_fusion.measurements import Look, Sound, Track
+from av_fusion.evaluation.oracle import Oracle
+from av_fusion.evaluation.recording import Recording, RecordingTracker
+from av_fusion.evaluation.run_log import RunLog
+from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
 from av_fusion.sensor_geometry import look_in_body, sounds_in_body
 from av_sim_bridge.picture.view import View
@@ -22,35 +24,6 @@ from av_sim_bridge.world import World
 
 STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000
-HOP_S = 0.05
-
-
-@dataclass
-class Recording:
-    """What the senses reported in a run in order of arrival, so that other trackers can be given the very same.
-
-    `sounds` by estimator ('ml' is the rig's own); `events` are poses (time, yaw, rate), 'ml' sounds, looks, and the times
-    (float) at which a bearing was asked for.
-    """
-
-    sounds: dict[str, list[Sound]] = field(default_factory=dict)
-    events: list[tuple[float, float, float] | Sound | Look | float] = field(default_factory=list)
-
-    def feed(self, tracker: object) -> Series:
-        """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
-        series = RunLog().fused
-        for event in self.events:
-            if isinstance(event, Sound):
-                tracker.add_sound(event)
-            elif isinstance(event, Look):
-                tracker.add_look(event)
-            elif isinstance(event, tuple):
-                tracker.add_pose(*event)
-            else:
-                track = tracker.estimate(event)
-                series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
-                           event - track.measured)
-        return series
 
 
 class OfflineRun:
@@ -65,9 +38,11 @@ class OfflineRun:
                  picture_every: int = 2) -> None:
         self.world = World(scenario, rig, seed, SAMPLE_RATE)
         self.log, self.recording = RunLog(), Recording()
-        self._rig, self._tracker, self._pointing, self._detect = rig, tracker, pointing, detect
-        self._renderer = self.world.renderer('auto' if detect else 'painter')
-        settings = LocalizerSettings(hop_s=HOP_S, temperature_c=scenario.weather.temperature_c)
+        self._rig, self._tracker = rig, RecordingTracker(tracker, self.recording)
+        self._pointing, self._detect = pointing, detect
+        self._renderer = self.world.renderer() if detect else None
+        self._oracle = Oracle(rig.camera.model, self.world.solids())
+        settings = LocalizerSettings(temperature_c=scenario.weather.temperature_c)
         self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method))
                             for method in ('ml', *baselines)}
         self._window = settings.window_s
@@ -90,7 +65,6 @@ class OfflineRun:
             state = self.world.rig_state(now)
             yaw, yaw_rate = math.atan2(state.rotation[1, 0], state.rotation[0, 0]), float(state.rate_flu[2])
             self._tracker.add_pose(now, yaw, yaw_rate)
-            self.recording.events.append((now, yaw, yaw_rate))
             self.log.rig.add(now, *state.position, yaw)
             self.log.target.add(now, *self.world.target_state(0, now).position)
             for method, localizer in self._localizers.items():
@@ -99,7 +73,6 @@ class OfflineRun:
             if count % self._picture_every == 0:
                 self._look(self.world.view(count, now), now)
             track = self._tracker.estimate(now)
-            self.recording.events.append(now)
             self.log.fused.add(now, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
                                now - track.measured)
             if self._pointing is not None:
@@ -113,7 +86,6 @@ class OfflineRun:
                                 estimate.group, self._rig.array.mount.rotation, self._window)
         self.recording.sounds.setdefault(method, []).extend(sounds[:1])
         for sound in sounds if method == 'ml' else ():
-            self.recording.events.append(sound)
             self._tracker.add_sound(sound)
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan, sound.confidence,
@@ -124,14 +96,12 @@ class OfflineRun:
         table = np.array(boxes, float).reshape(-1, 5)
         look = look_in_body(now, self._rig.camera.model, 0.5 * (table[:, :2] + table[:, 2:4]), table[:, 2:4] - table[:, :2],
                             table[:, 4], self._rig.camera.optical_to_body)
-        self.recording.events.append(look)
         self._tracker.add_look(look)
         best = look.best
         self.log.sight.add(now, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
 
     def _boxes(self, view: View) -> list[tuple[float, float, float, float, float]]:
         """Corners in pixels and confidence of what is detected."""
-        picture = self._renderer.render(view)
         if self._detect is not None:
-            return self._detect(picture.bgr)
-        return [(box.min_x, box.min_y, box.max_x, box.max_y, box.credibility) for box in picture.boxes]
+            return self._detect(self._renderer.render(view).bgr)
+        return [(box.min_x, box.min_y, box.max_x, box.max_y, box.credibility) for box in self._oracle.boxes(view)]
