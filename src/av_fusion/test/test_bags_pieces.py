@@ -1,4 +1,3 @@
-import dataclasses
 import sys
 from pathlib import Path
 
@@ -18,9 +17,7 @@ from av_fusion.bags.reader import Bag
 from av_fusion.bags.replay import Replay, ReplaySettings
 from av_fusion.bags.topics import find_topics
 from av_fusion.bags.writer import BagWriter
-from av_fusion.nodes.fusion_node import make_tracker
 from av_fusion.nodes.fusion_node_parameters import fusion_node
-from av_fusion.nodes.pointing_node import make_settings
 from av_fusion.nodes.pointing_node_parameters import pointing_node
 from av_vision.nodes.detector_node_parameters import detector_node
 
@@ -58,17 +55,6 @@ def test_defaults_are_those_of_the_node(package, node, generated):
                 for value in [getattr(struct, name)]}
 
     assert plain(node_parameters(package, node)) == plain(generated.Params())
-
-
-@pytest.mark.parametrize('changes', [{}, {'method': 'gated', 'tau': 0.3}, {'rotation.fixed_deg': 30.0, 'dwell': 1.0},
-                                     {'rotation.enabled': False, 'sound_delay': 0.1, 'rate_sigma_deg': 5.0}])
-def test_tracker_and_pointing_are_those_of_the_nodes(changes):
-    parameters = node_parameters('av_fusion', 'fusion_node', overrides=changes)
-    ours, theirs = algorithms.make_tracker(parameters), make_tracker(parameters)
-    assert type(ours) is type(theirs)
-    assert dataclasses.asdict(ours.settings) == dataclasses.asdict(theirs.settings)
-    pointing = node_parameters('av_fusion', 'pointing_node')
-    assert algorithms.pointing_settings(pointing) == make_settings(pointing)
 
 
 @pytest.mark.parametrize(('section', 'fits'), [

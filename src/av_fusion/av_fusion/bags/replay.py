@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,12 +21,14 @@ from av_fusion.bags.messages import MessageMaker
 from av_fusion.bags.metadata import DEFAULT_QOS, LATCHED
 from av_fusion.bags.parameters import node_parameters
 from av_fusion.bags.reader import FOREVER, Bag
-from av_fusion.bags.senses import Senses
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
 from av_fusion.bags.topics import Found, absolute, find_topics
 from av_fusion.bags.writer import BagWriter
+from av_fusion.evaluation.recording import Recording, RecordingTracker
 from av_fusion.evaluation.run_log import RunLog
+from av_fusion.from_parameters import make_tracker, pointing_settings
 from av_fusion.pointing import PointingController
+from av_fusion.senses import Senses
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import Rig, load_rig
 from av_vision.camera import PinholeCamera
@@ -84,9 +86,12 @@ class Replay:
     the bag cannot be replayed, ValueError or OSError when the files that describe the rig cannot be used.
     """
 
-    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings()) -> None:
+    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), recording: Recording | None = None,
+                 estimators: Sequence[str] = ()) -> None:
+        """`recording` gets what the tracker is told, and what further `estimators` of hearing make of the sound."""
         self._bag, self._settings = bag, settings
-        self._journal, self._make = Journal(), MessageMaker()
+        self._recording, self._estimators = recording, estimators
+        self._journal, self._make = Journal(recording), MessageMaker()
         self.notes: list[str] = []
         self._written: dict[str, str] = {}  # topics of the output by the rig's names
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
@@ -122,12 +127,19 @@ class Replay:
                 self._put_all(out, self._chain.wait(piece.now))
                 if piece.name not in (names.AUDIO, names.IMAGE):
                     self._put(out, piece.name, piece.now, data)
+                self._compare(piece.name, content, piece.now)
                 if piece.name in (names.TRUE_TARGET, names.TRUE_RIG):
                     self._journal.know(piece.name, content)
                 else:
                     self._put_all(out, self._chain.take(piece.name, content, piece.now))
         self._conclude()
         return self.log
+
+    def _compare(self, name: str, content: Any, now: float) -> None:
+        """What the other estimators hear in the same sound."""
+        for estimator, hearing in self._others.items() if name == names.AUDIO else ():
+            for _, _, message in hearing.take(content, now):
+                self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(message)[:1])
 
     def _put_all(self, out: BagWriter | None, outputs: Iterable[Output]) -> None:
         for name, time, content in outputs:
@@ -165,24 +177,31 @@ class Replay:
         self._frames = SensorFrames(rig, fusion.base_frame)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
-        senses = Senses(self._frames.rotation, fusion.target_classes, self._camera(rig))
+        self._senses = senses = Senses(self._frames.rotation, fusion.target_classes, self._camera(rig))
         self._hearing = self._seeing = self._fusing = None
+        self._others: dict[str, Hearing] = {}
         if self.stage == 'raw' and names.AUDIO in self._topics:
             array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
             p = self._parameters('av_audio', 'doa_node')
-            self._hearing = Hearing(array, algorithms.localizer_settings(p), self._make,
-                                    p.own_rotor_blades if p.own_rotors == 'topic' else 0)
+            listening = algorithms.localizer_settings(p)
+            blades = p.own_rotor_blades if p.own_rotors == 'topic' else 0
+            self._hearing = Hearing(array, listening, self._make, blades)
+            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades)
+                            for method in self._estimators}
         if names.IMAGE in self._topics:
             given = {'model': self._settings.model, 'keep_classes': list(self._settings.classes) or None}
             p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
             self._seeing = Seeing(algorithms.make_detector(p), p.track_gap, self._make, p.visibility_rate,
                                   p.visibility_distance, algorithms.ground(p, senses.camera))
         if self.stage != 'bearing':
-            self._fusing = Fusing(algorithms.make_tracker(fusion), senses, self._journal, fusion.rate,
+            tracker = make_tracker(fusion)
+            if self._recording is not None:
+                tracker = RecordingTracker(tracker, self._recording)
+            self._fusing = Fusing(tracker, senses, self._journal, fusion.rate,
                                   fusion.min_sound_confidence)
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
-            settings = algorithms.pointing_settings(self._parameters('av_fusion', 'pointing_node'))
+            settings = pointing_settings(self._parameters('av_fusion', 'pointing_node'))
             pointing = Pointing(PointingController(settings))
         return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing)
 

@@ -16,11 +16,11 @@ from av_fusion.bags import topics as names
 from av_fusion.bags.feed import CLOCK_TOLERANCE_S
 from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
-from av_fusion.bags.senses import Senses
 from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
+from av_fusion.senses import Senses
 from av_vision import visibility
 from av_vision.image import image_from_message
 from av_vision.tracking import Tracker

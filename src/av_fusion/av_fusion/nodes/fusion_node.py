@@ -16,33 +16,13 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds, to_stamp
-from av_fusion.bayes import BayesSettings, BayesTracker
-from av_fusion.gated import GatedSettings, GatedTracker
-from av_fusion.machine import MachineSettings
+from av_fusion.from_parameters import make_tracker
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
-from av_fusion.rotation import RotationSettings
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
-
-
-def make_tracker(settings: parameters.Params) -> BayesTracker | GatedTracker:
-    """The tracker that the parameters describe."""
-    machine = MachineSettings(settings.tau, settings.hysteresis, settings.dwell, settings.sight_timeout,
-                              settings.sound_timeout)
-    turn = settings.rotation
-    rotation = {'enabled': turn.enabled, 'patience': turn.patience, 'sector': math.radians(turn.sector_deg),
-                'fixed': math.radians(turn.fixed_deg)}
-    delays = {'sound_delay': settings.sound_delay, 'sight_delay': settings.sight_delay}
-    if settings.method == 'gated':
-        rotation['fixed'] = rotation['fixed'] or RotationSettings().largest / 2.0
-        return GatedTracker(GatedSettings(machine=machine, rotation=RotationSettings(**rotation), **delays))
-    return BayesTracker(BayesSettings(
-        machine=machine, rotation=RotationSettings(**rotation), acceleration_density=settings.acceleration_density,
-        rate_sigma=math.radians(settings.rate_sigma_deg), decide=settings.decide_probability, recall=settings.recall,
-        assumed_visibility=settings.assumed_visibility, **delays))
 
 
 class FusionNode(RigNode):

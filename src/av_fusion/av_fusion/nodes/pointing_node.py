@@ -13,23 +13,11 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds, to_stamp
-from av_fusion.limited_axis import AxisLimits
+from av_fusion.from_parameters import pointing_settings
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.pointing_node_parameters import pointing_node as parameters
-from av_fusion.pointing import Command, PointingController, PointingSettings
+from av_fusion.pointing import Command, PointingController
 from av_interfaces.msg import Bearing, FusionState, PointingCommand
-
-
-def make_settings(p: parameters.Params) -> PointingSettings:
-    """The controller's settings that the parameters describe. Raises ValueError on stops that exclude 0."""
-    gimbal = (math.radians(p.gimbal_rate_deg), math.radians(p.gimbal_acceleration_deg))
-    return PointingSettings(
-        pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),
-        tilt=AxisLimits(*gimbal, *map(math.radians, p.tilt_limits_deg)),
-        yaw=AxisLimits(math.radians(p.yaw_rate_deg), math.radians(p.yaw_acceleration_deg)),
-        search_rate=math.radians(p.search_rate_deg), dead_band=math.radians(p.dead_band_deg), lead=p.lead,
-        stale_after=p.stale_after, on_stale=p.on_stale, move_gimbal=p.move_gimbal, move_body=p.move_body,
-        body_follows_at=math.radians(p.body_follows_at_deg))
 
 
 class PointingNode(RigNode):
@@ -41,7 +29,7 @@ class PointingNode(RigNode):
     def configure(self) -> None:
         """Build the controller, open the publisher."""
         self._settings = self.settings
-        self._controller = PointingController(make_settings(self._settings))
+        self._controller = PointingController(pointing_settings(self._settings))
         self._controller.enabled = self._settings.enabled
         self._track: Track | None = None
         self._resolved, self._rotation = False, 0.0

@@ -18,13 +18,25 @@ EMPTY = np.empty((0, 2))
 
 
 class Senses:
-    """Reads directions of arrival and detections; `rotation_of` gives a frame's rotation into the body's, or None."""
+    """Reads directions of arrival and detections; `rotation_of` gives a frame's rotation into the body's, or None.
+
+    Without a `camera` there are sounds only.
+    """
 
     def __init__(self, rotation_of: Callable[[str], NDArray | None], target_classes: Sequence[str],
-                 camera: PinholeCamera) -> None:
+                 camera: PinholeCamera | None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
         self.camera = camera
+
+    @property
+    def camera(self) -> PinholeCamera | None:
+        """The camera that took the pictures."""
+        return self._camera
+
+    @camera.setter
+    def camera(self, camera: PinholeCamera | None) -> None:
+        self._camera = camera
         self._empty: dict[str, Look] = {}  # by frame
 
     def sounds(self, message: Any, least_confidence: float = 0.0) -> list[Sound]:
@@ -39,7 +51,9 @@ class Senses:
             [h.ambiguity_group for h in found], rotation, message.window)
 
     def look(self, message: Any, visibility: float = math.nan) -> Look | None:
-        """The detections of the target's classes of a Detection2DArray; None where its frame is unknown."""
+        """The detections of the target's classes of a Detection2DArray; None where frame or camera are unknown."""
+        if self.camera is None:
+            return None
         seconds, frame = to_seconds(message.header.stamp), message.header.frame_id
         rotation = self._rotation_of(frame)
         if rotation is None:
