@@ -31,6 +31,7 @@ setup(
             'simulator = av_sim_bridge.cli.simulator:main',
             'simulate = av_sim_bridge.cli.simulate:main',
             'benchmark = av_sim_bridge.cli.benchmark:main',
+            'soak = av_sim_bridge.cli.soak:main',
         ],
     },
 )

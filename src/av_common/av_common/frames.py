@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from transforms3d.euler import euler2mat
-from transforms3d.quaternions import mat2quat, quat2mat
+from transforms3d.quaternions import quat2mat
 
 from av_common.angles import wrap
 
@@ -30,8 +30,13 @@ def frd_to_flu(vector: ArrayLike) -> NDArray:
 
 
 def attitude_ned_to_enu(quaternion: ArrayLike) -> NDArray:
-    """Attitude (w, x, y, z) of an FRD body in NED to that of the same body as FLU in ENU, or back."""
-    return mat2quat(NED_TO_ENU @ quat2mat(np.asarray(quaternion, float)) @ FRD_TO_FLU)
+    """Attitude (w, x, y, z) of an FRD body in NED to that of the same body as FLU in ENU, or back; w is not negative.
+
+    It is q1 q q2 with q1 = (0, 1, 1, 0) / sqrt(2), the half turn that swaps north and east, and q2 = (0, 1, 0, 0).
+    """
+    w, x, y, z = np.asarray(quaternion, float)
+    turned = np.array([w + z, x + y, x - y, w - z]) / np.sqrt(2.0 * (w * w + x * x + y * y + z * z))
+    return turned if turned[0] >= 0.0 else -turned
 
 
 def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:

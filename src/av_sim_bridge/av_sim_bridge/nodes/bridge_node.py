@@ -219,3 +219,7 @@ def decode_picture(data: bytes) -> NDArray:
 def main() -> None:
     """Run the node."""
     run(BridgeNode)
+
+
+if __name__ == '__main__':
+    main()
