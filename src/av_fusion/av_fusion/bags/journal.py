@@ -9,6 +9,7 @@ from typing import Any
 from av_common.stamps import to_seconds
 from av_fusion.bags import topics as names
 from av_fusion.bags.poses import Pose
+from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.measurements import Look, Sound, State, Track
 
@@ -16,11 +17,14 @@ from av_fusion.measurements import Look, Sound, State, Track
 class Journal:
     """Writes a RunLog. Delays are in the bag's time: computing takes none."""
 
-    def __init__(self) -> None:
-        self.log = RunLog()
+    def __init__(self, recording: Recording | None = None) -> None:
+        """`recording` gets the sounds, too."""
+        self.log, self._recording = RunLog(), recording
 
     def hear(self, sounds: Sequence[Sound], now: float) -> None:
         """The strongest of the sounds of one window."""
+        if self._recording is not None:
+            self._recording.sounds.setdefault('ml', []).extend(sounds[:1])
         for sound in sounds[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,

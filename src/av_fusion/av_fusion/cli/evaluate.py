@@ -1,80 +1,84 @@
-"""ros2 run av_fusion evaluate SCENARIO... --out DIR: how well each method does, over several seeds, on identical data."""
+"""ros2 run av_fusion evaluate INPUT... --out DIR: how well each method follows the drone, on identical data."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from av_fusion.evaluation.cases import Case, run_cases
+from av_fusion.evaluation.cases import Case, find_inputs, is_bag
+from av_fusion.evaluation.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
 from av_fusion.evaluation.methods import METHODS
-from av_sim_bridge.config_reader import ConfigError
-
-COLUMNS = (('coverage', 'coverage', 100.0, '%'), ('rmse_deg', 'RMSE', 1.0, 'deg'), ('mae_deg', 'mean', 1.0, 'deg'),
-           ('median_deg', 'median', 1.0, 'deg'), ('p95_deg', '95th', 1.0, 'deg'), ('outliers', '> 20 deg', 100.0, '%'),
-           ('hemisphere_errors', 'wrong side', 100.0, '%'))
+from av_fusion.evaluation.progress import RunProgress
+from av_fusion.evaluation.schedule import run_cases
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Evaluate, print the table, write metrics.json. Returns the exit code."""
-    options = _parser().parse_args(arguments)
-    cases = [Case(scenario, seed, tuple(options.methods), options.model, not options.static, options.duration,
-                  tuple(options.taus)) for scenario in options.inputs for seed in range(1, options.seeds + 1)]
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Evaluate, print the table, write metrics.json, pictures and report. Returns 0, 1 where a run failed, 2 if all did."""
+    options = make_parser().parse_args(arguments)
     try:
-        results = list(run_cases(cases, options.out / 'cases', options.workers, _progress))
-    except (ConfigError, OSError, ValueError) as error:
+        cases = cases_of(options)
+        runs, failures = run_cases(cases, options.out / 'runs', options.workers, options.scheduler,
+                                   RunProgress(options.quiet).show)
+    except (ValueError, OSError) as error:
         print(f'evaluate: {error}', file=sys.stderr)
         return 2
-    metrics = {method: combine([result['methods'][method] for result in results]) for method in options.methods}
-    worst = {method: combine([result['methods'][method] for result in results], np.nanmax) for method in options.methods}
-    _print_table(metrics, worst)
-    decided = [result['time_to_decide'] for result in results]
-    print(f'\nfront/back told in {np.nanmedian(decided):.1f} s (median), {np.nanmax(decided):.1f} s (worst); '
-          f'sight alone covers {100 * np.nanmedian([result["sight_coverage"] for result in results]):.0f} %')
-    taus = {tau: {method: combine([result['taus'][tau][method] for result in results]) for method in ('fused', 'gated')}
-            for tau in results[0]['taus']}
-    if taus:
-        print('\nRMSE (deg) by tau\n' + '\n'.join(
-            f'{tau:>5}' + ''.join(f'  {method} {figures["rmse_deg"]:6.2f}' for method, figures in methods.items())
-            for tau, methods in taus.items()))
-    (options.out / 'metrics.json').write_text(json.dumps({**metrics, 'worst': worst, 'taus': taus}, indent=2) + '\n')
-    return 0
+    except KeyboardInterrupt:
+        print(f'\nevaluate: interrupted; the same command goes on where it stopped ({options.out})', file=sys.stderr)
+        return 130
+    for name, why in failures.items():
+        print(f'evaluate: {name}: {why}', file=sys.stderr)
+    if not runs:
+        return 2
+    show(runs)
+    words = sys.argv[1:] if arguments is None else arguments
+    print(f'\nsee {write_report(runs, failures, options.out, " ".join(["ros2 run av_fusion evaluate", *words]))}')
+    return 1 if failures else 0
 
 
-def combine(figures: list[dict], how: object = np.nanmedian) -> dict:
-    """Each figure over the cases: the median, or `how` else."""
-    keys = figures[0]
-    return {key: float(how([np.nan if f[key] is None else f[key] for f in figures])) if any(
-        f[key] is not None and np.isfinite(f[key]) for f in figures) else None for key in keys}
+def cases_of(options: argparse.Namespace) -> list[Case]:
+    """A case a bag, and one for each seed of a scenario. Raises ValueError or OSError."""
+    inputs = find_inputs(options.inputs)
+    remap = tuple(text for text in options.remap if text)
+    common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration,
+              'model': options.model}
+    return [case for name in inputs for case in (
+        [Case(name, **common, stage=options.stage, parameters=tuple(options.params), remap=remap, namespace=options.namespace)]
+        if is_bag(Path(name)) else
+        [Case(name, seed, **common, follow=not options.static) for seed in range(1, options.seeds + 1)])]
 
 
-def _print_table(metrics: dict, worst: dict) -> None:
-    print(f'{"median (worst RMSE)":<20}' + ''.join(f'{f"{label} ({unit})":>16}' for _, label, _, unit in COLUMNS))
-    for method, figures in metrics.items():
-        cells = [f'{scale * figures[key]:.2f}' if figures[key] is not None else '-' for key, _, scale, _ in COLUMNS]
-        cells[1] += f' ({worst[method]["rmse_deg"]:.2f})' if worst[method]['rmse_deg'] is not None else ''
-        print(f'{method:<20}' + ''.join(f'{cell:>16}' for cell in cells))
+def show(runs: list) -> None:
+    """Print the figures."""
+    print(format_rows(*rows_of(metrics_of(runs))))
+    for tau, methods in taus_of(runs).items():
+        print(f'tau {tau:g}: RMSE' + ','.join(f' {name} {figures["rmse_deg"]:.2f}°' for name, figures in methods.items()
+                                              if figures['rmse_deg'] is not None))
+    for text in dict.fromkeys(text for run in runs for text in (*run.notes, *run.missing.values())):
+        print(f'  ! {text}', file=sys.stderr)
 
 
-def _progress(done: int, total: int) -> None:
-    print(f'\r{done}/{total} runs', end='\n' if done == total else '', file=sys.stderr, flush=True)
-
-
-def _parser() -> argparse.ArgumentParser:
+def make_parser() -> argparse.ArgumentParser:
+    """The options."""
     parser = argparse.ArgumentParser(prog='evaluate', description=__doc__)
-    parser.add_argument('inputs', nargs='+', metavar='SCENARIO', help='a shipped scenario or a file')
-    parser.add_argument('--out', type=Path, required=True, help='folder for metrics.json, and a picture and figures a run')
-    parser.add_argument('--seeds', type=int, default=3, help='runs of each scenario (3)')
-    parser.add_argument('--methods', nargs='+', choices=METHODS, default=list(METHODS))
-    parser.add_argument('--model', default='', help="detector's ONNX file, looking at rendered pictures; "
-                        "without it the simulator's oracle stands in")
-    parser.add_argument('--static', action='store_true', help='the rig turns as the scenario says, not to the target')
-    parser.add_argument('--duration', type=float, default=0.0, help="seconds; 0: the scenario's")
-    parser.add_argument('--taus', nargs='*', type=float, default=[], help='further gates for fused and gated')
-    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one a core')
+    add = parser.add_argument
+    add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
+    add('--out', type=Path, required=True, help='folder for metrics.json, runs.json, report.html and what each run gave')
+    add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
+    add('--methods', nargs='+', choices=METHODS, default=list(METHODS))
+    add('--taus', nargs='*', type=float, default=[], help='further gates on the detection confidence, for fused and gated')
+    add('--duration', type=float, default=0.0, help="seconds of each; 0: the scenario's, the bag's")
+    add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the simulator's oracle, "
+        'and bags their recorded detections')
+    add('--static', action='store_true', help='scenarios: the rig turns as the scenario says, not to the target')
+    add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: from where on to compute anew')
+    add('--params', action='append', default=[], metavar='FILE', help="bags: the nodes' parameters; can be repeated")
+    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: topics of other names')
+    add('--namespace', default='', help='bags: the namespace of the recorded rig')
+    add('--workers', type=int, default=0, help='parallel processes; 0: one a core')
+    add('--scheduler', default='', metavar='ADDRESS', help='of a Dask cluster that computes the runs instead')
+    add('--quiet', action='store_true', help='no progress')
     return parser
 
 

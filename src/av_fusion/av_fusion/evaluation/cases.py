@@ -1,101 +1,113 @@
-"""Runs of scenarios with seeds, each a case: computed in parallel, kept on disk, so that an interrupted evaluation resumes."""
+"""Cases: what to run and how. Each is computed once; what is on disk of the same case and the same code is read."""
 
 from __future__ import annotations
 
+import hashlib
 import json
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from av_fusion.bayes import BayesTracker
-from av_fusion.evaluation.methods import BASELINES, bearings
-from av_fusion.evaluation.metrics import figures_of, summarise
-from av_fusion.evaluation.offline_run import OfflineRun
-from av_fusion.evaluation.picture import draw
-from av_fusion.pointing import PointingController, PointingSettings
+import av_audio
+import av_common
+import av_fusion
+import av_sim_bridge
+import av_vision
 from av_sim_bridge.config_files import find_config
-from av_sim_bridge.rig import load_rig
-from av_sim_bridge.scenario import load_scenario
-from av_vision.yolo import Detector, DetectorSettings
+
+BAG_ENDINGS = ('.mcap', '.db3')
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run: a scenario (shipped name or file), a seed, the detector's ONNX file ('' for the oracle), and what to compute.
+    """One run of a scenario (shipped name or file) with a seed, or a bag, and the methods to judge.
 
-    `follow`: the rig turns as the pointing controller commands; else as the scenario says. `taus`: further gates on the
-    detection confidence, at which `fused` and `gated` are computed as well.
+    For scenarios: `model` is the detector's ONNX file, '' for the visual oracle; `follow` lets the rig turn as the pointing
+    controller commands, else as the scenario says; `changes` are values of the scenario's file by dotted keys; `array`
+    is an array file other than the rig's. For bags: `stage`, `parameters`, `remap` and `namespace` as of `replay`.
+    `taus`: further gates on the detection confidence, at which `fused` and `gated` are computed as well.
     """
 
-    scenario: str
-    seed: int
-    methods: tuple[str, ...]
+    input: str
+    seed: int = 0
+    methods: tuple[str, ...] = ('fused', 'sound', 'sight')
+    taus: tuple[float, ...] = ()
+    duration: float = 0.0
     model: str = ''
     follow: bool = True
-    duration: float = 0.0
-    taus: tuple[float, ...] = ()
+    changes: tuple[tuple[str, Any], ...] = ()
+    array: str = ''
+    stage: str = ''
+    parameters: tuple[str, ...] = ()
+    remap: tuple[str, ...] = ()
+    namespace: str = ''
+
+    @property
+    def is_bag(self) -> bool:
+        """Whether the input is a recording."""
+        return is_bag(Path(self.input))
 
     @property
     def name(self) -> str:
-        """File name of the case's results."""
-        return f'{Path(self.scenario).stem}_{self.seed}'
+        """What the run is called."""
+        stem = Path(self.input).stem
+        changes = ''.join(f'_{key.split(".")[-1]}={value}' for key, value in self.changes if isinstance(value, int | float))
+        return stem if self.is_bag else f'{stem}_{self.seed}{changes}'
+
+    @property
+    def key(self) -> str:
+        """Changes with whatever could change the result."""
+        said = json.dumps([asdict(self), *map(_content, (self.input, self.model, self.array, *self.parameters)), _code()])
+        return hashlib.sha256(said.encode()).hexdigest()[:12]
 
 
-def run_case(case: Case, out: Path) -> dict:
-    """Compute one case and write `<name>.json` and `<name>.png` into `out`. Raises what the scenario or the model raise."""
-    scenario = load_scenario(find_config(case.scenario, 'scenarios'))
-    pointing = PointingController(PointingSettings(move_gimbal=False)) if case.follow else None
-    detect = _detect(case.model) if case.model else None
-    run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(), case.seed, pointing,
-                     tuple(BASELINES.values()), detect)
-    log = run.run(case.duration or None)
-    summary = summarise(log)
-    end = float(log.fused['time'][-1])
-
-    def figures(method: str, tau: float = 0.5) -> dict:
-        return asdict(figures_of(*bearings(method, run.recording, log, tau), log, summary.acquired, end))
-
-    result = {
-        'case': asdict(case), 'time_to_decide': summary.time_to_decide, 'switches': summary.switches,
-        'sight_coverage': summary.senses['sight'].coverage, 'methods': {method: figures(method) for method in case.methods},
-        'taus': {f'{tau:g}': {method: figures(method, tau) for method in ('fused', 'gated')} for tau in case.taus}}
-    draw(log, out / f'{case.name}.png', f'{case.scenario}, seed {case.seed}')
-    partial = out / f'{case.name}.part'
-    partial.write_text(json.dumps(result, indent=1))
-    partial.replace(out / f'{case.name}.json')
-    return result
+def is_bag(path: Path) -> bool:
+    """Whether a path is a rosbag2: a file or a folder, even if it was cut off before its metadata were written."""
+    if path.is_dir():
+        first = (path / f'{path.name}_0{ending}' for ending in BAG_ENDINGS)
+        return (path / 'metadata.yaml').exists() or any(file.exists() for file in first)
+    return path.suffix in BAG_ENDINGS and path.exists()
 
 
-def run_cases(cases: Sequence[Case], out: Path, workers: int = 0,
-              report: Callable[[int, int], None] = lambda done, total: None) -> Iterator[dict]:
-    """Results of all cases as they are done; those whose file is there and stems from the same case are read."""
-    out.mkdir(parents=True, exist_ok=True)
-    kept = [result for result in (_read(case, out) for case in cases) if result is not None]
-    left = [case for case in cases if _read(case, out) is None]
-    yield from kept
-    report(len(kept), len(cases))
-    with ProcessPoolExecutor(workers or os.cpu_count()) as pool:
-        running = [pool.submit(run_case, case, out) for case in left]
-        for done, future in enumerate(as_completed(running), start=len(kept) + 1):
-            yield future.result()
-            report(done, len(cases))
+def find_inputs(inputs: list[str]) -> list[str]:
+    """Scenarios and bags that the inputs name, folders searched through. Raises FileNotFoundError, ValueError."""
+    found: list[str] = []
+    for name in inputs:
+        path = Path(name)
+        if path.is_dir() and not is_bag(path):
+            inside = [str(entry) for entry in sorted(path.iterdir())
+                      if entry.suffix in (*BAG_ENDINGS, '.yaml') or (entry.is_dir() and not entry.name.startswith('.'))]
+            found += find_inputs(inside)
+            if not inside:
+                raise ValueError(f'{name}: neither bags (.mcap, .db3, rosbag2 folders) nor scenarios (.yaml) in this folder')
+        elif path.exists() and (is_bag(path) or path.suffix == '.yaml'):
+            found.append(name)
+        elif path.suffix in BAG_ENDINGS:
+            raise FileNotFoundError(f'{name}: no such bag')
+        else:
+            find_config(name, 'scenarios')
+            found.append(name)
+    return found
 
 
-def _read(case: Case, out: Path) -> dict | None:
-    try:
-        result = json.loads((out / f'{case.name}.json').read_text())
-    except (OSError, json.JSONDecodeError):
-        return None
-    return result if result['case'] == json.loads(json.dumps(asdict(case))) else None
+def _content(name: str) -> str:
+    """What tells one state of a file from another: its text, or of a bag size and time."""
+    path = Path(name)
+    if not name:
+        return ''
+    if is_bag(path) or path.suffix == '.onnx':
+        files = sorted(path.rglob('*')) if path.is_dir() else [path]
+        return str([(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.exists()])
+    file = path if path.suffix == '.yaml' and path.exists() else find_config(name, 'scenarios')
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def _detect(model: str) -> Callable:
-    detector = Detector(model, replace(DetectorSettings(), threads=1))
-
-    def detect(picture: object) -> list[tuple[float, float, float, float, float]]:
-        found = detector.detect(picture)
-        return [(*map(float, box), float(score)) for box, score in zip(found.boxes, found.scores, strict=True)]
-
-    return detect
+@cache
+def _code() -> str:
+    """Digest of the code that takes part."""
+    digest = hashlib.sha256()
+    for package in (av_audio, av_common, av_fusion, av_sim_bridge, av_vision):
+        for file in sorted(Path(package.__file__).parent.rglob('*.py')):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()

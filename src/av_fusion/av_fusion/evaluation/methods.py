@@ -1,14 +1,13 @@
 """The methods of the paper's comparison and ours, on identical data: bearings of each as a series in the rig's frame.
 
-Each method is judged by what it says at the instant it can say it: a direction of arrival at the end of its window, not at the
-centre. The baselines of hearing alone know no hemisphere: they are given the true one, as the paper did by hand. What is
-fused is given nothing.
+A direction of arrival is judged at its stamp, the centre of its window: how late it comes is its latency. A tracker says where
+the target is now, and is judged so. Hearing alone knows no hemisphere: it is given the true one, as the paper did by hand.
+What is fused is given nothing.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,35 +21,61 @@ from av_fusion.machine import MachineSettings
 from av_fusion.measurements import Look, Sound, State
 from av_fusion.mode import Mode
 
+OWN = 'ml'  # the rig's own estimator
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
-METHODS = ('fused', 'gated', 'kalman', 'moving_average', *BASELINES, 'sight')
+METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
+FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # those that are given the true hemisphere
 AVERAGED = 5  # windows, half a second
 MEDIAN = 5  # samples of the median filter that every method gets
+
+
+class UnavailableError(ValueError):
+    """The run holds nothing that a method could work on."""
 
 
 def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> tuple[NDArray, NDArray]:
     """Times (n,) and body azimuths (n,) in rad of one method, median-filtered in the world frame.
 
-    Raises KeyError for a baseline that the run did not record, ValueError for an unknown method.
+    Raises UnavailableError where the run lacks what the method needs, ValueError for an unknown method.
     """
-    machine = MachineSettings(tau=tau)
-    if method == 'fused':
-        time, world = _following(recording.feed(BayesTracker(BayesSettings(machine=machine))), log)
-    elif method == 'gated':
-        time, world = _following(recording.feed(GatedTracker(replace(GatedSettings(), machine=machine))), log)
-    elif method in BASELINES:
-        time, world = _unmirrored(recording.sounds[BASELINES[method]], log)
-    elif method == 'moving_average':
-        time, world = _averaged(*_unmirrored(recording.sounds['phat'], log))
-    elif method == 'kalman':
-        time, world = _kalman(recording, log, tau)
+    if method not in METHODS:
+        raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
+    if method in ('fused', 'gated'):
+        time, world = _following(track(method, recording, log, tau), log)
     elif method == 'sight':
         seen = log.sight['confidence'] >= tau
         time = log.sight['time'][seen]
         world = wrap(log.sight['azimuth'][seen] + _yaw(time, log))
+    elif method == 'kalman':
+        time, world = _kalman(recording, log, tau)
     else:
-        raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
+        time, world = _unmirrored(_sounds(method, recording), log)
+        if method == 'moving_average':
+            time, world = _averaged(time, world)
+    if not time.size:
+        raise UnavailableError(f'{method}: nothing was reported')
     return time, wrap(_median(world) - _yaw(time, log))
+
+
+def track(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> Series:
+    """What the filter (`fused`) or the published machine (`gated`) says, as `RunLog.fused`. Raises UnavailableError."""
+    machine = MachineSettings(tau=tau)
+    if method == 'fused' and tau == MachineSettings().tau:
+        return log.fused
+    if not any(isinstance(event, Sound | Look) for event in recording.events):
+        raise UnavailableError(f'{method}: only bearings were recorded, not what they rest on')
+    return recording.feed(BayesTracker(BayesSettings(machine=machine)) if method == 'fused'
+                          else GatedTracker(GatedSettings(machine=machine)))
+
+
+def _sounds(method: str, recording: Recording) -> list[Sound]:
+    """The sounds that a method of hearing works on; a bag without sound holds the rig's own directions only."""
+    own = recording.sounds.get(OWN, [])
+    if method == 'sound':
+        return own
+    if method in BASELINES:
+        return recording.sounds.get(BASELINES[method], [])
+    return recording.sounds.get(BASELINES['gcc_phat'], own)
 
 
 def _following(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
@@ -61,11 +86,14 @@ def _following(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
 
 
 def _unmirrored(sounds: list[Sound], log: RunLog) -> tuple[NDArray, NDArray]:
-    """Ends of the windows, and of each sound the image nearer to the truth, in the world frame."""
+    """Stamps, and of each sound the image nearer to the truth, in the world frame."""
+    sounds = [sound for sound in sounds if sound.hypotheses]
+    if not sounds:
+        return np.zeros(0), np.zeros(0)
     time = np.array([sound.time for sound in sounds])
     azimuth = np.array([min((h.azimuth for h in sound.hypotheses), key=lambda a, t=true: abs(wrap(a - t)))
                         for sound, true in zip(sounds, log.true_azimuth(time), strict=True)])
-    return time + np.array([0.5 * sound.window for sound in sounds]), wrap(azimuth + _yaw(time, log))
+    return time, wrap(azimuth + _yaw(time, log))
 
 
 def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
@@ -76,11 +104,15 @@ def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
 
 def _kalman(recording: Recording, log: RunLog, tau: float) -> tuple[NDArray, NDArray]:
     """A Kalman filter of azimuth and rate over GCC-PHAT and confident detections, with fixed noise, each taken as of now."""
-    events = [(time, azimuth, math.radians(4.0) ** 2)
-              for time, azimuth in zip(*_unmirrored(recording.sounds['phat'], log), strict=True)]
+    sounds = _sounds('kalman', recording)
+    late = 0.5 * sounds[0].window if sounds else 0.0
+    events = [(time + late, azimuth, math.radians(4.0) ** 2)
+              for time, azimuth in zip(*_unmirrored(sounds, log), strict=True)]
     for look in (event for event in recording.events if isinstance(event, Look)):
         if look.best is not None and look.best.confidence >= tau:
             events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))
+    if not events:
+        return np.zeros(0), np.zeros(0)
     events.sort()
     mode, filtered, now = Mode(1.0, events[0][1], 0.1, 0.0, 0.1), [], events[0][0]
     for time, azimuth, variance in events:
@@ -92,11 +124,11 @@ def _kalman(recording: Recording, log: RunLog, tau: float) -> tuple[NDArray, NDA
 
 
 def _yaw(time: NDArray | float, log: RunLog) -> NDArray:
-    return np.interp(time, log.rig['time'], np.unwrap(log.rig['yaw']))
+    return np.interp(time, log.rig['time'], np.unwrap(log.rig['yaw'])) if len(log.rig) else np.zeros(np.shape(time))
 
 
 def _median(azimuth: NDArray) -> NDArray:
-    """Running median on the circle over the newest MEDIAN samples, about the middle one."""
+    """Running median on the circle over the MEDIAN samples about each one."""
     if len(azimuth) < MEDIAN:
         return azimuth
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(azimuth, MEDIAN // 2, mode='edge'), MEDIAN)

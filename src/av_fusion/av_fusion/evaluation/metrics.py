@@ -62,7 +62,7 @@ def summarise(log: RunLog, tau: float = 0.5) -> Summary:
               'sound': figures_of(log.sound['time'][heard], sound, log, acquired, end),
               'sight': figures_of(log.sight['time'][seen], log.sight['azimuth'][seen], log, acquired, end)}
     timed = {name: _with_timing(errors, getattr(log, name)) for name, errors in senses.items()}
-    return Summary(timed, acquired, _time_to_decide(log), _switches(log), dict(log.notes))
+    return Summary(timed, acquired, time_to_decide(log), switches(log.fused), dict(log.notes))
 
 
 def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, end: float) -> Errors:
@@ -70,20 +70,40 @@ def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, en
 
     Azimuths (2, n) are mirror images, of which the nearer to the truth counts (nan: there is none).
     """
+    judged = judge(time, azimuth, log, acquired)
     grid = np.arange(acquired, end, 1.0 / GRID_HZ) if math.isfinite(acquired) else np.empty(0)
-    coverage = _coverage(grid, time)
-    images = np.atleast_2d(azimuth)
-    truth = log.true_azimuth(time)
-    apart = np.abs(wrap(np.nan_to_num(images) - truth))
-    apart[np.isnan(images)] = np.inf
-    error = np.degrees(apart.min(axis=0)) if time.size else np.empty(0)
+    return errors_of(judged.error_deg, judged.opposite, coverage_of(grid, time))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Bearings beside the truth (n,): times in s, signed errors in degrees, and whether front and back are confused."""
+
+    time: NDArray[np.float64]
+    error_deg: NDArray[np.float64]
+    opposite: NDArray[np.bool_]
+
+
+def judge(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.inf) -> Judged:
+    """Compare body azimuths (n,), or mirror images (2, n), with the truth, from `acquired` on and where there is truth."""
+    images, truth = np.atleast_2d(azimuth), log.true_azimuth(time)
+    apart = wrap(np.nan_to_num(images) - truth)
+    apart[np.isnan(images)] = np.nan
+    chosen = np.argmin(np.abs(np.nan_to_num(apart, nan=np.inf)), axis=0) if time.size else np.zeros(0, int)
+    error = np.degrees(np.take_along_axis(apart, chosen[np.newaxis], axis=0)[0])
     counted = np.isfinite(error) & (time >= acquired)
-    error = error[counted]
+    opposite = np.cos(truth) * np.cos(images[0]) < 0.0 if len(images) == 1 else np.zeros(len(time), bool)
+    return Judged(time[counted], error[counted], opposite[counted])
+
+
+def errors_of(error_deg: NDArray, opposite: NDArray, coverage: float) -> Errors:
+    """Figures of signed errors (n,) in degrees."""
+    error = np.abs(error_deg)
     if not error.size:
         return Errors(coverage)
-    opposite = np.cos(truth) * np.cos(images[0]) < 0.0 if len(images) == 1 else np.zeros(len(time))
     return Errors(coverage, float(np.sqrt(np.mean(error**2))), float(np.mean(error)), float(np.median(error)),
-                  float(np.percentile(error, 95)), float(np.mean(error > OUTLIER_DEG)), float(np.mean(opposite[counted])))
+                  float(np.percentile(error, 95)), float(np.mean(error > OUTLIER_DEG)),
+                  float(np.mean(opposite)) if len(opposite) else math.nan)
 
 
 def _with_timing(errors: Errors, series: Series) -> Errors:
@@ -94,7 +114,7 @@ def _with_timing(errors: Errors, series: Series) -> Errors:
     return replace(errors, rate_hz=rate, delay_median_ms=float(np.median(delay)), delay_p95_ms=float(np.percentile(delay, 95)))
 
 
-def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
+def coverage_of(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
     """Share of the instants of `grid` (s) with a report no older than FRESH_S."""
     if not grid.size:
         return math.nan
@@ -105,19 +125,23 @@ def _coverage(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
     return float(np.mean(age <= FRESH_S))
 
 
-def _time_to_decide(log: RunLog) -> float:
-    """Seconds from the first sound or bearing to the first bearing that is resolved, and rightly so if there is truth."""
-    time, resolved = log.fused['time'], log.fused['resolved'] > 0.0
+def time_to_decide(log: RunLog, track: Series | None = None) -> float:
+    """Seconds from the first sound or bearing to the first bearing of a track (the log's own) that is resolved.
+
+    Where there is truth, rightly so.
+    """
+    track = log.fused if track is None else track
+    time, resolved = track['time'], track['resolved'] > 0.0
     if not len(time):
         return math.nan
-    wrong = np.abs(wrap(log.fused['azimuth'] - log.true_azimuth(time))) > math.radians(OUTLIER_DEG)
+    wrong = np.abs(wrap(track['azimuth'] - log.true_azimuth(time))) > math.radians(OUTLIER_DEG)
     right = time[resolved & ~wrong]
-    heard = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[log.fused['state'] != State.NONE]])
+    heard = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[track['state'] != State.NONE]])
     return float(max(right[0] - heard.min(), 0.0)) if right.size and heard.size else math.nan
 
 
-def _switches(log: RunLog) -> int:
+def switches(track: Series) -> int:
     """How often the leading sense changed between sight and sound."""
-    state = log.fused['state']
+    state = track['state']
     leading = state[(state == State.VISUAL_ACTIVE) | (state == State.ACOUSTIC_ACTIVE)]
     return int(np.count_nonzero(np.diff(leading)))

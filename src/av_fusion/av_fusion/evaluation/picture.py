@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,8 +18,8 @@ SHADES = {State.VISUAL_ACTIVE: ('#cfe8cf', 'sight leads'), State.ACOUSTIC_ACTIVE
           State.COASTING: ('#e0e0e0', 'coasting')}
 
 
-def draw(log: RunLog, path: Path, title: str = '') -> None:
-    """Write the picture as PNG."""
+def draw(log: RunLog, path: Path | BinaryIO, title: str = '') -> None:
+    """Write the picture as PNG to a file."""
     figure = Figure(figsize=(12, 7), layout='constrained')
     FigureCanvasAgg(figure)
     bearing, error = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
@@ -42,7 +43,7 @@ def draw(log: RunLog, path: Path, title: str = '') -> None:
     bearing.grid(alpha=0.3)
     error.grid(alpha=0.3)
     bearing.legend(loc='upper right', ncols=4, markerscale=3)
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=110, format='png')
 
 
 def _shade(axes: tuple, log: RunLog, start: float) -> None:

@@ -1,0 +1,75 @@
+"""One HTML file to look at: headings, paragraphs, tables and pictures, all inside of the file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+STYLE = """
+:root { color-scheme: light; }
+body { font: 16px/1.55 system-ui, sans-serif; color: #1c2430; background: #f5f6f8; margin: 0; }
+main { max-width: 1060px; margin: 0 auto; padding: 2.5rem 2rem 4rem; background: #fff; box-shadow: 0 0 24px #0001; }
+h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
+h2 { font-size: 1.35rem; margin: 2.8rem 0 .6rem; padding-top: .6rem; border-top: 2px solid #1f4fd8; }
+h3 { font-size: 1.05rem; margin: 1.8rem 0 .3rem; }
+p.lead, figcaption, .note { color: #566070; }
+figure { margin: 1.2rem 0; } figure img { width: 100%; border: 1px solid #e3e6ea; border-radius: 4px; }
+figcaption { font-size: .9rem; margin-top: .3rem; }
+table { border-collapse: collapse; margin: 1rem 0; font-size: .92rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .38rem .8rem; text-align: right; border-bottom: 1px solid #e3e6ea; white-space: nowrap; }
+th { font-weight: 600; background: #f0f2f6; } th:first-child, td:first-child { text-align: left; }
+tr.ours td { background: #eef3ff; font-weight: 600; } .scroll { overflow-x: auto; }
+code { background: #f0f2f6; padding: .1rem .35rem; border-radius: 3px; font-size: .88em; }
+"""
+
+
+class Page:
+    """Collects parts and writes them as one file. Texts are plain; `code` between backticks is set as such."""
+
+    def __init__(self, title: str, lead: str = '') -> None:
+        self._title = title
+        self._parts = [f'<h1>{_text(title)}</h1>']
+        if lead:
+            self._parts.append(f'<p class="lead">{_text(lead)}</p>')
+
+    def heading(self, text: str, level: int = 2) -> None:
+        """A heading."""
+        self._parts.append(f'<h{level}>{_text(text)}</h{level}>')
+
+    def paragraph(self, text: str) -> None:
+        """A paragraph."""
+        self._parts.append(f'<p>{_text(text)}</p>')
+
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '') -> None:
+        """A table; the row whose first cell is `ours` stands out."""
+        cells = ''.join(f'<th>{_text(cell)}</th>' for cell in head)
+        body = ''.join(f'<tr{" class=ours" if row and row[0] == ours else ""}>'
+                       + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in rows)
+        self._parts.append(f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>')
+
+    def picture(self, picture: Figure | bytes, caption: str) -> None:
+        """A figure, or the bytes of a PNG, with a caption."""
+        if isinstance(picture, Figure):
+            content = io.BytesIO()
+            picture.savefig(content, format='png', dpi=120)
+            picture = content.getvalue()
+        encoded = base64.b64encode(picture).decode()
+        self._parts.append(f'<figure><img alt="{html.escape(caption, quote=True)}" src="data:image/png;base64,{encoded}">'
+                           f'<figcaption>{_text(caption)}</figcaption></figure>')
+
+    def write(self, path: Path) -> None:
+        """Write the file."""
+        path.write_text(f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{_text(self._title)}</title>'
+                        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
+                        f'<body><main>{"".join(self._parts)}</main></body></html>\n')
+
+
+def _text(text: str) -> str:
+    """Escaped, with what stands between backticks as code."""
+    pieces = html.escape(str(text)).split('`')
+    return ''.join(f'<code>{piece}</code>' if number % 2 else piece for number, piece in enumerate(pieces))
