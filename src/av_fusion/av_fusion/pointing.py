@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 from av_common.angles import wrap
@@ -69,6 +70,7 @@ class PointingController:
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
         self._yaw = LimitedAxis(self.settings.yaw)
         self._time: float | None = None
+        self._yaws: deque[tuple[float, float]] = deque()  # s, rad: where the body was seen to look lately
 
     def step(self, time: float, track: Track | None) -> Command:
         """The command for `time` (s). Steps back in time and steps longer than 0.1 s count as 0 and 0.1 s."""
@@ -105,8 +107,10 @@ class PointingController:
         rate = track.azimuth_world_rate
         ahead = float(wrap(track.azimuth + settings.lead * (rate - self._yaw.velocity)))
         if settings.move_gimbal:
-            pan = min(max(ahead, settings.pan.lower), settings.pan.upper)
-            self._pan.follow(self._beyond_dead_band(pan - self._pan.position), rate - self._yaw.velocity, dt)
+            seen_rate = rate - self._body_rate(track)
+            pan = float(wrap(track.azimuth + settings.lead * seen_rate))
+            pan = min(max(pan, settings.pan.lower), settings.pan.upper)
+            self._pan.follow(self._beyond_dead_band(pan - self._pan.position), seen_rate, dt)
         if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
             self._tilt.follow(self._beyond_dead_band(track.elevation - self._tilt.position), 0.0, dt)
         else:
@@ -115,6 +119,19 @@ class PointingController:
             self._yaw.stop(dt)
         elif not settings.move_gimbal or abs(ahead) > settings.body_follows_at or abs(self._yaw.velocity) > 0.0:
             self._yaw.follow(self._beyond_dead_band(ahead), rate, dt)
+
+    def _body_rate(self, track: Track) -> float:
+        """How fast the body turns (rad/s): not as commanded, for a vehicle may not obey; over the last 0.1 s of bearings."""
+        yaw = track.azimuth_world - track.azimuth
+        if not math.isfinite(yaw):
+            return self._yaw.velocity
+        if self._yaws and not 0.0 <= track.time - self._yaws[-1][0] < 0.5:
+            self._yaws.clear()
+        self._yaws.append((track.time, yaw))
+        while len(self._yaws) > 2 and self._yaws[1][0] <= track.time - 0.1:
+            self._yaws.popleft()
+        elapsed = track.time - self._yaws[0][0]
+        return float(wrap(yaw - self._yaws[0][1])) / elapsed if elapsed > 0.02 else self._yaw.velocity
 
     def _hold(self, dt: float, neutral: bool) -> None:
         self._yaw.stop(dt)

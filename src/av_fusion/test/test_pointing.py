@@ -80,6 +80,19 @@ def test_the_body_turns_to_the_target_the_short_way_and_follows(start_deg):
     assert math.degrees(max(errors)) < 2.0
 
 
+@pytest.mark.parametrize('obeys', [0.0, 0.5, 1.0])
+def test_the_gimbal_follows_however_the_body_obeys(obeys):
+    """A vehicle whose pilot has not handed over stands still while the body is commanded: the gimbal does not count on it."""
+    controller, yaw, errors = PointingController(), 0.0, []
+    for step in range(400):
+        time, target = 0.02 * step, math.radians(-60.0 + 20.0 * 0.02 * step)
+        command = controller.step(time, Track(time, State.VISUAL_ACTIVE, azimuth=float(wrap(target - yaw)),
+                                              azimuth_world=target, azimuth_world_rate=math.radians(20.0)))
+        errors.append(abs(float(wrap(target - yaw - command.pan))))
+        yaw += obeys * command.yaw_rate * 0.02
+    assert math.degrees(max(errors[200:])) < 2.0
+
+
 def test_stale_bearings_stop_all_motion():
     """Within 0.3 s of the last bearing the rig is at rest."""
     controller = PointingController(replace(BODY, stale_after=0.05))
