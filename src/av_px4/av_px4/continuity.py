@@ -1,0 +1,83 @@
+"""Poses without the jumps that an estimator makes when it corrects its heading or position."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from transforms3d.euler import euler2quat
+from transforms3d.quaternions import qmult, quat2mat
+
+from av_common.angles import wrap
+from av_px4.frames import Pose
+
+LONGEST_GAP = 0.5  # s between poses over which their rates tell what the estimator corrected
+
+
+class ContinuousPose:
+    """The pose in a frame that never jumps (REP-105 `odom`): what a reset moved is taken back from there on.
+
+    PX4 counts its resets. The correction is what the newest pose differs by from the last one carried on by its own
+    rates: it needs no second topic, and so no order between topics.
+    """
+
+    def __init__(self) -> None:
+        self.resets = 0
+        self._last: tuple[float, Pose, int] | None = None
+        self._turn = 0.0            # rad, from the estimator's frame to the continuous one
+        self._shift = np.zeros(3)   # m, added after the turn
+
+    def add(self, time: float, pose: Pose, counter: int) -> Pose:
+        """The continuous pose of an estimated one; time in s, counter as the estimator sends it."""
+        if self._last is not None and counter != self._last[2] and 0.0 <= time - self._last[0] <= LONGEST_GAP:
+            self._correct(time - self._last[0], self._last[1], pose)
+        self._last = (time, pose, counter)
+        return self._moved(pose)
+
+    def _correct(self, dt: float, before: Pose, after: Pose) -> None:
+        self.resets += 1
+        yaw = before.yaw + before.rate_flu[2] * dt
+        expected = self._moved(before).position + _turned(
+            quat2mat(before.attitude_wxyz) @ before.velocity_flu, self._turn) * dt
+        self._turn = float(wrap(self._turn + float(wrap(yaw - after.yaw))))
+        self._shift = expected - _turned(after.position, self._turn)
+
+    def _moved(self, pose: Pose) -> Pose:
+        attitude = qmult(euler2quat(0.0, 0.0, self._turn), pose.attitude_wxyz)
+        return Pose(_turned(pose.position, self._turn) + self._shift, attitude, pose.velocity_flu, pose.rate_flu)
+
+
+class HeldPosition:
+    """The place to hold, in the estimator's own frame: it moves along when the estimator corrects itself."""
+
+    def __init__(self) -> None:
+        self.current: NDArray | None = None   # m (3,), the newest position, None while there is none
+        self.held: NDArray | None = None      # m (3,), what to hold, None while not holding
+        self._counters: tuple[int, int] | None = None
+
+    def update(self, position: NDArray, counters: tuple[int, int], corrections: NDArray, valid: bool) -> None:
+        """Take a local position (3,), its counts of resets (horizontal, vertical) and by how much the last ones moved it."""
+        if not (valid and np.all(np.isfinite(position))):
+            self.current = None
+            return
+        if self.held is not None and self._counters is not None:
+            horizontal, vertical = (new != old for new, old in zip(counters, self._counters, strict=True))
+            moved = np.nan_to_num(corrections) * np.array([horizontal, horizontal, vertical])
+            self.held = self.held + moved
+        self.current, self._counters = np.array(position, float), counters
+
+    def hold(self) -> NDArray | None:
+        """The place (3,): where the vehicle was when holding began; None without a position to begin with."""
+        if self.held is None:
+            self.held = self.current
+        return self.held
+
+    def release(self) -> None:
+        """Hold nothing; the next `hold` begins anew."""
+        self.held = None
+
+
+def _turned(vector: NDArray, angle: float) -> NDArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])

@@ -1,0 +1,109 @@
+"""A mode of this rig's own in PX4 ("AV Track"), which the pilot selects: registration, and staying registered.
+
+PX4 asks every registered component several times a second whether it can run, and leaves the mode when there is no
+answer. Its questions are also this side's proof that the registration still holds.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass
+
+from av_px4.guard import EXTERNAL_MODES
+
+API_VERSION = 1        # px4_ros2_api_version
+RETRY_S = 2.0          # between requests for registration
+LOST_AFTER_S = 2.0     # without a question PX4 has forgotten the registration, or is gone
+GRACE_S = 5.0          # for the first question
+
+
+@dataclass(frozen=True)
+class Register:
+    """Ask for a mode of this name."""
+
+    request_id: int
+    name: str
+
+
+@dataclass(frozen=True)
+class Registration:
+    """What PX4 gave: numbers to answer with, and the nav_state of the mode."""
+
+    name: str
+    arming_check_id: int
+    mode_id: int
+
+
+@dataclass(frozen=True)
+class Answer:
+    """To one of PX4's questions: whether the mode can run."""
+
+    request_id: int
+    registration_id: int
+    can_run: bool
+
+
+class ExternalMode:
+    """Registers, answers, notices when the registration is lost, and registers again."""
+
+    def __init__(self, name: str = 'AV Track', seed: int | None = None) -> None:
+        if not 0 < len(name.encode()) < 25:
+            raise ValueError(f'external mode name is {name!r}, expected 1 to 24 bytes')
+        self.name = name
+        self.registration: Registration | None = None
+        self.complaint = ''
+        self._random = random.Random(seed)
+        self._request_id: int | None = None
+        self._asked_at = -math.inf
+        self._question_at = -math.inf
+
+    def step(self, time: float) -> Register | None:
+        """A request to send at `time` (s, monotonic), if one is due."""
+        if self.registration is not None:
+            if time <= self._question_at + LOST_AFTER_S:
+                return None
+            self.forget('PX4 no longer asks for it')
+        if time < self._asked_at + RETRY_S:
+            return None
+        self._asked_at = time
+        self._request_id = self._random.getrandbits(63)
+        return Register(self._request_id, self.name)
+
+    def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
+                 arming_check_id: int, mode_id: int) -> Registration | None:
+        """Take a reply; returns the registration when this one grants it. Replies to others are ignored."""
+        if request_id != self._request_id or name != self.name:
+            return None
+        self._request_id = None
+        if not success:
+            self.complaint = 'PX4 refused the registration'
+        elif api_version != API_VERSION:
+            self.complaint = f'PX4 has version {api_version} of the interface for external modes, expected {API_VERSION}'
+        elif mode_id not in EXTERNAL_MODES or arming_check_id < 0:
+            self.complaint = f'PX4 gave mode {mode_id} and check {arming_check_id}, expected a mode of 23 to 30'
+        else:
+            self.complaint = ''
+            self.registration = Registration(name, arming_check_id, mode_id)
+            self._question_at = time + GRACE_S - LOST_AFTER_S
+        return self.registration
+
+    def on_question(self, time: float, request_id: int, can_run: bool, valid_mask: int | None = None) -> Answer | None:
+        """The answer to PX4's question. valid_mask: which registrations PX4 counts as alive (1.17 and later)."""
+        if self.registration is None:
+            return None
+        number = self.registration.arming_check_id
+        first = self._question_at > time
+        if valid_mask is None or valid_mask >> number & 1 or first:
+            self._question_at = max(self._question_at, time)
+        return Answer(request_id, number, can_run)
+
+    def active_mode(self, time: float) -> int | None:
+        """nav_state of the own mode while the registration is confirmed, else None."""
+        if self.registration is None or time > self._question_at + LOST_AFTER_S:
+            return None
+        return self.registration.mode_id
+
+    def forget(self, why: str) -> None:
+        """The registration no longer holds."""
+        self.registration, self.complaint = None, why

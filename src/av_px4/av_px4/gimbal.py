@@ -1,0 +1,169 @@
+"""Who owns the gimbal, and what it is told: claim, point, watch the acknowledgements, give it back."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, field
+
+from av_fusion.limited_axis import AxisLimits, LimitedAxis
+from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
+from av_px4.frames import gimbal_degrees
+
+ACCEPTED, IN_PROGRESS, UNSUPPORTED = 0, 5, 3
+RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed', 'in progress', 'cancelled')
+ROLL_AND_PITCH_LOCK = 4 + 8     # against the horizon; yaw stays relative to the vehicle
+# nav_state in which PX4 itself moves the gimbal: return, descend, terminate, land, precision landing.
+PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
+
+
+class Claim(enum.Enum):
+    """Where the ownership stands."""
+
+    NONE = 'not claimed'
+    ASKED = 'claimed, not yet acknowledged'
+    OWNED = 'owned'
+
+
+@dataclass(frozen=True)
+class GimbalSettings:
+    """Ids as MAVLink's, times in s, limits of pan and tilt in rad.
+
+    component: this rig's own, never 1 (the autopilot's).  ack_timeout: silence after which acknowledgements count as
+    lost.  retry: pause between claims.  need_ack: False where the firmware sends no acknowledgements (PX4 1.14's default).
+    """
+
+    component: int = 191
+    gimbal_id: int = 0
+    flags: int = ROLL_AND_PITCH_LOCK
+    pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -2.7, 2.7))
+    tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -1.5, 0.8))
+    max_command_rate: float = 50.0
+    ack_timeout: float = 1.0
+    retry: float = 1.0
+    need_ack: bool = True
+
+    def __post_init__(self) -> None:
+        if not 2 <= self.component <= 255:
+            raise ValueError(f'component is {self.component}, expected 2 to 255: 1 is the autopilot itself')
+        for axis in (self.pan, self.tilt):
+            if axis.rate / axis.acceleration > 0.25:
+                raise ValueError(f'the gimbal at {math.degrees(axis.rate):.0f} deg/s and {math.degrees(axis.acceleration):.0f} '
+                                 'deg/s^2 takes more than 0.25 s to stop')
+
+
+@dataclass(frozen=True)
+class GimbalInputs:
+    """What is wanted: `move` and the angles (rad, pan to the left, tilt up) with pan's rate (rad/s), and what may be.
+
+    fresh: bearing, pointing command, attitude and status are.  nav_state and system are the vehicle's; measured is where
+    the gimbal says that it looks, if it says so.
+    """
+
+    move: bool = False
+    pan: float = 0.0
+    tilt: float = 0.0
+    pan_rate: float = 0.0
+    fresh: bool = False
+    nav_state: int | None = None
+    system: int = 1
+    measured: tuple[float, float] | None = None
+
+
+class Gimbal:
+    """The gimbal manager's client. `step` at 20 Hz or more gives the commands to send, `acknowledge` takes the answers."""
+
+    def __init__(self, settings: GimbalSettings | None = None) -> None:
+        self.settings = settings or GimbalSettings()
+        self.claim = Claim.NONE
+        self.takeovers = 0
+        self.last_result = ''
+        self.unacknowledged = False   # commands that were acknowledged before no longer are
+        self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
+        self._time: float | None = None
+        self._next_claim = self._sent = -math.inf
+        self._waiting_since: float | None = None   # when the first command went out that nothing answered
+        self._answered = False
+
+    def step(self, time: float, inputs: GimbalInputs) -> list[Command]:
+        """What to send at `time` (s, monotonic)."""
+        dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
+        self._time = time
+        self._watch(time)
+        if not inputs.move:
+            return self.release(inputs.system) if self.claim is not Claim.NONE else []
+        if inputs.nav_state is None:
+            return []
+        if inputs.nav_state in PX4_USES_GIMBAL:  # it took the gimbal away; ask again when it is done
+            self.claim, self._waiting_since = Claim.NONE, None
+            self._rest()
+            return []
+        if self.claim is not Claim.OWNED:
+            return self._ask(time, inputs)
+        return self._point(time, dt, inputs)
+
+    def acknowledge(self, time: float, command: int, result: int) -> None:
+        """Take the answer to one of this component's commands."""
+        if command not in (GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW):
+            return
+        self._waiting_since, self._answered, self.unacknowledged = None, True, False
+        self.last_result = f'{command} {RESULTS[result] if result < len(RESULTS) else result}'
+        granted = result in (ACCEPTED, IN_PROGRESS)
+        if command == GIMBAL_CONFIGURE and self.claim is not Claim.NONE:
+            self.claim = Claim.OWNED if granted else Claim.ASKED
+            if not granted:
+                self._next_claim = time + self.settings.retry * (10.0 if result == UNSUPPORTED else 1.0)
+        elif command == GIMBAL_PITCH_YAW and self.claim is Claim.OWNED and not granted:
+            self.takeovers += 1
+            self._give_up(time)
+
+    def release(self, system: int = 1) -> list[Command]:
+        """Give the gimbal back; nothing where it was never claimed."""
+        claimed, self.claim = self.claim is not Claim.NONE, Claim.NONE
+        self._next_claim, self._waiting_since = -math.inf, None
+        self._rest()
+        return [configure(RELEASE, RELEASE, self.settings.gimbal_id)] if claimed else []
+
+    def _watch(self, time: float) -> None:
+        if (self.settings.need_ack and self._waiting_since is not None
+                and time - self._waiting_since > self.settings.ack_timeout):
+            self.unacknowledged = self._answered
+            if self.claim is Claim.OWNED:
+                self._give_up(time)
+
+    def _give_up(self, time: float) -> None:
+        self.claim, self._next_claim = Claim.ASKED, time + self.settings.retry
+        self._waiting_since = None
+        self._rest()
+
+    def _rest(self) -> None:
+        self._pan.velocity = self._tilt.velocity = 0.0
+
+    def _ask(self, time: float, inputs: GimbalInputs) -> list[Command]:
+        if time < self._next_claim:
+            return []
+        self._next_claim = time + self.settings.retry
+        self._waiting_since = time if self._waiting_since is None else self._waiting_since
+        self.claim = Claim.ASKED if self.settings.need_ack else Claim.OWNED
+        if inputs.measured is not None:  # begin where the gimbal looks, not where it once was told to
+            for axis, angle in zip((self._pan, self._tilt), inputs.measured, strict=True):
+                axis.position = min(max(angle, axis.limits.lower), axis.limits.upper)
+        return [configure(inputs.system, self.settings.component, self.settings.gimbal_id)]
+
+    def _point(self, time: float, dt: float, inputs: GimbalInputs) -> list[Command]:
+        if inputs.fresh and all(map(math.isfinite, (inputs.pan, inputs.tilt, inputs.pan_rate))):
+            # what is wanted now is to be reached now: the axis itself adds a step of the rate
+            self._pan.follow(inputs.pan - self._pan.position - inputs.pan_rate * dt, inputs.pan_rate, dt)
+            self._tilt.follow(inputs.tilt - self._tilt.position, 0.0, dt)
+        else:
+            moving = self._pan.velocity != 0.0 or self._tilt.velocity != 0.0
+            self._pan.stop(dt)
+            self._tilt.stop(dt)
+            if not moving:  # angles persist: nothing more needs to be said
+                return []
+        if time - self._sent < 0.5 / self.settings.max_command_rate:
+            return []
+        self._sent = time
+        self._waiting_since = time if self._waiting_since is None else self._waiting_since
+        pitch, yaw = gimbal_degrees(self._pan.position, self._tilt.position)
+        return [pitch_yaw(pitch, yaw, self.settings.flags, self.settings.gimbal_id)]

@@ -1,0 +1,26 @@
+"""Which of PX4's topics is on the wire: with or without the suffix of its message's version."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+
+class VersionError(ValueError):
+    """The firmware sends another version of a message than px4_msgs defines."""
+
+
+def find_topic(base: str, names: Iterable[str]) -> str | None:
+    """The name among `names` that is `base` or `base_v<N>`, the newest version first; None where there is none."""
+    found = [(int(match.group(1) or 0), name) for name in names
+             if (match := re.fullmatch(rf'{re.escape(base)}(?:_v(\d+))?', name))]
+    return max(found)[1] if found else None
+
+
+def check_version(topic: str, message_type: type) -> None:
+    """Raise VersionError where the topic's version is not that of the message's definition: its bytes would be misread."""
+    match = re.search(r'_v(\d+)$', topic)
+    sent, known = int(match.group(1)) if match else 0, int(getattr(message_type, 'MESSAGE_VERSION', 0))
+    if sent != known:
+        raise VersionError(f'{topic} is version {sent} of {message_type.__name__}, the installed px4_msgs has version {known}: '
+                           'build the branch of px4_msgs that belongs to the firmware (release/1.16 for 1.16)')

@@ -1,0 +1,217 @@
+"""Claiming, pointing and giving back the gimbal, against the fake autopilot and at random."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from fake_autopilot import HOLD, RETURN, FakeAutopilot
+
+from av_fusion.limited_axis import AxisLimits
+from av_fusion.measurements import State, Track
+from av_fusion.pointing import PointingController
+from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
+from av_px4.frames import gimbal_degrees
+from av_px4.gimbal import Claim, Gimbal, GimbalInputs, GimbalSettings
+
+OWN = (1, 191)
+
+
+class Bench:
+    """A gimbal's client and an autopilot, 50 times a second."""
+
+    def __init__(self, settings=None, **autopilot):
+        self.client, self.autopilot, self.time = Gimbal(settings), FakeAutopilot(**autopilot), 0.0
+        self.sent = []
+
+    def run(self, seconds, pan=0.0, tilt=0.0, move=True, fresh=True, **more):
+        for _ in range(round(seconds * 50)):
+            self.time += 0.02
+            inputs = GimbalInputs(move, pan, tilt, 0.0, fresh, self.autopilot.nav_state, 1, **more)
+            self.deliver(self.client.step(self.time, inputs))
+            self.autopilot.advance(0.02)
+
+    def deliver(self, commands):
+        for command in commands:
+            self.sent.append((self.time, command))
+            result = self.autopilot.command(command.command, command.params, OWN, (1, 1))
+            if result is not None:
+                self.client.acknowledge(self.time, command.command, result)
+
+    @property
+    def looks(self):
+        """Pan and tilt in deg where the fake's gimbal looks."""
+        return -math.degrees(self.autopilot.gimbal[1]), math.degrees(self.autopilot.gimbal[0])
+
+
+class TestClaim:
+    def test_claims_before_it_points_and_is_never_denied(self):
+        bench = Bench()
+        bench.run(2.0, pan=0.5)
+        assert [command.command for _, command in bench.sent[:2]] == [GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW]
+        assert bench.autopilot.owner == OWN and bench.autopilot.denied == 0 and bench.client.claim is Claim.OWNED
+
+    @pytest.mark.parametrize(('pan', 'tilt'), [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)])
+    def test_the_gimbal_looks_where_it_is_told(self, pan, tilt):
+        bench = Bench()
+        bench.run(3.0, math.radians(pan), math.radians(tilt))
+        assert bench.looks == pytest.approx((pan, tilt), abs=0.1)
+
+    def test_return_to_launch_takes_the_gimbal_and_afterwards_it_is_claimed_again(self):
+        bench = Bench()
+        bench.run(2.0, pan=0.5)
+        bench.autopilot.change_mode(RETURN, 'the pilot')
+        count = len(bench.sent)
+        bench.run(3.0, pan=0.5)
+        assert len(bench.sent) == count and bench.looks[0] == pytest.approx(0.0)   # PX4's own business is not disturbed
+        bench.autopilot.change_mode(HOLD, 'the pilot')
+        bench.run(3.0, pan=0.5)
+        assert bench.autopilot.owner == OWN and bench.looks[0] == pytest.approx(math.degrees(0.5), abs=0.1)
+
+    def test_after_a_takeover_by_somebody_else_it_stops_and_asks_again(self):
+        bench = Bench()
+        bench.run(2.0, pan=0.5)
+        bench.autopilot.owner = (255, 190)
+        count = len(bench.sent)
+        bench.run(0.9, pan=0.5)
+        assert len(bench.sent) == count + 1 and bench.client.takeovers == 1   # the one that was denied
+        bench.run(2.0, pan=0.5)
+        assert bench.autopilot.owner == OWN
+
+    def test_without_a_gimbal_input_it_asks_once_a_second_and_never_points(self):
+        bench = Bench(gimbal_input=False)
+        bench.run(5.0, pan=0.5)
+        assert {command.command for _, command in bench.sent} == {GIMBAL_CONFIGURE} and len(bench.sent) in (5, 6)
+        assert not bench.client.unacknowledged    # nothing was ever acknowledged: there is no link to have been lost
+
+    def test_lost_acknowledgements_stop_it_and_are_told(self):
+        bench = Bench()
+        bench.run(2.0, pan=0.5)
+        bench.autopilot.acknowledges = False
+        bench.run(2.0, pan=0.5)
+        pointed = [time for time, command in bench.sent if command.command == GIMBAL_PITCH_YAW]
+        assert bench.client.unacknowledged and pointed[-1] <= 3.05
+        bench.autopilot.acknowledges = True
+        bench.run(2.0, pan=0.5)
+        assert not bench.client.unacknowledged and bench.client.claim is Claim.OWNED
+
+    def test_a_firmware_that_acknowledges_nothing_can_be_pointed_if_asked_for(self):
+        bench = Bench(GimbalSettings(need_ack=False), acknowledges=False)
+        bench.run(1.0, pan=0.5)
+        assert bench.sent[-1][1].command == GIMBAL_PITCH_YAW
+
+    def test_it_is_given_back_when_disabled_and_when_stopped(self):
+        bench = Bench()
+        bench.run(1.0)
+        bench.run(1.0, move=False)
+        assert bench.autopilot.owner is None and bench.client.claim is Claim.NONE
+        bench.run(1.0)
+        bench.deliver(bench.client.release())
+        assert bench.autopilot.owner is None and not bench.client.release()
+
+    def test_it_begins_where_the_gimbal_looks(self):
+        bench = Bench()
+        bench.autopilot.gimbal, bench.autopilot.gimbal_wanted = [0.0, -1.0], [0.0, -1.0]
+        bench.run(0.1, pan=1.0, measured=(1.0, 0.0))
+        assert bench.sent[1][1].params[1] == pytest.approx(-math.degrees(1.0))
+
+
+class TestRules:
+    @pytest.mark.parametrize('number', [16, 20, 21, 22, 115, 176, 192, 400])
+    def test_no_other_command_can_be_made(self, number):
+        """Arming is 400, changing the mode 176, moving the vehicle 192."""
+        with pytest.raises(ValueError, match='allowed'):
+            Command(number, (0.0,) * 7)
+
+    @pytest.mark.parametrize('component', [0, 1, 256])
+    def test_no_other_ones_component_id(self, component):
+        with pytest.raises(ValueError, match=f'component is {component}'):
+            GimbalSettings(component=component)
+
+    def test_limits_that_cannot_stop_in_time_are_refused(self):
+        with pytest.raises(ValueError, match='to stop'):
+            GimbalSettings(pan=AxisLimits(2.0, 4.0))
+
+
+class Chance:
+    """A bench at the mercy of events: staleness, takeovers, modes, lost acknowledgements, wild targets."""
+
+    def __init__(self, rng, steps):
+        self.bench, self.events = Bench(), rng.random((steps, 4)).tolist()
+        self.fresh, self.stale, self.pan, self.tilt, self.move = True, 0.0, 0.0, 0.0, True
+
+    def happen(self, what, value, width):
+        if what < 0.3:
+            self.fresh = not self.fresh
+        elif what < 0.6:
+            self.pan, self.tilt = 8.0 * value - 4.0, 4.0 * width - 2.0
+        elif what < 0.7:
+            self.bench.autopilot.change_mode(RETURN if value < 0.5 else HOLD, 'chance')
+        elif what < 0.8:
+            self.bench.autopilot.owner = (255, 190)
+        elif what < 0.9:
+            self.bench.autopilot.acknowledges = value < 0.5
+        else:
+            self.move = value < 0.5
+
+    def run(self):
+        """Yield for each step how long the inputs have been stale (s) and what was sent."""
+        for happens, what, value, width in self.events:
+            if happens < 0.2:
+                self.happen(what, value, width)
+            self.stale = 0.0 if self.fresh else self.stale + 0.02
+            count = len(self.bench.sent)
+            self.bench.run(0.02, math.nan if value < 0.01 else self.pan, self.tilt, self.move, self.fresh)
+            yield self.stale, self.bench.sent[count:]
+
+
+def check(stale, time, command, last):
+    """The command obeys its limits; returns time, angles and rates (deg) for the next one."""
+    if command.command != GIMBAL_PITCH_YAW:
+        return None    # a claim may begin elsewhere
+    pitch, yaw = command.params[:2]
+    assert stale < 0.3 + 1e-9 and math.degrees(-1.5) <= pitch <= math.degrees(0.8) and abs(yaw) <= 155.0
+    if last is None or time - last[0] > 0.03:
+        return time, (pitch, yaw), None
+    rates = [(new - old) / (time - last[0]) for new, old in zip((pitch, yaw), last[1], strict=True)]
+    assert max(map(abs, rates)) <= 120.0 + 1e-6
+    if last[2] is not None:
+        assert max(abs(new - old) for new, old in zip(rates, last[2], strict=True)) <= 600.0 * (time - last[0]) + 1e-6
+    return time, (pitch, yaw), rates
+
+
+def test_no_history_points_wrongly():
+    """10,000 random histories: within angle, rate and acceleration, still 0.3 s after staleness, and it recovers."""
+    rng, pointed = np.random.default_rng(11), 0
+    for number in range(10_000):
+        chance, last = Chance(rng, 30), None
+        for stale, sent in chance.run():
+            for time, command in sent:
+                last = check(stale, time, command, last)
+                pointed += last is not None
+        if number % 50 == 0:
+            chance.bench.autopilot.acknowledges = True
+            chance.bench.autopilot.change_mode(HOLD, 'the pilot')
+            chance.bench.run(7.0, pan=0.4, tilt=0.1)
+            assert chance.bench.looks == pytest.approx((math.degrees(0.4), math.degrees(0.1)), abs=0.1)
+    assert pointed > 50_000
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_follows_a_target_at_20_deg_a_second_within_2_deg(sign):
+    """From the bearing, stamped as it arrives, through the pointing controller to where the gimbal looks."""
+    controller, bench, errors = PointingController(), Bench(), []
+    rate = sign * math.radians(20.0)
+    for k in range(500):
+        time = 0.02 * k
+        azimuth = -sign * math.radians(100.0) + rate * time
+        command = controller.step(time, Track(
+            time=time, state=State.VISUAL_ACTIVE, azimuth=azimuth, elevation=0.2, azimuth_variance=1e-4,
+            elevation_variance=1e-4, azimuth_world=azimuth, azimuth_world_rate=rate, resolved=True))
+        bench.time = time
+        bench.deliver(bench.client.step(time, GimbalInputs(True, command.pan, command.tilt, command.pan_rate, True, HOLD, 1)))
+        bench.autopilot.advance(0.02)
+        errors.append(abs(math.degrees(azimuth + 0.02 * rate) - bench.looks[0]))
+    assert max(errors[150:]) < 2.0
+    assert gimbal_degrees(azimuth, 0.0)[1] * sign < 0.0
