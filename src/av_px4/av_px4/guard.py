@@ -71,6 +71,11 @@ class Inputs:
     place_known: bool = False
     unacknowledged: bool = False
 
+    def healthy(self, settings: GuardSettings) -> bool:
+        """Whether the vehicle can be held. When this ends, PX4 takes over by itself (COM_OF_LOSS_T, or the mode's check)."""
+        return (self.status is not None and self.status_age <= settings.status_timeout and self.place_known
+                and self.attitude_age <= settings.attitude_timeout and self.position_age <= settings.position_timeout)
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -94,7 +99,7 @@ class BodyGuard:
         """Decide for `time` (s, monotonic). Steps back count as 0 s, long ones as 0.1 s."""
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
         self._time = time
-        heartbeat = self._healthy(inputs)
+        heartbeat = inputs.healthy(self.settings)
         forbidden = self._forbidden(inputs)
         if forbidden:
             self._rate = 0.0
@@ -104,12 +109,6 @@ class BodyGuard:
         wanted = 0.0 if halt else min(max(inputs.yaw_rate, -limit), limit)
         self._rate = min(max(wanted, self._rate - change), self._rate + change)
         return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
-
-    def _healthy(self, inputs: Inputs) -> bool:
-        """Whether PX4 may be offered OFFBOARD. When this ends, PX4 takes over by itself (COM_OF_LOSS_T)."""
-        settings = self.settings
-        return (inputs.status is not None and inputs.status_age <= settings.status_timeout and inputs.place_known
-                and inputs.attitude_age <= settings.attitude_timeout and inputs.position_age <= settings.position_timeout)
 
     def _forbidden(self, inputs: Inputs) -> str:
         """Why no setpoint may leave, empty when one may."""

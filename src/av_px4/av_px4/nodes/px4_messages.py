@@ -1,0 +1,128 @@
+"""px4_msgs and nav_msgs to and from this package's own types. Fields that a firmware lacks are left out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from av_common.stamps import to_stamp
+from av_px4.commands import Command
+from av_px4.external_mode import API_VERSION, Answer, Register, Registration
+from av_px4.frames import Pose, gimbal_angles, pose_from_px4, yawspeed_ned
+from av_px4.guard import VehicleStatus
+
+AUTOPILOT = 1                 # MAVLink component id
+YAW_LOCK, YAW_IN_VEHICLE_FRAME = 16, 32    # device_flags of a gimbal
+MODE_NEEDS = ('mode_req_angular_velocity', 'mode_req_attitude', 'mode_req_local_alt', 'mode_req_local_position',
+              'mode_req_prevent_arming')
+CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 'attitude', 'rates', 'allocation')
+
+
+def status_from(message: Any) -> VehicleStatus:
+    """Raises ValueError for what cannot be a status: such bytes belong to another version of the message."""
+    if message.arming_state not in (1, 2) or message.nav_state > 31:
+        raise ValueError(f'arming_state {message.arming_state} and nav_state {message.nav_state} are no vehicle_status: '
+                         'px4_msgs is not of the firmware\'s version')
+    return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1)
+
+
+def pose_from(message: Any) -> Pose:
+    """The pose of a VehicleOdometry. Raises ValueError."""
+    return pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
+                         message.velocity_frame)
+
+
+def gimbal_from(message: Any) -> tuple[float, float] | None:
+    """Pan and tilt (rad) of a GimbalDeviceAttitudeStatus, None where its yaw is not the vehicle's."""
+    if message.device_flags & YAW_LOCK and not message.device_flags & YAW_IN_VEHICLE_FRAME:
+        return None
+    return gimbal_angles(message.q) if abs(float(np.linalg.norm(message.q)) - 1.0) < 0.1 else None
+
+
+def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) -> Odometry:
+    """The pose as ROS has it, twist in the child frame."""
+    message = Odometry(header=Header(stamp=to_stamp(time), frame_id=odom_frame), child_frame_id=base_frame)
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = pose.position.tolist()
+    orientation.w, orientation.x, orientation.y, orientation.z = np.asarray(pose.attitude_wxyz).tolist()
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    linear.x, linear.y, linear.z = pose.velocity_flu.tolist()
+    angular.x, angular.y, angular.z = pose.rate_flu.tolist()
+    return message
+
+
+def command_message(messages: Any, timestamp: int, command: Command, system: int, component: int) -> Any:
+    """A VehicleCommand from this rig's own component to the autopilot."""
+    numbers = {f'param{number}': float(value) for number, value in enumerate(command.params, 1)}
+    return messages.VehicleCommand(timestamp=timestamp, command=command.command, target_system=system,
+                                   target_component=AUTOPILOT, source_system=system, source_component=component,
+                                   from_external=True, **numbers)
+
+
+def offboard_message(messages: Any, timestamp: int) -> Any:
+    """The sign of life that PX4 wants before and while OFFBOARD is selected."""
+    return messages.OffboardControlMode(timestamp=timestamp, position=True)
+
+
+def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate: float) -> Any:
+    """Hold the place and turn at a rate (rad/s, counter-clockwise); a rate of 0 holds the heading, too."""
+    nothing = [math.nan] * 3
+    return messages.TrajectorySetpoint(
+        timestamp=timestamp, position=[float(value) for value in place_ned], velocity=nothing, acceleration=nothing,
+        jerk=nothing, yaw=math.nan, yawspeed=yawspeed_ned(yaw_rate) if yaw_rate else math.nan)
+
+
+def register_message(messages: Any, timestamp: int, request: Register) -> Any:
+    """Ask for a mode, with the arming check that belongs to it."""
+    message = messages.RegisterExtComponentRequest(
+        timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=API_VERSION, register_arming_check=True,
+        register_mode=True)
+    message.name = _characters(request.name, message.name)
+    return message
+
+
+def unregister_message(messages: Any, timestamp: int, registration: Registration) -> Any:
+    """Give the mode up."""
+    message = messages.UnregisterExtComponent(
+        timestamp=timestamp, arming_check_id=registration.arming_check_id, mode_id=registration.mode_id,
+        mode_executor_id=-1)
+    message.name = _characters(registration.name, message.name)
+    return message
+
+
+def control_message(messages: Any, timestamp: int, registration: Registration) -> Any:
+    """Which of PX4's controllers the mode uses: all, for it sets positions."""
+    message = messages.VehicleControlMode(timestamp=timestamp)
+    _set(message, source_id=registration.mode_id, **{f'flag_control_{name}_enabled': True for name in CONTROLLED})
+    return message
+
+
+def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
+    """The answer to an arming check: what the mode needs, that nobody arms in it, and whether it can run."""
+    message = messages.ArmingCheckReply(
+        timestamp=timestamp, request_id=answer.request_id, registration_id=answer.registration_id,
+        can_arm_and_run=answer.can_run)
+    _set(message, **dict.fromkeys(MODE_NEEDS, True))
+    return message
+
+
+def text(characters: Any) -> str:
+    """A fixed array of characters, up to its first zero."""
+    return bytes(bytearray(int(character) for character in characters)).split(b'\0')[0].decode(errors='replace')
+
+
+def _characters(value: str, template: Any) -> NDArray:
+    array = np.zeros(len(template), dtype=np.uint8)
+    array[:len(value.encode())] = np.frombuffer(value.encode(), np.uint8)
+    return array
+
+
+def _set(message: Any, **fields: Any) -> None:
+    for name, value in fields.items():
+        if hasattr(message, name):
+            setattr(message, name, value)

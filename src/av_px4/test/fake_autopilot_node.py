@@ -1,0 +1,214 @@
+"""The fake autopilot on PX4's topics, with PX4's quality of service and the suffixes of its firmware.
+
+Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"select_mode": 14}, {"set": {"acknowledges": false}},
+{"silence": ["vehicle_status"]}, {"reset_heading": 0.5}, {"point": {...} or null}), writes its state twenty times a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import select
+import sys
+import time
+
+import px4_msgs.msg as messages
+import rclpy
+from fake_autopilot import FakeAutopilot
+from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from av_common.stamps import to_stamp
+from av_interfaces.msg import Bearing, PointingCommand
+
+BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
+WRITES = QoSProfile(depth=5, reliability=BEST_EFFORT, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+READS = QoSProfile(depth=20, reliability=BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
+RIG = QoSProfile(depth=20)
+CLOCK_LAG = 0.187      # s by which PX4's synchronised clock was seen to lag
+PERIOD = 0.01
+
+
+def quaternion(yaw, pitch=0.0):
+    """(w, x, y, z) of yaw, then pitch."""
+    cy, sy, cp, sp = math.cos(yaw / 2), math.sin(yaw / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    return [cy * cp, -sy * sp, cy * sp, sy * cp]
+
+
+class FakeNode:
+    """Topics around a FakeAutopilot."""
+
+    def __init__(self, firmware, prefix='/fmu', acks=True):
+        self.node, self.model = rclpy.create_node('fake_autopilot'), FakeAutopilot(obeys_any_mode=firmware == '1.16')
+        self.prefix, self.firmware, self.silent, self.point = prefix, firmware, set(), None
+        self.ticks, self.error, self.bearing, self.log = 0, None, None, []
+        outputs = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude',
+                   'vehicle_odometry': 'VehicleOdometry', 'vehicle_local_position': 'VehicleLocalPosition'}
+        inputs = {'vehicle_command': ('VehicleCommand', self.on_command),
+                  'offboard_control_mode': ('OffboardControlMode', lambda m: self.model.heartbeat()),
+                  'trajectory_setpoint': ('TrajectorySetpoint', lambda m: self.model.setpoint(m.position, m.yaw, m.yawspeed))}
+        if firmware != '1.14':
+            outputs |= {'register_ext_component_reply': 'RegisterExtComponentReply',
+                        'arming_check_request': 'ArmingCheckRequest'}
+            inputs |= {'register_ext_component_request': ('RegisterExtComponentRequest', self.on_register),
+                       'unregister_ext_component': ('UnregisterExtComponent',
+                                                    lambda m: self.model.unregister(m.arming_check_id)),
+                       'arming_check_reply': ('ArmingCheckReply',
+                                              lambda m: self.model.answer(m.registration_id, m.can_arm_and_run)),
+                       'config_control_setpoints': ('VehicleControlMode', lambda m: None)}
+        if acks and firmware != '1.14':
+            outputs['vehicle_command_ack'] = 'VehicleCommandAck'
+        if firmware == '1.17':
+            outputs['gimbal_device_attitude_status'] = 'GimbalDeviceAttitudeStatus'
+        self.publishers = {name: self.node.create_publisher(*self.topic('out', name, kind), WRITES)
+                           for name, kind in outputs.items()}
+        for name, (kind, callback) in inputs.items():
+            self.node.create_subscription(*self.topic('in', name, kind), callback, READS)
+        self.bearings = self.node.create_publisher(Bearing, '/target/bearing', RIG)
+        self.pointing = self.node.create_publisher(PointingCommand, '/pointing/command', RIG)
+        self.node.create_subscription(Odometry, '/odometry', self.on_odometry, RIG)
+        self.node.create_subscription(Bearing, '/target/bearing', self.on_bearing, RIG)
+        self.odometry = None
+
+    def topic(self, side, name, kind):
+        message = getattr(messages, kind)
+        version = getattr(message, 'MESSAGE_VERSION', 0)
+        return message, f'{self.prefix}/{side}/{name}' + (f'_v{version}' if version else '')
+
+    # what comes
+
+    def on_command(self, m):
+        params = [getattr(m, f'param{k}') for k in range(1, 8)]
+        result = self.model.command(m.command, params, (m.source_system, m.source_component),
+                                    (m.target_system, m.target_component))
+        if result is not None:
+            self.publish('vehicle_command_ack', messages.VehicleCommandAck(
+                timestamp=self.timestamp(), command=m.command, result=result, target_system=m.source_system,
+                target_component=m.source_component))
+
+    def on_register(self, m):
+        number, nav_state = self.model.register(bytes(bytearray(m.name)).split(b'\0')[0].decode())
+        self.publish('register_ext_component_reply', messages.RegisterExtComponentReply(
+            timestamp=self.timestamp(), request_id=m.request_id, name=m.name, px4_ros2_api_version=1, success=True,
+            arming_check_id=number, mode_id=nav_state, mode_executor_id=-1))
+
+    def on_odometry(self, m):
+        q = m.pose.pose.orientation
+        self.odometry = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+
+    def on_bearing(self, m):
+        """How far the gimbal looks from the bearing at this very moment."""
+        self.bearing = {'state': m.state, 'azimuth': m.azimuth, 'hemisphere': m.hemisphere_probability}
+        if m.state != Bearing.STATE_NONE:
+            error = math.remainder(m.azimuth + self.model.gimbal[1], 2 * math.pi)
+            self.log.append((time.time(), m.azimuth, m.azimuth_world_rate, m.state, self.model.gimbal[1], error))
+
+    # what goes
+
+    def timestamp(self):
+        return int(1e6 * (time.time() - CLOCK_LAG))
+
+    def publish(self, name, message):
+        if name in self.publishers and name not in self.silent:
+            self.publishers[name].publish(message)
+
+    def tick(self):
+        model, now, k = self.model, self.timestamp(), self.ticks
+        before = model.nav_state, model.armed, model.failsafe
+        self.ticks += 1
+        model.advance(PERIOD)
+        heading, reset = model.estimated_heading, model.resets
+        q = quaternion(heading)
+        self.publish('vehicle_attitude', messages.VehicleAttitude(
+            timestamp=now, timestamp_sample=now, q=q, quat_reset_counter=reset, delta_q_reset=quaternion(model.last_reset)))
+        self.publish('vehicle_odometry', messages.VehicleOdometry(
+            timestamp=now, timestamp_sample=now, pose_frame=1, velocity_frame=1, position=list(model.position), q=q,
+            velocity=[0.0] * 3, angular_velocity=[0.0, 0.0, model.yaw_rate], reset_counter=reset))
+        if k % 2 == 0:
+            x, y, z = model.position
+            self.publish('vehicle_local_position', messages.VehicleLocalPosition(
+                timestamp=now, xy_valid=True, z_valid=True, x=x, y=y, z=z, heading=heading, heading_reset_counter=reset,
+                delta_heading=model.last_reset, heading_good_for_control=True))
+        if k % 50 == 0 or before != self.told:
+            self.told = before
+            self.publish('vehicle_status', messages.VehicleStatus(
+                timestamp=now, nav_state=model.nav_state, arming_state=2 if model.armed else 1, failsafe=model.failsafe,
+                system_id=model.system, component_id=1))
+        if k % 30 == 0 and self.firmware != '1.14':
+            model.question = (model.question + 1) % 256
+            request = messages.ArmingCheckRequest(timestamp=now, request_id=model.question)
+            if hasattr(request, 'valid_registrations_mask'):
+                request.valid_registrations_mask = sum(1 << number for number in model.modes)
+            self.publish('arming_check_request', request)
+        if k % 5 == 0 and self.firmware == '1.17':
+            self.publish('gimbal_device_attitude_status', messages.GimbalDeviceAttitudeStatus(
+                timestamp=now, device_flags=12 + 32, q=quaternion(model.gimbal[1], model.gimbal[0])))
+        if self.point is not None and k % 2 == 0:
+            self.command_rig()
+        if k % 5 == 0:
+            print(json.dumps(self.state()), flush=True)
+
+    told = None
+
+    def command_rig(self):
+        stamp = to_stamp(time.time())
+        fields = {'mode': 1, 'move_gimbal': True, 'move_body': True, **self.point}
+        bearing = Bearing(state=fields.pop('state', Bearing.STATE_VISUAL_ACTIVE), azimuth=float(fields.get('pan', 0.0)))
+        command = PointingCommand(**fields)
+        bearing.header.stamp = command.header.stamp = stamp
+        self.bearings.publish(bearing)
+        self.pointing.publish(command)
+
+    def state(self):
+        model = self.model
+        return {'time': model.time, 'nav_state': model.nav_state, 'heading': model.heading, 'yaw_rate': model.yaw_rate,
+                'wanted_rate': model.wanted_rate, 'gimbal': model.gimbal, 'owner': model.owner, 'denied': model.denied,
+                'commands': {str(number): model.commands.count(number) for number in set(model.commands)},
+                'setpoints': model.setpoints, 'foreign': model.setpoints_in_foreign_modes, 'events': model.events,
+                'heartbeats': len(model.heartbeats), 'modes': model.modes, 'odometry': self.odometry,
+                'bearing': self.bearing, 'largest_rate': model.largest_rate}
+
+    def obey(self, order):
+        for name, value in order.items():
+            if name == 'set':
+                for key, new in value.items():
+                    setattr(self.model, key, tuple(new) if isinstance(new, list) else new)
+            elif name == 'silence':
+                self.silent = set(value)
+            elif name == 'point':
+                self.point = value
+            elif name == 'write_log':
+                with open(value, 'w') as file:  # noqa: PTH123
+                    json.dump(self.log, file)
+                print(json.dumps({'written': True, **self.state()}), flush=True)
+            else:
+                result = getattr(self.model, name)(*value) if isinstance(value, list) else getattr(self.model, name)(value)
+                self.model.events.append(f'{name} {value}: {result}')
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument('firmware')
+    parser.add_argument('--prefix', default='/fmu')
+    parser.add_argument('--pilot', action='store_true', help='selects OFFBOARD as soon as PX4 lets him')
+    options = parser.parse_args()
+    rclpy.init()
+    fake = FakeNode(options.firmware, options.prefix)
+    due = time.monotonic()
+    while True:
+        rclpy.spin_once(fake.node, timeout_sec=max(0.0, min(due - time.monotonic(), PERIOD)))
+        while time.monotonic() >= due:
+            fake.tick()
+            due = max(due + PERIOD, time.monotonic() - 0.1)
+        if select.select([sys.stdin], [], [], 0)[0]:
+            line = sys.stdin.readline()
+            if not line:
+                return
+            fake.obey(json.loads(line))
+        if options.pilot and fake.model.nav_state == 4:
+            fake.model.select_mode(14)
+
+
+if __name__ == '__main__':
+    main()

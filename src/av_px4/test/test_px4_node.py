@@ -1,0 +1,138 @@
+"""px4_node against the fake autopilot, on PX4's topics, in the layout of every firmware."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+from fake_vehicle import FakeVehicle
+from px4_layouts import FIRMWARES
+
+pytestmark = pytest.mark.system
+OWN = [1, 191]
+
+
+@pytest.fixture
+def vehicle(request):
+    """A fake of the firmware asked for, 1.16 by default: it obeys setpoints in any mode."""
+    started = FakeVehicle(getattr(request, 'param', '1.16'))
+    yield started
+    started.close()
+
+
+def degrees(state):
+    """Pan (left) and tilt (up) in deg, where the fake's gimbal looks."""
+    return -math.degrees(state['gimbal'][1]), math.degrees(state['gimbal'][0])
+
+
+def looks(pan, tilt):
+    return lambda state: abs(degrees(state)[0] - pan) < 0.5 and abs(degrees(state)[1] - tilt) < 0.5
+
+
+def offered(state):
+    return state['heartbeats'] > 100
+
+
+@pytest.mark.parametrize('vehicle', FIRMWARES, indirect=True)
+def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle):
+    """To the left is to the left, on every firmware; nothing leaves before the pilot hands over; all is given back."""
+    firmware_1_14 = '1.14' in vehicle.environment['AMENT_PREFIX_PATH'].split(os.pathsep)[0]
+    node = vehicle.node(**({'gimbal.need_ack': 'false'} if firmware_1_14 else {'external_mode': 'true'}))
+    for pan, tilt in ((40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)):
+        vehicle.tell(point={'pan': math.radians(pan), 'tilt': math.radians(tilt), 'yaw_rate': 0.3 * math.copysign(1, pan)})
+        vehicle.wait(looks(pan, tilt), why=f'gimbal at {pan}, {tilt}')
+    state = vehicle.wait(offered)
+    assert state['setpoints'] == 0 and state['owner'] == OWN and state['denied'] == 0
+    assert set(state['commands']) == {'1000', '1001'}
+    modes = [14] if firmware_1_14 else [14, vehicle.wait(lambda state: state['modes'])['modes']['0'][1]]
+    for mode in modes:
+        vehicle.tell(select_mode=mode)
+        vehicle.wait(lambda state, mode=mode: state['nav_state'] == mode, why='mode selected')
+        for rate in (0.3, -0.3):   # to the left is counter-clockwise: the heading, clockwise from north, falls
+            vehicle.tell(point={'yaw_rate': rate, 'pan': rate})
+            vehicle.wait(lambda state, rate=rate: abs(state['yaw_rate'] + rate) < 0.01, why=f'turning at {rate} rad/s')
+        vehicle.tell(point={'yaw_rate': 0.3, 'mode': 0})
+        vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='hold')
+        vehicle.tell(select_mode=4)
+        vehicle.wait(lambda state: state['nav_state'] == 4)
+    vehicle.stop_node(node)
+    state = vehicle.wait(lambda state: state['owner'] is None and not state['modes'], why='gimbal and mode given back')
+    assert not [event for event in state['events'] if event.startswith('a setpoint')]
+
+
+def test_a_vehicle_that_obeys_in_any_mode_is_sent_nothing_in_any_other(vehicle):
+    """In Hold, position control, return and landing, disarmed or in failsafe: not one setpoint beyond a mode's last moment."""
+    vehicle.node()
+    vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2})
+    vehicle.wait(offered)
+    vehicle.tell(select_mode=14)
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3)
+    for mode in (4, 2, 5, 18):
+        vehicle.tell(change_mode=[mode, 'the pilot'])
+        start = vehicle.wait(lambda state, mode=mode: state['nav_state'] == mode)['time']
+        # the status of the new mode is on its way for a moment
+        seen = vehicle.wait(lambda state, start=start: state['time'] > start + 0.3)['setpoints']
+        state = vehicle.wait(lambda state, start=start: state['time'] > start + 1.5)
+        assert state['setpoints'] == seen, f'setpoints in mode {mode}'
+    vehicle.tell(change_mode=[14, 'the pilot'])
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='it turns again')
+    vehicle.tell(set={'armed': False})
+    vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='disarmed')
+    assert set(vehicle.state['commands']) <= {'1000', '1001'}
+
+
+@pytest.mark.parametrize('silent', [
+    ['vehicle_status'], ['vehicle_attitude', 'vehicle_odometry'], ['vehicle_local_position'], ['vehicle_command_ack'],
+    'bearing', 'command'])
+def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle, silent):
+    """Status, attitude, position, acknowledgements, bearing, command: without any one of them the vehicle stands still."""
+    vehicle.node()
+    point = {'yaw_rate': 0.4, 'pan': 0.2}
+    vehicle.tell(point=point)
+    vehicle.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
+    vehicle.tell(select_mode=14)
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3)
+    vehicle.tell(**({'point': None} if silent == 'command' else {'point': {**point, 'state': 0}} if silent == 'bearing'
+                    else {'silence': silent}))
+    vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='still')
+    vehicle.tell(silence=[], point=point)
+    vehicle.tell(change_mode=[14, 'the pilot'])
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='turning again')
+
+
+def test_return_to_launch_takes_the_gimbal_and_it_is_claimed_again(vehicle):
+    vehicle.node()
+    vehicle.tell(point={'pan': 0.5})
+    vehicle.wait(looks(math.degrees(0.5), 0.0))
+    vehicle.tell(select_mode=5)
+    vehicle.wait(lambda state: state['owner'] is None and looks(0.0, 0.0)(state))
+    vehicle.tell(select_mode=4)
+    vehicle.wait(lambda state: state['owner'] == OWN and looks(math.degrees(0.5), 0.0)(state))
+    vehicle.tell(set={'owner': [255, 190]})
+    vehicle.wait(lambda state: state['owner'] == OWN, why='claimed after a takeover')
+
+
+def test_a_heading_reset_does_not_turn_the_rig(vehicle):
+    """The odometry goes on where it was, though PX4's heading jumps by 40 deg."""
+    vehicle.node()
+    before = vehicle.wait(lambda state: state['odometry'] is not None)['odometry']
+    assert before == pytest.approx(math.pi / 2 - vehicle.state['heading'], abs=0.01)
+    vehicle.tell(reset_heading=math.radians(40.0))
+    start = vehicle.state['time']
+    vehicle.wait(lambda state: state['time'] > start + 1.0)
+    assert vehicle.state['odometry'] == pytest.approx(before, abs=0.01)
+
+
+def test_without_px4_msgs_it_says_what_to_install():
+    """The node stays alive, and its complaint names the package and the branch."""
+    process = subprocess.Popen([sys.executable, '-c', 'from av_px4.nodes.px4_node import main; main()'],
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        line = next(line for line in process.stdout if 'px4_msgs' in line)
+        assert 'https://github.com/PX4/px4_msgs' in line and process.poll() is None
+    finally:
+        process.kill()
+        process.communicate()
