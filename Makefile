@@ -3,17 +3,20 @@
 #   make build      the ROS 2 environment and the workspace
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another one
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
+#   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each); DATA=folder of recordings
 #   make lint       style of the code, package.xml files and shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test lint clean distclean
+.PHONY: build demo test report lint clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
 DEMO ?= duration:=40
 TESTS ?=
+QUICK ?=
+DATA ?= ../shared/data
 
 build:
 	$(ENV) && colcon build --symlink-install
@@ -23,6 +26,11 @@ demo: build
 
 test: build
 	$(ENV) && exec python3 -m pytest $(TESTS)
+
+# The whole of it brings the README's table of measured values up to date.
+report: build
+	$(ENV) && exec ros2 run av_fusion report --data $(DATA) \
+		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
 
 lint:
 	$(ENV) && ruff check .

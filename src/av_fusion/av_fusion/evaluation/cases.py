@@ -25,7 +25,8 @@ class Case:
 
     For scenarios: `model` is the detector's ONNX file, '' for the visual oracle; `follow` lets the rig turn as the pointing
     controller commands, else as the scenario says; `changes` are values of the scenario's file by dotted keys; `array`
-    is an array file other than the rig's. For bags: `stage`, `parameters`, `remap` and `namespace` as of `replay`.
+    is an array file other than the rig's, `band_hz` where it listens. For bags: `stage`, `parameters`, `remap` and `namespace` as of `replay`.
+    Inputs `filmed:CLIP` and `room:NUMBER` are the recordings in the folder `data` (see `physical`).
     `taus`: further gates on the detection confidence, at which `fused` and `gated` are computed as well.
     """
 
@@ -38,10 +39,12 @@ class Case:
     follow: bool = True
     changes: tuple[tuple[str, Any], ...] = ()
     array: str = ''
+    band_hz: tuple[float, float] = (200.0, 4000.0)
     stage: str = ''
     parameters: tuple[str, ...] = ()
     remap: tuple[str, ...] = ()
     namespace: str = ''
+    data: str = ''
 
     @property
     def is_bag(self) -> bool:
@@ -51,14 +54,17 @@ class Case:
     @property
     def name(self) -> str:
         """What the run is called."""
-        stem = Path(self.input).stem
+        stem = Path(self.input).stem.replace(':', '_')
+        if self.data:
+            return stem
         changes = ''.join(f'_{key.split(".")[-1]}={value}' for key, value in self.changes if isinstance(value, int | float))
         return stem if self.is_bag else f'{stem}_{self.seed}{changes}'
 
     @property
     def key(self) -> str:
         """Changes with whatever could change the result."""
-        said = json.dumps([asdict(self), *map(_content, (self.input, self.model, self.array, *self.parameters)), _code()])
+        files = ('' if self.data else self.input, self.model, self.array, *self.parameters)
+        said = json.dumps([asdict(self), *map(_content, files), _code()])
         return hashlib.sha256(said.encode()).hexdigest()[:12]
 
 
@@ -94,7 +100,7 @@ def find_inputs(inputs: list[str]) -> list[str]:
 def _content(name: str) -> str:
     """What tells one state of a file from another: its text, or of a bag size and time."""
     path = Path(name)
-    if not name:
+    if name in ('', 'shipped'):
         return ''
     if is_bag(path) or path.suffix == '.onnx':
         files = sorted(path.rglob('*')) if path.is_dir() else [path]

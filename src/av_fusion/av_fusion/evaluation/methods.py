@@ -19,12 +19,12 @@ from av_fusion.evaluation.run_log import RunLog, Series
 from av_fusion.gated import GatedSettings, GatedTracker
 from av_fusion.machine import MachineSettings
 from av_fusion.measurements import Look, Sound, State
-from av_fusion.mode import Mode
 
 OWN = 'ml'  # the rig's own estimator
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
 FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # those that are given the true hemisphere
+KALMAN_DENSITY = 0.02  # rad^2/s^3, of the white angular acceleration
 AVERAGED = 5  # windows, half a second
 MEDIAN = 5  # samples of the median filter that every method gets
 
@@ -114,13 +114,22 @@ def _kalman(recording: Recording, log: RunLog, tau: float) -> tuple[NDArray, NDA
     if not events:
         return np.zeros(0), np.zeros(0)
     events.sort()
-    mode, filtered, now = Mode(1.0, events[0][1], 0.1, 0.0, 0.1), [], events[0][0]
+    return np.array([event[0] for event in events]), _filtered(events)
+
+
+def _filtered(events: list[tuple[float, float, float]]) -> NDArray:
+    """Azimuths (n,) of a Kalman filter of azimuth and rate, given times, azimuths and variances of measurements."""
+    state, covariance, filtered, now = np.array([events[0][1], 0.0]), 0.1 * np.eye(2), [], events[0][0]
     for time, azimuth, variance in events:
-        mode.predict(float(time - now), 0.02, 0.0)
-        mode.update(0.0, [mode.innovation(float(azimuth), 0.0)], [variance], [1.0])
-        filtered.append(mode.azimuth)
-        now = time
-    return np.array([event[0] for event in events]), np.array(filtered)
+        dt, now = time - now, time
+        step = np.array([[1.0, dt], [0.0, 1.0]])
+        noise = KALMAN_DENSITY * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+        state, covariance = step @ state, step @ covariance @ step.T + noise
+        gain = covariance[:, 0] / (covariance[0, 0] + variance)
+        state = state + gain * wrap(azimuth - state[0])
+        covariance = covariance - np.outer(gain, covariance[0])
+        filtered.append(state[0])
+    return wrap(np.array(filtered))
 
 
 def _yaw(time: NDArray | float, log: RunLog) -> NDArray:

@@ -74,7 +74,7 @@ class Solids:
         square = ray[..., 0] ** 2 + ray[..., 1] ** 2 + a * ray[..., 2] ** 2
         linear = 2.0 * (start * ray)[..., :2].sum(axis=2) + (2.0 * a * start[..., 2] + b) * ray[..., 2]
         constant = start[..., 0] ** 2 + start[..., 1] ** 2 + a * start[..., 2] ** 2 + b * start[..., 2]
-        with np.errstate(divide='ignore', invalid='ignore'):
+        with np.errstate(divide='ignore', invalid='ignore'):  # of rays that pass by, far out
             lowest = np.where(square > 0.0, -0.5 * linear / square, enter).clip(enter, np.maximum(enter, leave))
-        inside = np.min([square * t**2 + linear * t + constant for t in (enter, lowest, leave)], axis=0) <= c
+            inside = np.min([square * t**2 + linear * t + constant for t in (enter, lowest, leave)], axis=0) <= c
         return ((enter < leave) & inside).any(axis=0)

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from av_audio.localizer import METHODS as ESTIMATORS
+from av_audio.localizer import LocalizerSettings
 from av_fusion.bags.reader import Bag
 from av_fusion.bags.replay import Replay, ReplaySettings
 from av_fusion.bags.topics import parse_remappings
@@ -20,6 +21,7 @@ from av_fusion.evaluation.cases import Case
 from av_fusion.evaluation.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_fusion.evaluation.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
 from av_fusion.evaluation.offline_run import OfflineRun
+from av_fusion.evaluation.physical import FILMED, ROOM, filmed, room
 from av_fusion.evaluation.picture import draw
 from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.results import MethodResult, RunResult
@@ -37,7 +39,7 @@ KALMAN_NEEDS = 'phat'
 
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError that say what is wrong with the input."""
-    log, recording, notes = _replay(case) if case.is_bag else _simulate(case)
+    log, recording, notes = _measure(case)
     result = judge_run(case.name, log, recording, case.methods, case.taus)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
@@ -45,6 +47,15 @@ def run_case(case: Case) -> RunResult:
     draw(log, content, case.name)
     result.picture = content.getvalue()
     return result
+
+
+def _measure(case: Case) -> tuple[RunLog, Recording, list[str]]:
+    """Truth, measurements and the bearing made of them; notes on what they rest on."""
+    if case.input.startswith(FILMED):
+        return filmed(case.input.removeprefix(FILMED), Path(case.data), _estimators(case.methods))
+    if case.input.startswith(ROOM):
+        return room(int(case.input.removeprefix(ROOM)), Path(case.data), _estimators(case.methods))
+    return _replay(case) if case.is_bag else _simulate(case)
 
 
 def judge_run(name: str, log: RunLog, recording: Recording, methods: tuple[str, ...],
@@ -94,7 +105,7 @@ def _simulate(case: Case) -> tuple[RunLog, Recording, list[str]]:
         rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
     pointing = PointingController(PointingSettings(move_gimbal=False)) if case.follow else None
     run = OfflineRun(scenario, rig, BayesTracker(), case.seed, pointing, _estimators(case.methods),
-                     _detect(case.model) if case.model else None)
+                     _detect(case.model) if case.model else None, listening=LocalizerSettings(band_hz=case.band_hz))
     run.run(case.duration or None)
     return run.log, run.recording, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
 
