@@ -4,10 +4,12 @@ ros2 launch av_fusion rig.launch.py                                             
 ros2 launch av_fusion rig.launch.py source:=udp                                 an external simulator such as RFlySim
 ros2 launch av_fusion rig.launch.py source:=file audio:=X.wav video:=Y.mp4      recordings
 ros2 launch av_fusion rig.launch.py source:=hardware                            microphones and camera
+ros2 launch av_fusion rig.launch.py source:=hardware px4:=true                  ... on a vehicle with PX4
 """
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import asdict
 from pathlib import Path
 
@@ -50,7 +52,10 @@ ARGUMENTS = {
     'duration': ('0', 'end after this many seconds; 0 runs until Ctrl-C', None),
     'out': ('', 'a folder for the table, the picture and figures; empty writes none', None),
     'record': ('', 'record the topics to this bag (mcap)', None),
-    'enable_pointing': ('', 'let commands move the rig from the start; by default with simulators only', ['', 'true', 'false']),
+    'px4': ('false', "turn PX4's gimbal and body, take its attitude as odometry; needs px4_msgs, see docs/px4.md",
+            ['true', 'false']),
+    'enable_pointing': ('', 'let commands move the rig from the start; by default with simulators only, not with px4',
+                        ['', 'true', 'false']),
 }
 
 
@@ -80,6 +85,8 @@ def start(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         rig_node(arguments, 'av_fusion', 'fusion_node', {}),
         rig_node(arguments, 'av_fusion', 'pointing_node', {'enabled': may_move(arguments)}),
         monitor, *sources[arguments['source']](arguments)]
+    if arguments['px4'] == 'true':
+        processes.append(px4(arguments))
     if arguments['record']:
         processes.append(rig_node(arguments, 'av_fusion', 'recorder_node', {'path': arguments['record']}))
     finished = RegisterEventHandler(OnProcessExit(target_action=monitor, on_exit=[
@@ -112,7 +119,9 @@ def bridge(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
                   **{f'{name}_port': port for name, port in ports.items()}}
-    node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
+    # With PX4 the simulated rig is where PX4 says: the bridge neither turns it nor tells where it is.
+    elsewhere = [('odometry', 'truth/odometry'), ('pointing/command', 'truth/command')] if arguments['px4'] == 'true' else []
+    node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters, remappings=elsewhere)
     return [node, *detector(arguments)] if arguments['model'] else [node]
 
 
@@ -133,6 +142,15 @@ def hardware(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
             rig_node(arguments, 'av_vision', 'camera_node', {'source': 'device'}), *detector(arguments)]
 
 
+def px4(arguments: dict[str, str]) -> LaunchDescriptionEntity:
+    """The node between the rig and PX4, which also moves the built-in simulator's rig. Raises ImportError without px4_msgs."""
+    if importlib.util.find_spec('px4_msgs') is None:
+        raise ImportError('px4:=true needs px4_msgs: clone https://github.com/PX4/px4_msgs, the branch of your firmware (such '
+                          'as release/1.16), into the workspace, and build and source it; see docs/px4.md')
+    port = Ports().shifted(int(arguments['port_offset'])).control if arguments['source'] == 'sim' else 0
+    return rig_node(arguments, 'av_px4', 'px4_node', {'simulator_port': port})
+
+
 def detector(arguments: dict[str, str]) -> list[LaunchDescriptionEntity]:
     """The detector, with the model given or the shipped one."""
     model = '' if arguments['model'] == 'shipped' else arguments['model']
@@ -146,10 +164,10 @@ def array_file(arguments: dict[str, str]) -> str:
 
 
 def may_move(arguments: dict[str, str]) -> bool:
-    """Simulated rigs move from the start, real ones only when told to."""
+    """Simulated rigs move from the start, real ones and any with an autopilot only when told to."""
     if arguments['enable_pointing']:
         return arguments['enable_pointing'] == 'true'
-    return arguments['source'] in ('sim', 'udp')
+    return arguments['source'] in ('sim', 'udp') and arguments['px4'] == 'false'
 
 
 def title(arguments: dict[str, str]) -> str:

@@ -13,6 +13,7 @@ OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
 STOP_WITHIN = 0.3                  # s from staleness to standstill
 MARGIN = 0.05                      # s of that for the steps' own period
+STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unheard (COM_OF_LOSS_T)
 
 
 @dataclass(frozen=True)
@@ -94,13 +95,16 @@ class BodyGuard:
     settings: GuardSettings = field(default_factory=GuardSettings)
     _rate: float = 0.0
     _time: float | None = None
+    _resumed: float = -math.inf    # when this process came back from a stall
 
     def step(self, time: float, inputs: Inputs) -> Decision:
         """Decide for `time` (s, monotonic). Steps back count as 0 s, long ones as 0.1 s."""
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
+        if self._time is not None and time - self._time > STALL:
+            self._resumed = time
         self._time = time
         heartbeat = inputs.healthy(self.settings)
-        forbidden = self._forbidden(inputs)
+        forbidden = self._forbidden(time, inputs)
         if forbidden:
             self._rate = 0.0
             return Decision(heartbeat, False, 0.0, forbidden)
@@ -110,11 +114,13 @@ class BodyGuard:
         self._rate = min(max(wanted, self._rate - change), self._rate + change)
         return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
 
-    def _forbidden(self, inputs: Inputs) -> str:
+    def _forbidden(self, time: float, inputs: Inputs) -> str:
         """Why no setpoint may leave, empty when one may."""
         status, settings = inputs.status, self.settings
         if status is None or not inputs.status_age <= settings.status_timeout:
             return 'no fresh vehicle_status'
+        if time - inputs.status_age < self._resumed:
+            return 'after a stall: waiting for the next vehicle_status'
         own = inputs.own_mode is not None and inputs.own_mode in EXTERNAL_MODES and status.nav_state == inputs.own_mode
         if status.nav_state != OFFBOARD and not own:
             return f'the pilot has not handed over (nav_state {status.nav_state})'

@@ -45,6 +45,7 @@ class FakeAutopilot:
     owner: tuple | None = None
     modes: dict = field(default_factory=dict)       # arming check id -> (name, nav_state)
     time: float = 0.0
+    changed: float = 0.0                  # when the mode last changed
     heartbeats: list = field(default_factory=list)
     last_answer: float = -math.inf
     question: int = 0
@@ -90,7 +91,7 @@ class FakeAutopilot:
 
     def change_mode(self, nav_state, why):
         self.events.append(f'mode {nav_state}: {why}')
-        self.nav_state, self.wanted_rate = nav_state, 0.0
+        self.nav_state, self.wanted_rate, self.changed = nav_state, 0.0, self.time
         if nav_state in (RETURN, LAND):   # these take the gimbal
             self.owner, self.gimbal_wanted = None, [0.0, 0.0]
 
@@ -100,7 +101,7 @@ class FakeAutopilot:
     def setpoint(self, position, yaw, yawspeed):
         self.setpoints += 1
         in_charge = self.nav_state == OFFBOARD or self.nav_state in self.own_modes
-        if not in_charge:
+        if not in_charge and self.time - self.changed > 0.5:   # before, the status may still be on its way
             self.setpoints_in_foreign_modes += 1
         if not math.isnan(yaw) or any(map(math.isnan, position)):
             self.events.append(f'a setpoint with position {position} and yaw {yaw}')

@@ -191,7 +191,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument('firmware')
     parser.add_argument('--prefix', default='/fmu')
-    parser.add_argument('--pilot', action='store_true', help='selects OFFBOARD as soon as PX4 lets him')
+    parser.add_argument('--pilot', action='store_true', help='selects OFFBOARD whenever PX4 lets him')
     options = parser.parse_args()
     rclpy.init()
     fake = FakeNode(options.firmware, options.prefix)
@@ -206,7 +206,7 @@ def main():
             if not line:
                 return
             fake.obey(json.loads(line))
-        if options.pilot and fake.model.nav_state == 4:
+        if options.pilot and fake.model.nav_state != 14:
             fake.model.select_mode(14)
 
 

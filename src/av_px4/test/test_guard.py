@@ -126,6 +126,15 @@ class TestOneByOne:
                 sent.append(decision.yaw_rate)
         assert sent[50] == pytest.approx(0.5) and sent[-1] == 0.0 and len(sent) < 130
 
+    def test_after_a_stall_of_its_own_it_waits_for_a_new_status(self):
+        """Whatever PX4 said meanwhile may still be in a queue, while the last status looks fresh."""
+        guard = BodyGuard()
+        settle(guard, GOOD, 0.0)
+        decision = guard.step(1.5, replace(GOOD, status_age=0.9))
+        assert decision.heartbeat and not decision.setpoint
+        assert not guard.step(1.52, replace(GOOD, status_age=0.92)).setpoint
+        assert guard.step(1.6, replace(GOOD, status_age=0.05)).setpoint
+
     def test_disarmed_nothing_turns(self):
         assert settle(BodyGuard(), replace(GOOD, status=VehicleStatus(14, False, False)), 0.0)[-1].yaw_rate == 0.0
 
