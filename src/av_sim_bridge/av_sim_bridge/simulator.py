@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import logging
-import queue
 import socket
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from av_sim_bridge.picture.view import FIRST_TARGET_ID, Picture, View
+from av_sim_bridge.picture.studio import Shot, Studio
+from av_sim_bridge.picture.view import FIRST_TARGET_ID
 from av_sim_bridge.run import times
 from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
 from av_sim_bridge.wire import WireError
@@ -89,9 +86,8 @@ class Simulator:
         except OSError as error:
             raise OSError(f'control port {options.ports.control}: {error.strerror}') from error
         self._control.setblocking(False)
-        self._views: queue.Queue[View] = queue.Queue(maxsize=2)
-        self._stopped = self._finished = False
-        self._camera_ready = threading.Event()
+        self._stopped = False
+        self._studio: Studio | None = None
         self._start: float | None = None
         self._sequence = 0
         self._lossy = np.random.default_rng([world.seed, 16])
@@ -113,16 +109,16 @@ class Simulator:
         """
         self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
-        with ThreadPoolExecutor(1, 'camera') as executor:
-            camera = executor.submit(self._make_pictures)
-            try:
-                while not self._camera_ready.wait(0.05) and not camera.done():
-                    pass
-                while self.world.time < duration and not self._stopped and not camera.done():
-                    self._step(samples)
-            finally:
-                self._finished = True
-            camera.result()
+        if self.options.image_rate:
+            self._studio = Studio(self.world.stage, self.options.renderer, self.options.jpeg_quality, self.world.view(0, 0.0))
+        try:
+            if self._studio is not None:
+                self._studio.open(lambda: not self._stopped)
+            while self.world.time < duration and not self._stopped:
+                self._step(samples)
+        finally:
+            if self._studio is not None:
+                self._send_pictures(self._studio.close())
 
     def _step(self, samples: int) -> None:
         self._take_commands()
@@ -156,9 +152,15 @@ class Simulator:
         return sorted(events, key=lambda event: event[0])
 
     def _wait_until(self, moment: float) -> bool:
-        """Sleep until the world's time is `moment`; False when stopped meanwhile."""
-        time.sleep(max(self._start + moment / self.options.speed - time.monotonic(), 0.0))
-        return not self._stopped
+        """Sleep until the world's time is `moment`, sending pictures as they get ready; False when stopped meanwhile."""
+        while True:
+            left = max(-self._lag(moment), 0.0)
+            if self._studio is not None and self._studio.busy:
+                self._send_pictures(self._studio.ready(left))
+            else:
+                time.sleep(left)
+            if self._stopped or self._lag(moment) >= 0.0:
+                return not self._stopped
 
     def _lag(self, moment: float) -> float:
         """Seconds by which the world's time is behind the wall's."""
@@ -233,27 +235,13 @@ class Simulator:
         if self._lag(moment) > self.LATE:    # sound cannot wait, a picture can be left out
             self.counts.images_skipped += 1
             return
-        try:
-            self._views.put_nowait(self.world.view(round(moment * self.options.image_rate), moment))
-        except queue.Full:
+        if not self._studio.ask(self.world.view(round(moment * self.options.image_rate), moment)):
             self.counts.images_skipped += 1
 
-    def _make_pictures(self) -> None:
-        renderer = self.world.renderer(self.options.renderer)
-        renderer.render(self.world.view(0, 0.0))
-        self._camera_ready.set()
-        while not self._finished:
-            try:
-                view = self._views.get(timeout=0.1)
-            except queue.Empty:
-                continue
-            self._send_picture(view, renderer.render(view))
-        renderer.close()
-
-    def _send_picture(self, view: View, picture: Picture) -> None:
-        data = cv2.imencode('.jpg', picture.bgr, [cv2.IMWRITE_JPEG_QUALITY, self.options.jpeg_quality])[1].tobytes()
-        frame_id = view.index if self.options.image_frame_ids else None
-        for datagram in encode_image(EncodedImage(view.time, data, frame_id)):
-            self._send(datagram, self.options.ports.image)
-        self._send(encode_oracle(picture.boxes), self.options.ports.image)
-        self.counts.images += 1
+    def _send_pictures(self, shots: list[Shot]) -> None:
+        for shot in shots:
+            frame_id = shot.view.index if self.options.image_frame_ids else None
+            for datagram in encode_image(EncodedImage(shot.view.time, shot.jpeg, frame_id)):
+                self._send(datagram, self.options.ports.image)
+            self._send(encode_oracle(shot.boxes), self.options.ports.image)
+            self.counts.images += 1

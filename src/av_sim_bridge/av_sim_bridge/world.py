@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
 from functools import partial
 from pathlib import Path
 
@@ -13,9 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.picture.mjcf import MOST_DRONES
-from av_sim_bridge.picture.painter import Painter
-from av_sim_bridge.picture.scene_renderer import SceneRenderer
 from av_sim_bridge.picture.scenes import Solid
+from av_sim_bridge.picture.stage import Stage
 from av_sim_bridge.picture.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_sim_bridge.rig import Rig
 from av_sim_bridge.rig_dynamics import RigDynamics
@@ -25,8 +23,6 @@ from av_sim_bridge.sound.levels import spl_to_pascal
 from av_sim_bridge.sound.obstacles import Obstacle
 from av_sim_bridge.trajectories import Position, Static, acceleration, velocity
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
-
-log = logging.getLogger('simulator')
 
 INSTANT = 160   # samples between the instants at which the microphones' positions are known
 
@@ -55,27 +51,17 @@ class World:
         """End of the newest step in s."""
         return self._samples / self.sample_rate
 
-    def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
-        """What makes pictures of this world's views, to be used by the calling thread.
+    @property
+    def stage(self) -> Stage:
+        """What a renderer has to know beforehand."""
+        drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
+        return Stage(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
+                     tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
+                     self.scenario.weather.temperature_c)
 
-        kind: `scene` (3D, MuJoCo), `painter` (flat, needs no OpenGL) or `auto`.  samples: per pixel, against jagged
-        edges.  everything: segmentation and thermal picture of every view. Raises RuntimeError where `scene` cannot be.
-        """
-        camera, scenario = self.rig.camera.model, self.scenario
-        obstacles = [_seen(obstacle) for obstacle in scenario.obstacles]
-        if kind == 'painter':
-            return Painter(camera, scenario.scene, self.seed, obstacles)
-        if kind not in ('scene', 'auto'):
-            raise ValueError(f'renderer: {kind!r}, one of scene, painter, auto expected')
-        drones = [(target.size, self._rotors(number)) for number, target in enumerate(scenario.targets)][:MOST_DRONES]
-        try:
-            return SceneRenderer(camera, scenario.scene, drones, self.seed,
-                                 obstacles, scenario.weather.temperature_c, samples, everything)
-        except RuntimeError as error:
-            if kind == 'scene':
-                raise
-            log.warning('painting instead of rendering: %s', error)
-            return Painter(camera, scenario.scene, self.seed, obstacles)
+    def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
+        """What makes pictures of this world's views, to be used by the calling thread; see `Stage.renderer`."""
+        return self.stage.renderer(kind, samples, everything)
 
     def solids(self) -> list[Solid]:
         """All that stands in the scene and can hide a drone."""

@@ -15,6 +15,7 @@ pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs 
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
+from rclpy.qos import QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, Imu  # noqa: E402
 from test_loopback import free_ports  # noqa: E402
 from vision_msgs.msg import Detection2DArray  # noqa: E402
@@ -48,7 +49,9 @@ class Rig:
         self.node, self.listener = BridgeNode(), rclpy.create_node('listener')
         self.heard = {name: [] for name in TOPICS}
         for name, (kind, qos) in TOPICS.items():
-            self.listener.create_subscription(kind, name, self.heard[name].append, qos)
+            # Deep, so that a machine that stalls loses nothing between node and test.
+            deep = QoSProfile(depth=2000, reliability=qos.reliability, durability=qos.durability)
+            self.listener.create_subscription(kind, name, self.heard[name].append, deep)
         self.commander = self.listener.create_publisher(PointingCommand, 'pointing/command', RESULT)
         self.executor = rclpy.executors.SingleThreadedExecutor()
         self.executor.add_node(self.node)
@@ -60,6 +63,13 @@ class Rig:
             self.executor.spin_once(timeout_sec=0.05)
             if command is not None:
                 self.commander.publish(command)
+
+    def spin_while_coming(self):
+        """Until nothing but diagnostics has come for half a second."""
+        before = -1
+        while (now := sum(len(messages) for name, messages in self.heard.items() if name != '/diagnostics')) != before:
+            before = now
+            self.spin(0.5)
 
     def status(self):
         return self.heard['/diagnostics'][-1].status[0]
@@ -95,7 +105,7 @@ def rig():
         simulator = processes.submit(simulate, scenario, WireOptions(ports=wire, audio_header=True, renderer='painter'))
         while not simulator.done():
             bridge.spin(0.2, PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3))
-    bridge.spin(0.3)
+    bridge.spin_while_coming()
     bridge.fed = {name: list(messages) for name, messages in bridge.heard.items()}
     bridge.sent = simulator.result()
     source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -85,7 +85,7 @@ def test_the_sound_in_the_file_comes_from_where_the_truth_says():
 
 
 def test_preview_is_a_picture(tmp_path, monkeypatch):
-    monkeypatch.setattr('av_sim_bridge.world.SceneRenderer', _no_renderer)
+    monkeypatch.setattr('av_sim_bridge.picture.stage.SceneRenderer', _no_renderer)
     assert simulate.main(['circle', '--out', str(tmp_path), '--preview', '--duration', '1']) == 0
     assert cv2.imread(str(tmp_path / 'preview.png')).shape[1] > 1000
 

@@ -8,8 +8,6 @@ import signal
 import sys
 from dataclasses import asdict
 
-import cv2
-
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import load_scenario
@@ -48,7 +46,6 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format='[%(name)s] %(message)s', stream=sys.stderr)
     log = logging.getLogger('simulator')
     options = parse(arguments)
-    cv2.setNumThreads(1)   # pictures are small; the other cores belong to the rig
     try:
         scenario = load_scenario(find_config(options.scenario, 'scenarios'))
         if options.voice:
@@ -67,10 +64,16 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: simulator.stop())
     log.info('%s: %s', scenario.name, scenario.description)
-    simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
-    simulator.close()
+    try:
+        simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
+    except (RuntimeError, TimeoutError) as error:    # of the camera
+        log.error('%s', error)
+        return 1
+    finally:
+        simulator.close()
     counts = [f'{count} {name.replace("_", " ")}' for name, count in asdict(simulator.counts).items() if count]
-    log.info('%.1f s simulated; %s', world.time, ', '.join(counts))
+    log.info('%.1f s simulated; %.1f pictures a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
+             ', '.join(counts))
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import subprocess
 import sys
 import time
@@ -24,9 +25,8 @@ from av_sim_bridge.wire.ports import Ports
 
 # Deeper than the rig's: it is the stream that is tested and not how promptly this program is run.
 DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-NAMESPACE = 'soak'
+NAMESPACE = f'soak_{os.getpid()}'    # several may run side by side
 SAMPLE_RATE = 48_000
-MOST_GROWTH_MIB = 3.0
 SETTLED = 0.2          # share of the run after which memory may not grow any more: buffers have been filled once by then
 PATIENCE = 60.0        # s without a sign of life after which a run is given up
 # What the bridge counts that may not happen on loopback.
@@ -41,6 +41,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--every', type=float, default=60.0, help='seconds between lines (default: %(default)s)')
     parser.add_argument('--image-rate', type=float, default=15.0, help='pictures a second (default: %(default)s)')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='painter', help='default: %(default)s')
+    parser.add_argument('--most-growth', type=float, default=3.0, help='of memory, in MiB (default: %(default)s)')
     parser.add_argument('--port-offset', type=int, default=200, help='added to every port (default: %(default)s)')
     return parser.parse_args(arguments)
 
@@ -134,29 +135,30 @@ def _watch(listener: Listener, bridge: Memory, simulator: Memory, options: argpa
         now = time.monotonic()
         if listener.frames > heard:
             heard, heard_at = listener.frames, now
-        if bridge.process.poll() is not None or simulator.process.poll() not in (None, 0):
-            raise RuntimeError('a process has ended')
-        if now - heard_at > PATIENCE or (simulator.process.poll() == 0 and now - heard_at > 5.0):
-            break
         bridge.take()
         simulator.take()
+        if bridge.process.poll() is not None or simulator.process.poll() not in (None, 0):
+            raise RuntimeError('a process has ended')
+        if now - heard_at > PATIENCE:
+            break
         if now - shown >= options.every:
             shown = now
             print(f'{now - began:7.0f} s: {heard} frames, lost {listener.lost or "none"}; resident memory: bridge '
                   f'{bridge.samples[-1]:.1f}, simulator {simulator.samples[-1]:.1f} MiB', flush=True)
-    _wait(listener, lambda counts=listener.counts: listener.counts is not counts, [bridge.process], 'no diagnostics')
-    return _verdict(listener, expected, bridge, simulator)
+    listener.counts = {}    # what was counted until now may be a second old
+    _wait(listener, lambda: bool(listener.counts), [bridge.process], 'no diagnostics')
+    return _verdict(listener, expected, {'bridge': bridge, 'simulator': simulator}, options.most_growth)
 
 
-def _verdict(listener: Listener, expected: int, bridge: Memory, simulator: Memory) -> int:
+def _verdict(listener: Listener, expected: int, memories: dict[str, Memory], most_growth: float) -> int:
     complete = listener.frames == expected and not listener.lost
     print(f'{listener.frames} of {expected} frames, lost {listener.lost or "none"}: {"holds" if complete else "MISSED"}')
     steady = True
-    for name, memory in (('bridge', bridge), ('simulator', simulator)):
-        kept = memory.growth <= MOST_GROWTH_MIB
+    for name, memory in memories.items():
+        kept = memory.growth <= most_growth
         steady &= kept
         print(f'{name}: {memory.samples[-1]:.1f} MiB, grown by {memory.growth:+.2f} MiB since {SETTLED:.0%} of the run '
-              f'(<= {MOST_GROWTH_MIB:g}): {"holds" if kept else "MISSED"}')
+              f'(<= {most_growth:g}): {"holds" if kept else "MISSED"}')
     return 0 if complete and steady else 1
 
 

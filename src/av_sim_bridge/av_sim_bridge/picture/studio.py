@@ -1,0 +1,123 @@
+"""Pictures made in a process of their own: in the sound's, both would wait for the interpreter and be late."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import signal
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+
+import cv2
+
+from av_sim_bridge.picture.stage import Stage
+from av_sim_bridge.picture.view import View
+from av_sim_bridge.wire.oracle import OracleBox
+
+MOST_WAITING = 2       # views; more would only be late
+PATIENCE = 60.0        # s that the first picture may take: a slow machine loads libraries and compiles shaders meanwhile
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A finished picture: encoded as JPEG, with what the visual oracle reports."""
+
+    view: View
+    jpeg: bytes
+    boxes: list[OracleBox]
+
+
+class Studio:
+    """Takes views, gives shots, in order, whenever they are ready. To be used by one thread."""
+
+    def __init__(self, stage: Stage, kind: str, jpeg_quality: int, first: View):
+        """Begin to make ready with the view `first`, of which no shot comes."""
+        self._waiting, self._opened = 0, False
+        context = multiprocessing.get_context('spawn')    # a fork would take threads' locks along
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=_work, args=(other, stage, kind, jpeg_quality, first), name='camera',
+                                        daemon=True)
+        self._process.start()
+        other.close()
+
+    def open(self, keep_waiting: Callable[[], bool]) -> None:
+        """Wait until it is ready. Raises what keeps it from working, TimeoutError after a minute."""
+        for _ in range(int(PATIENCE / 0.05)):
+            if self._connection.poll(0.05):
+                self._receive()
+                self._opened = True
+                return
+            if not keep_waiting():
+                return
+        raise TimeoutError(f'camera: no picture within {PATIENCE:.0f} s')
+
+    @property
+    def busy(self) -> bool:
+        """Whether a shot is on its way."""
+        return self._waiting > 0
+
+    def ask(self, view: View) -> bool:
+        """Ask for a shot; False where too many wait already."""
+        if self._waiting >= MOST_WAITING:
+            return False
+        self._connection.send(view)
+        self._waiting += 1
+        return True
+
+    def ready(self, timeout: float = 0.0) -> list[Shot]:
+        """Shots that are done; with a timeout in s, waits for the first one. Raises what keeps the camera from working."""
+        shots = []
+        while self._waiting and self._connection.poll(timeout):
+            shots.append(self._receive())
+            self._waiting -= 1
+            timeout = 0.0
+        return shots
+
+    def close(self) -> list[Shot]:
+        """End the process; the shots that were still on their way."""
+        shots = []
+        try:
+            while self._opened and self._waiting and (done := self.ready(timeout=5.0)):
+                shots += done
+        finally:
+            self._connection.close()
+            self._process.join(5.0 if self._opened else 0.0)
+            if self._process.is_alive():
+                self._process.kill()
+                self._process.join()
+        return shots
+
+    def _receive(self) -> Shot | None:
+        try:
+            result = self._connection.recv()
+        except EOFError:
+            self._waiting = 0
+            self._process.join()
+            raise RuntimeError(f'camera: its process ended with exit code {self._process.exitcode}') from None
+        if isinstance(result, Exception):
+            self._waiting = 0
+            raise result
+        return result
+
+
+def _work(connection: Connection, stage: Stage, kind: str, jpeg_quality: int, first: View) -> None:
+    """Of the process: make shots of the views that come until nobody is there any more."""
+    for number in (signal.SIGINT, signal.SIGTERM):    # may go to the whole group; the simulator says when it ends
+        signal.signal(number, signal.SIG_IGN)
+    logging.basicConfig(format='[%(name)s] %(message)s', stream=sys.stderr)
+    cv2.setNumThreads(1)   # pictures are small; the other cores belong to the rig
+    try:
+        renderer = stage.renderer(kind)
+        renderer.render(first)
+        connection.send(None)
+        while True:
+            view = connection.recv()
+            picture = renderer.render(view)
+            jpeg = cv2.imencode('.jpg', picture.bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1].tobytes()
+            connection.send(Shot(view, jpeg, picture.boxes))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except Exception as error:    # noqa: BLE001 (whatever it is, the simulator has to know)
+        connection.send(error)
