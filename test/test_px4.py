@@ -13,8 +13,8 @@ import pytest
 from rig_process import RigProcess
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'src' / 'av_px4' / 'test'))
-from fake_vehicle import FakeVehicle  # noqa: E402
-from px4_layouts import overlay  # noqa: E402
+from fake_vehicle import FakeVehicle
+from px4_layouts import overlay
 
 pytestmark = pytest.mark.system
 
@@ -79,7 +79,7 @@ def test_the_gimbal_follows_a_target_at_20_deg_a_second(fly, tmp_path):
 
 
 def test_the_vehicle_turns_to_tell_front_from_back(fly):
-    """Behind, in fog, heard only: in OFFBOARD the body turns, the mirror image is found out, and the body turns to the drone."""
+    """Behind, in fog, heard only: in OFFBOARD the body turns, the mirror image is found out, the body faces the drone."""
     rig, vehicle = fly('scenario:=behind_in_fog', 'duration:=30', options=['--pilot'])
     heading = vehicle.wait(lambda state: state['nav_state'] == 14, 90.0, 'offered OFFBOARD')['heading']
     assert rig.finish() == 0, rig.output

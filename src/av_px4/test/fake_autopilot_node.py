@@ -7,13 +7,13 @@ Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"select_
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import math
 import select
 import sys
 import time
 
-import px4_msgs.msg as messages
 import rclpy
 from fake_autopilot import FakeAutopilot
 from nav_msgs.msg import Odometry
@@ -22,6 +22,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 
+messages = importlib.import_module('px4_msgs.msg')   # built by px4_layouts.py, not installed
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT
 WRITES = QoSProfile(depth=5, reliability=BEST_EFFORT, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 READS = QoSProfile(depth=20, reliability=BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
