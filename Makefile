@@ -3,7 +3,7 @@
 #   make build      the ROS 2 environment and the workspace
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another one
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
-#   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each); DATA=folder of recordings
+#   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make lint       style of the code, package.xml files and shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
@@ -16,6 +16,7 @@ ENV := . tools/ros_env.sh
 DEMO ?= duration:=40
 TESTS ?=
 QUICK ?=
+SEEDS ?= 0
 DATA ?= ../shared/data
 
 build:
@@ -29,7 +30,7 @@ test: build
 
 # The whole of it brings the README's table of measured values up to date.
 report: build
-	$(ENV) && exec ros2 run av_fusion report --data $(DATA) \
+	$(ENV) && exec ros2 run av_fusion report --data $(DATA) --seeds $(SEEDS) \
 		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
 
 lint:

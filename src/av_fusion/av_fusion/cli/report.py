@@ -14,12 +14,15 @@ from av_fusion.evaluation.paper import cases_of, make_page, metrics_by_experimen
 from av_fusion.evaluation.progress import RunProgress
 from av_fusion.evaluation.schedule import run_cases
 
+SEEDS = 5
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute what is not there yet, write the report. Returns 0, or 1 where a run failed."""
     options = make_parser().parse_args(arguments)
     began = time.monotonic()
-    groups = cases_of(options.quick, options.data)
+    seeds = options.seeds or (1 if options.quick else SEEDS)
+    groups = cases_of(seeds, options.quick, options.data)
     if not options.data.exists():
         print(f'report: no real recordings in {options.data}: the stand-ins for physical experiments are left out',
               file=sys.stderr)
@@ -38,7 +41,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     done = {result.key: result for result in results}
     runs = {name: [done[case.key] for case in group if case.key in done] for name, group in groups.items()}
     runs = {name: group for name, group in runs.items() if group}
-    content = {'command': f'make report{" QUICK=1" if options.quick else ""}', 'experiments': metrics_by_experiment(runs)}
+    given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
+    content = {'command': f'make report{given}', 'experiments': metrics_by_experiment(runs)}
     write_json(options.out / 'metrics.json', content)
     make_page(runs, content['command'], options.quick).write(options.out / 'report.html')
     print(format_rows(*rows_of(content['experiments']['all'])))
@@ -57,6 +61,7 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('--out', type=Path, required=True, help='folder for report.html, metrics.json and what each run gave')
     add('--quick', action='store_true', help='one run of each experiment')
+    add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
     add('--readme', type=Path, help='bring the table of this README up to date ...')
     add('--measured', type=Path, default=Path('docs/measured/metrics.json'), help='... and this file (%(default)s)')

@@ -25,8 +25,8 @@ class Case:
 
     For scenarios: `model` is the detector's ONNX file, '' for the visual oracle; `follow` lets the rig turn as the pointing
     controller commands, else as the scenario says; `changes` are values of the scenario's file by dotted keys; `array`
-    is an array file other than the rig's, `band_hz` where it listens. For bags: `stage`, `parameters`, `remap` and `namespace` as of `replay`.
-    Inputs `filmed:CLIP` and `room:NUMBER` are the recordings in the folder `data` (see `physical`).
+    is an array file other than the rig's, `band_hz` where it listens. For bags: `stage`, `parameters`, `remap` and
+    `namespace` as of `replay`. Inputs `filmed:CLIP` and `room:NUMBER` rest on recordings in the folder `data`.
     `taus`: further gates on the detection confidence, at which `fused` and `gated` are computed as well.
     """
 

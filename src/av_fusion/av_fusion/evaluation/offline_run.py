@@ -35,14 +35,14 @@ class OfflineRun:
     def __init__(self, scenario: Scenario, rig: Rig, tracker: object, seed: int | None = None,
                  pointing: PointingController | None = None, baselines: tuple[str, ...] = (),
                  detect: Callable[[NDArray], list[tuple[float, float, float, float, float]]] | None = None,
-                 picture_every: int = 2, listening: LocalizerSettings = LocalizerSettings()) -> None:
+                 picture_every: int = 2, listening: LocalizerSettings | None = None) -> None:
         self.world = World(scenario, rig, seed, SAMPLE_RATE)
         self.log, self.recording = RunLog(), Recording()
         self._rig, self._tracker = rig, RecordingTracker(tracker, self.recording)
         self._pointing, self._detect = pointing, detect
         self._renderer = self.world.renderer() if detect else None
         self._oracle = Oracle(rig.camera.model, self.world.solids())
-        settings = replace(listening, temperature_c=scenario.weather.temperature_c)
+        settings = replace(listening or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
         self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method))
                             for method in ('ml', *baselines)}
         self._window = settings.window_s

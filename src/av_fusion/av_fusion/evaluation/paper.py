@@ -47,9 +47,9 @@ PAPER_DOMAINS = {'simulated': ('4.11°', '2.61° (52 %)', '3.28° (100 %)'),
 PAPER_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
 
 
-def cases_of(quick: bool, data: Path) -> dict[str, list[Case]]:
+def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
     """The runs of the report by what they are for. Recordings that are not in `data` are left out."""
-    seeds, clips, rooms = (1, 2, 1) if quick else (5, 12, 3)
+    clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
     cases = {}
     for experiment in EXPERIMENTS:
         taus = TAUS if experiment.scenario in ('fog_woodland', 'occluded_room') else ()
@@ -59,7 +59,7 @@ def cases_of(quick: bool, data: Path) -> dict[str, list[Case]]:
     for name in ('circle', 'tripod'):
         cases[f'{name}, rig still'] = [replace(case, follow=False) for case in cases[name][:max(seeds // 2, 1)]]
     if not quick:
-        cases['fog_woodland, detector'] = [Case('fog_woodland', seed, METHODS, model='shipped') for seed in (1, 2)]
+        cases['fog_woodland, detector'] = [Case('fog_woodland', seed, METHODS, model='shipped') for seed in (1, 2)[:seeds]]
     if data.exists():
         cases['filmed'] = [Case(f'{FILMED}{clip}', methods=METHODS, data=str(data)) for clip in CLIPS[:clips]]
         cases['room'] = [Case(f'{ROOM}{number}', methods=HEARING, data=str(data)) for number in range(rooms)]
@@ -79,8 +79,8 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
     page.paragraph(
         'Each experiment is flown by the built-in simulator, several times with other noise, and judged by method on identical '
         'data and with an identical median filter. The rig turns as its own pointing controller commands unless it is said to '
-        'stand still; indoors it listens between 500 and 8000 Hz. Sight is the simulator\'s visual oracle unless the detector is '
-        'named. The paper corrected mirror images by hand; here only hearing alone is given the true one, fused is not. '
+        'stand still; indoors it listens between 500 and 8000 Hz. Sight is the simulator\'s visual oracle unless the detector '
+        'is named. The paper corrected mirror images by hand; here only hearing alone is given the true one, fused is not. '
         'Intervals: bootstrap over blocks of 2 s.')
     _table_1(page, runs)
     _table_2(page, runs)
