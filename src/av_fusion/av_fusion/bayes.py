@@ -9,11 +9,13 @@ from dataclasses import dataclass, field, replace
 from av_common.angles import wrap
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Detection, Look, Sound, Source, State, Track
-from av_fusion.mode import Mode, gaussian, share_within
+from av_fusion.mode import Mode, Motion, gaussian, share_within
+from av_fusion.refinement import Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
 UNIFORM = 1.0 / (2.0 * math.pi)
+AGREE = math.radians(10.0)  # modes closer together than this are one bearing
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
 
 
@@ -29,7 +31,7 @@ class BayesSettings:
     it falls below `doubt`.
     """
 
-    acceleration_density: float = 0.02
+    acceleration_density: float = 0.005
     elevation_density: float = 0.001
     usual_elevation: float = math.radians(10.0)
     usual_elevation_sigma: float = math.radians(10.0)
@@ -46,6 +48,7 @@ class BayesSettings:
     sight_delay: float = 0.0
     machine: MachineSettings = field(default_factory=MachineSettings)
     rotation: RotationSettings = field(default_factory=RotationSettings)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,9 @@ class BayesTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
+        self._target_motion = Motion(self.settings.acceleration_density, self.settings.elevation_density,
+                                     self.settings.usual_elevation, self.settings.usual_elevation_sigma**2)
+        self.refinement = Refinement(self.settings.refinement)
         self.reset()
 
     def reset(self) -> None:
@@ -79,6 +85,7 @@ class BayesTracker:
         self._background = 1.0
         self._newest_sound = self._newest_look = -math.inf
         self._primary: Mode | None = None
+        self._seen = SeenCourse()
         self._resolved = False
         self._visibility = math.nan
         self._axis: float | None = None  # the array's end-fire (body azimuth), about which sounds are mirrored
@@ -90,29 +97,47 @@ class BayesTracker:
     def add_sound(self, sound: Sound) -> None:
         """Take in a sound; one without hypotheses says nothing."""
         time = sound.time - self.settings.sound_delay
+        sound = self._refine(sound, time)
         heard = [h for h in sound.hypotheses if math.isfinite(h.azimuth) and 0.0 < h.azimuth_variance < math.inf]
         if not (heard and math.isfinite(time) and 0.0 < sound.confidence <= 1.0):
             return
         lag = self._advance(time)
-        # Windows overlap: only the part of this one that is new is new evidence.
+        # Windows overlap: each adds the part that is new, as if its noise were that much larger.
         fresh = _fresh(time, self._newest_sound, sound.window)
         self._newest_sound = max(self._newest_sound, time)
         smear = (self.motion.yaw_rate(time) * sound.window) ** 2 / 48.0
         yaw = self.motion.yaw(time)
         azimuths = [float(wrap(yaw + h.azimuth)) for h in heard]
-        variances = [h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear for h in heard]
+        variances = [(h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear) / fresh for h in heard]
         prior = sound.confidence / len(heard)
+        clutter = max(1.0 - sound.confidence, 1e-3)
+        sharpness = prior / math.sqrt(2.0 * math.pi * min(variances) * fresh) / UNIFORM
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
+        if len(heard) == 2 and (half := 0.5 * float(wrap(azimuths[1] - azimuths[0]))) ** 2 > 4.0 * fresh * variances[0]:
+            self._modes = [part for mode in self._modes for part in mode.split(azimuths[0] + half, lag)]
         for mode in self._modes:
-            innovation, variance = mirrored_innovation(mode, lag, azimuths, variances, self._elevation_of(mode))
-            density = prior * gaussian(innovation, mode.expected_variance(lag) + variance)
-            total = (1.0 - sound.confidence) * UNIFORM + density
-            mode.weight *= (total / UNIFORM) ** fresh
-            mode.update(lag, [innovation], [variance / fresh], [density / total])
-        self._give_birth(lag, [Newborn(azimuth, variance, prior * fresh)
+            row, variance, innovation, fit = _compare(mode, lag, azimuths, variances)
+            mode.weight *= clutter**fresh + fit * sharpness**fresh
+            mode.adapt(innovation, variance, fresh)
+            mode.update(row, variance, [innovation], [fit * sharpness / (clutter + fit * sharpness)])
+        odds = prior / max(1.0 - sound.confidence, 0.01) * fresh
+        self._give_birth(lag, [Newborn(azimuth, variance * fresh, odds)
                                for azimuth, variance in zip(azimuths, variances, strict=True)])
         self._tidy()
         self.machine.hear(time, sound.confidence)
+
+    def _refine(self, sound: Sound, time: float) -> Sound:
+        """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
+        pair = Pair.of(sound) if self.settings.refinement.enabled and math.isfinite(time) else None
+        if pair is None or not math.isfinite(pair.half):
+            return sound
+        seen = self._seen.at(time)
+        if seen is not None and sound.confidence >= self.settings.machine.tau:
+            fresh = _fresh(time, self._newest_sound, sound.window)
+            variance = (sound.hypotheses[0].azimuth_variance + self.settings.sound_floor_sigma**2) * math.sin(pair.half) ** 2
+            self.refinement.compare(time, math.cos(pair.half), float(wrap(seen[0] - self.motion.yaw(time) - pair.axis)),
+                                    seen[1], max(variance, 1e-5) / fresh)
+        return pair.corrected(sound, self.refinement)
 
     def add_look(self, look: Look) -> None:
         """Take in a picture: its detections, and what their absence is worth where one could have seen."""
@@ -139,11 +164,18 @@ class BayesTracker:
             total = 1.0 - in_view * settings.recall * visibility + sum(found)
             shares = [f / total for f in found]
             mode.weight *= max(total, 1e-3) ** fresh
-            mode.update(lag, innovations, [d.azimuth_variance for d in seen], shares)
+            if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
+                near = min(range(len(seen)), key=lambda k: abs(innovations[k]))
+                mode.adapt(innovations[near], mode.expected_variance(lag) + seen[near].azimuth_variance,
+                           fresh * seen[near].confidence)
+            mode.update_azimuth(lag, innovations, [d.azimuth_variance for d in seen], shares)
             for detection, share in zip(seen, shares, strict=True):
                 mode.update_elevation(detection.elevation, detection.elevation_variance, share)
                 if mode is best and share > 0.5:
                     confidence = max(confidence, detection.confidence)
+        clear = look.best if look.best in seen else None
+        if clear is not None and clear.confidence >= settings.machine.tau:
+            self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation)
         view_share = width * UNIFORM
         self._background *= (1.0 - view_share * settings.recall * visibility) ** fresh
         # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
@@ -172,11 +204,9 @@ class BayesTracker:
         yaw = self.motion.yaw(time)
         azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
         front = self._front_probability(yaw, ahead)
-        share = primary.weight / sum(mode.weight for mode in self._modes)
-        if self._resolved:
-            self._resolved = share >= self.settings.doubt
-        else:
-            self._resolved = min(share, max(front, 1.0 - front)) >= self.settings.decide or self._axis is None
+        share = self._share_of(primary)
+        decided = share >= self.settings.decide and max(front, 1.0 - front) >= self.settings.doubt
+        self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
         source = Source.NOTHING
@@ -184,7 +214,7 @@ class BayesTracker:
             source |= sense if weight else Source.NOTHING
         return Track(
             **common, source=source, azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
-            elevation=primary.elevation, elevation_variance=primary.elevation_variance,
+            elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
             azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
             measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
             requested_rotation=self._rotation(time, yaw), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
@@ -201,7 +231,7 @@ class BayesTracker:
             return -dt
         kept = math.exp(-self.settings.loss_rate * dt)
         for mode in self._modes:
-            mode.predict(dt, self.settings.acceleration_density, self.settings.elevation_density)
+            mode.predict(dt, self._target_motion)
             mode.weight *= kept
         self._background += (1.0 - kept) * (1.0 - self._background)
         self._time = time
@@ -217,10 +247,11 @@ class BayesTracker:
             if explaining is not None:
                 explaining.weight += weight
                 continue
-            mode = Mode(weight, new.azimuth, new.variance, 0.0, self.settings.rate_sigma**2)
+            mode = Mode(weight, new.azimuth, new.variance, 0.0, self.settings.rate_sigma**2,
+                        self._target_motion.usual_elevation, self._target_motion.usual_elevation_variance)
             if new.detection is not None:
-                mode.elevation, mode.elevation_variance = new.detection.elevation, new.detection.elevation_variance
-            mode.predict(lag, self.settings.acceleration_density, self.settings.elevation_density)
+                mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
+            mode.predict(lag, self._target_motion)
             self._modes.append(mode)
 
     def _tidy(self) -> None:
@@ -248,48 +279,51 @@ class BayesTracker:
             self._primary = heaviest
         return self._primary
 
+    def _share_of(self, primary: Mode) -> float:
+        """Probability, given that there is a target, of the bearing of `primary`: modes that agree with it count."""
+        agreeing = sum(mode.weight for mode in self._modes if abs(mode.innovation(primary.azimuth, 0.0)) < AGREE)
+        return agreeing / sum(mode.weight for mode in self._modes)
+
     def _front_probability(self, yaw: float, ahead: float) -> float:
         total = sum(mode.weight for mode in self._modes)
         front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
                     for mode in self._modes)
         return front / total
 
-    def _elevation_of(self, mode: Mode) -> tuple[float, float]:
-        """Mean and variance (rad, rad^2): what was seen, or what is usual."""
-        usual = self.settings.usual_elevation, self.settings.usual_elevation_sigma**2
-        return min((mode.elevation, mode.elevation_variance), usual, key=lambda known: known[1])
-
     def _rotation(self, time: float, yaw: float) -> float:
         if self._resolved:
             self.planner.cancel()
             return 0.0
-        images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate_variance, mode.weight)
+        images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
                   for mode in self._modes]
-        if len(images) == 1:  # both images in one: near end-fire
-            images.append(replace(images[0], azimuth=float(wrap(2.0 * self._axis - images[0].azimuth))))
+        first = max(images, key=lambda image: image.weight)
+        if self._share_of(self._primary) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
+            images = [first, replace(first, azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 
 
-def mirrored_innovation(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float],
-                        elevation: tuple[float, float] = (0.0, 0.0)) -> tuple[float, float]:
-    """Innovation (rad) of a sound and its variance (rad^2), linearised where the mode is.
+def _compare(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]
+             ) -> tuple[tuple[float, float, float], float, float, float]:
+    """A mode with a sound: measurement row, variance of the innovation, innovation, and how well both fit.
 
-    A pair of microphones measures the cosine of the angle from its axis: cos(d) cos(e) for a source at azimuth d from the
-    axis and elevation e (mean and variance in `elevation`). Azimuths +d and -d are thus one measurement folded over. Where
-    d is small the cosine hardly changes: taken as azimuths, the images would push a mode back from the axis that it is
-    about to cross; taken as a cosine they leave it to its course. The second-order term keeps the linearisation honest
-    (Bar-Shalom, Li, Kirubarajan 2001, eq. 10.3.2-14).
+    The fit is the likelihood over that of a mode that knew exactly what was measured: 1 at best.
+    Two mirror images are one measurement, the cosine of the angle from the axis between them; any other number of
+    hypotheses are azimuths, of which the nearest counts.
     """
     if len(azimuths) != 2:
-        return min(((mode.innovation(azimuth, lag), variance) for azimuth, variance in zip(azimuths, variances, strict=True)),
-                   key=lambda pair: abs(pair[0]))
+        nearest = min(range(len(azimuths)), key=lambda k: abs(mode.innovation(azimuths[k], lag)))
+        innovation, total = mode.innovation(azimuths[nearest], lag), mode.expected_variance(lag) + variances[nearest]
+        return (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, variances[nearest])
     half = 0.5 * float(wrap(azimuths[1] - azimuths[0]))
-    offset = -mode.innovation(azimuths[0] + half, lag)  # of the mode from the axis' nearer end
-    rise, rise_variance = elevation
-    slope = -math.copysign(max(abs(math.sin(offset)), 0.05), math.sin(offset)) * math.cos(rise)
-    noise = (variances[0] * max(math.sin(half) ** 2, 1e-3) + 0.5 * (math.cos(offset) * mode.expected_variance(lag)) ** 2
-             + (math.cos(offset) * math.sin(rise)) ** 2 * rise_variance)
-    return (math.cos(half) - math.cos(offset) * math.cos(rise)) / slope, noise / slope**2
+    steepness = max(abs(math.sin(half)), 0.05)  # d cos / d azimuth where it was measured
+    expected = mode.expected_cosine(azimuths[0] + half, lag)
+    noise = variances[0] * steepness**2
+    innovation, total = math.cos(half) - expected.mean, expected.variance + noise
+    return expected.row, total, innovation, _fit(innovation, total, noise)
+
+
+def _fit(innovation: float, total: float, noise: float) -> float:
+    return math.exp(-0.5 * innovation * innovation / total) * math.sqrt(noise / total)
 
 
 def _fresh(time: float, newest: float, correlation: float) -> float:

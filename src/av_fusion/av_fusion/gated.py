@@ -28,11 +28,12 @@ from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 class GatedSettings:
     """`memory` s after the last sure bearing, the candidate nearest to it is still taken for the true one.
 
-    A rotation counts once the rig turned by `least_turn` rad since the candidates were noted.
+    A rotation counts once the rig turned by `least_turn` rad since the candidates were noted: the whole fixed turn, but for
+    what the rig leaves of it.
     """
 
     memory: float = 3.0
-    least_turn: float = math.radians(15.0)
+    least_turn: float = math.radians(40.0)
     sound_delay: float = 0.0
     sight_delay: float = 0.0
     machine: MachineSettings = field(default_factory=MachineSettings)
@@ -81,7 +82,7 @@ class GatedTracker:
         if not heard or not math.isfinite(time) or not sound.confidence > 0.0:
             return
         yaw = self.motion.yaw(time)
-        self._candidates = [Image(h.azimuth, h.azimuth_variance, 0.0, 1.0 / len(heard)) for h in heard]
+        self._candidates = [Image(h.azimuth, h.azimuth_variance, 0.0, 0.0, 1.0 / len(heard)) for h in heard]
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[-1].azimuth - heard[0].azimuth))
         world = [float(wrap(yaw + h.azimuth)) for h in heard]
         if len(heard) == 1:

@@ -1,19 +1,47 @@
-"""One mode of the posterior: a Kalman filter of azimuth and its rate in the world, and of elevation."""
+"""One mode of the posterior: a Gaussian of azimuth and its rate in the world, and of elevation."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from av_common.angles import wrap
+
+PASSING_S = 0.5  # for so long a passing target accelerates
+LEAST_AGILITY, MOST_AGILITY = 0.2, 40.0
+USUAL_SURPRISE, ALERT, CALM = 1.0, 3.0, 1.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How targets move, seen from the rig.
+
+    `acceleration_density` (rad^2/s^3) drives the azimuth's rate; the elevation wanders (rad^2/s) around the usual one
+    (rad, rad^2).
+    """
+
+    acceleration_density: float
+    elevation_density: float
+    usual_elevation: float
+    usual_elevation_variance: float
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What a mode says of a measurement: mean and variance without the sensor's noise, and the row that linearises it."""
+
+    mean: float
+    variance: float
+    row: tuple[float, float, float]
 
 
 @dataclass
 class Mode:
-    """A Gaussian over (azimuth, azimuth rate) and, apart from it, elevation; with its weight in the mixture.
+    """A Gaussian over azimuth a, its rate r and elevation e, with its weight in the mixture.
 
-    Plain floats, not arrays: a mixture holds a handful of modes, for which scalar arithmetic is ten times faster.
+    Plain floats, not arrays: a mixture holds a handful of modes, for which scalar arithmetic is ten times faster. `seen` says
+    whether the elevation was ever measured, or is the usual one.
     """
 
     weight: float
@@ -21,21 +49,36 @@ class Mode:
     azimuth_variance: float
     rate: float
     rate_variance: float
-    covariance: float = 0.0  # of azimuth and rate
     elevation: float = 0.0
-    elevation_variance: float = math.inf
+    elevation_variance: float = 0.03
+    ar: float = 0.0  # covariances
+    ae: float = 0.0
+    re: float = 0.0
+    seen: bool = False
+    agility: float = 1.0  # times the usual acceleration
 
-    def predict(self, dt: float, acceleration_density: float, elevation_density: float) -> None:
-        """Constant rate over `dt` s with white angular acceleration (rad^2/s^3), elevation as a random walk (rad^2/s).
+    def predict(self, dt: float, motion: Motion) -> None:
+        """Constant rate over `dt` s with white angular acceleration; elevation as an Ornstein-Uhlenbeck process.
+
+        A target that passes by at constant speed accelerates on the circle by up to its rate squared, and rises and sinks
+        the faster the higher it stands.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
         """
-        q = acceleration_density
+        passing = min(self.rate * self.rate, 0.5)
+        q = self.agility * motion.acceleration_density + PASSING_S * passing * passing
+        wander = motion.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
+        kept = math.exp(-0.5 * dt * motion.elevation_density / motion.usual_elevation_variance)
         self.azimuth = float(wrap(self.azimuth + dt * self.rate))
-        self.azimuth_variance += dt * (2.0 * self.covariance + dt * self.rate_variance) + q * dt**3 / 3.0
-        self.covariance += dt * self.rate_variance + q * dt**2 / 2.0
+        self.azimuth_variance += dt * (2.0 * self.ar + dt * self.rate_variance) + q * dt**3 / 3.0
+        self.ar += dt * self.rate_variance + q * dt**2 / 2.0
         self.rate_variance += q * dt
-        self.elevation_variance += elevation_density * dt
+        self.ae = kept * (self.ae + dt * self.re)
+        self.re *= kept
+        self.elevation = motion.usual_elevation + kept * (self.elevation - motion.usual_elevation)
+        self.elevation_variance = (kept**2 * self.elevation_variance
+                                   + (1.0 - kept**2) * motion.usual_elevation_variance
+                                   + (wander - motion.elevation_density) * dt)
 
     def innovation(self, azimuth: float, lag: float) -> float:
         """Measured minus expected azimuth, for a measurement made `lag` s before the mode's time."""
@@ -43,43 +86,104 @@ class Mode:
 
     def expected_variance(self, lag: float) -> float:
         """Variance of the azimuth `lag` s before the mode's time."""
-        return self.azimuth_variance - 2.0 * lag * self.covariance + lag**2 * self.rate_variance
+        return self.azimuth_variance - 2.0 * lag * self.ar + lag**2 * self.rate_variance
 
-    def update(self, lag: float, innovations: Sequence[float], variances: Sequence[float], shares: Sequence[float]) -> None:
-        """Probabilistic data association (Bar-Shalom and Tse, 1975) of azimuths measured `lag` s ago.
+    def expected_cosine(self, axis: float, lag: float) -> Predicted:
+        """The cosine of the angle between the target and a horizontal axis (world azimuth), `lag` s ago.
 
-        `innovations` (rad) with `variances` (rad^2) belong to this mode with probabilities `shares`, which may sum to less
-        than one: the rest is the chance that none does. The measurement matrix is [1, -lag]: a late measurement counts
-        for what it says about the present.
+        A pair of microphones measures cos(d) cos(e), d being the azimuth from its axis. With d and e Gaussian, mean,
+        variance and mean gradient are known in closed form, from E cos x = cos(m) exp(-v/2); by Stein's lemma the
+        covariance with the state is its covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and
+        Smoothing, 2013, eq. 6.3). Exact moments need no bounds where the cosine is flat, at end-fire.
+        """
+        d, e = -self.innovation(axis, lag), self.elevation
+        vd, ve, c = self.expected_variance(lag), self.elevation_variance, self.ae - lag * self.re
+        fade_sum, fade_difference = math.exp(-0.5 * (vd + ve) - c), math.exp(-0.5 * (vd + ve) + c)
+        sum_cos, sum_sin = fade_sum * math.cos(d + e), fade_sum * math.sin(d + e)
+        difference_cos, difference_sin = fade_difference * math.cos(d - e), fade_difference * math.sin(d - e)
+        mean = 0.5 * (sum_cos + difference_cos)
+        square = 0.25 * (1.0 + math.exp(-2.0 * vd) * math.cos(2.0 * d) + math.exp(-2.0 * ve) * math.cos(2.0 * e)
+                         + 0.5 * math.exp(-2.0 * (vd + ve) - 4.0 * c) * math.cos(2.0 * (d + e))
+                         + 0.5 * math.exp(-2.0 * (vd + ve) + 4.0 * c) * math.cos(2.0 * (d - e)))
+        to_azimuth = -0.5 * (sum_sin + difference_sin)
+        return Predicted(mean, max(square - mean * mean, 1e-12),
+                         (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
+
+    def update(self, row: tuple[float, float, float], total: float, innovations: Sequence[float],
+               shares: Sequence[float]) -> None:
+        """Probabilistic data association (Bar-Shalom and Tse, 1975) of scalar measurements with one measurement matrix.
+
+        `row` is that matrix, `total` the innovations' variance; each innovation belongs to this mode with the probability in
+        `shares`, which may sum to less than one: the rest is the chance that none does.
         """
         share = sum(shares)
         if share < 1e-6:
             return
-        mean_variance = share / sum(s / v for s, v in zip(shares, variances, strict=True))
-        expected = self.expected_variance(lag)
-        total = expected + mean_variance
-        to_azimuth = self.azimuth_variance - lag * self.covariance
-        to_rate = self.covariance - lag * self.rate_variance
-        gain_azimuth, gain_rate = to_azimuth / total, to_rate / total
         mean = sum(s * nu for s, nu in zip(shares, innovations, strict=True))
         spread = sum(s * nu * nu for s, nu in zip(shares, innovations, strict=True)) - mean * mean
-        shrink = spread - share * total
-        self.azimuth = float(wrap(self.azimuth + gain_azimuth * mean))
-        self.rate += gain_rate * mean
-        self.azimuth_variance += gain_azimuth * gain_azimuth * shrink
-        self.covariance += gain_azimuth * gain_rate * shrink
-        self.rate_variance += gain_rate * gain_rate * shrink
+        self._shift(row, total, mean, spread - share * total)
+
+    def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
+        """Change mean and variance of the quantity that `row` measures, whose variance is `total`, and what goes with it."""
+        h_a, h_r, h_e = row
+        g_a = (h_a * self.azimuth_variance + h_r * self.ar + h_e * self.ae) / total
+        g_r = (h_a * self.ar + h_r * self.rate_variance + h_e * self.re) / total
+        g_e = (h_a * self.ae + h_r * self.re + h_e * self.elevation_variance) / total
+        self.azimuth = float(wrap(self.azimuth + g_a * change))
+        self.rate += g_r * change
+        self.elevation += g_e * change
+        self.azimuth_variance += g_a * g_a * variance_change
+        self.rate_variance += g_r * g_r * variance_change
+        self.elevation_variance += g_e * g_e * variance_change
+        self.ar += g_a * g_r * variance_change
+        self.ae += g_a * g_e * variance_change
+        self.re += g_r * g_e * variance_change
+
+    def adapt(self, innovation: float, total: float, fresh: float) -> None:
+        """Believe in more acceleration after surprises, in less without (Bar-Shalom, Li, Kirubarajan 2001, section 11.2.2).
+
+        `fresh` is the share of the measurement that is new evidence: errors of overlapping windows are alike, and surprise
+        less than their variance says.
+        """
+        surprise = min(innovation * innovation / total, 9.0) - USUAL_SURPRISE
+        change = (ALERT if surprise > 0.0 else CALM) * fresh * surprise
+        self.agility = min(max(self.agility * math.exp(change), LEAST_AGILITY), MOST_AGILITY)
+
+    def split(self, axis: float, lag: float) -> list[Mode]:
+        """The mode cut in two where it lies on both sides of an axis (world azimuth) `lag` s ago, else alone.
+
+        What was measured of a target near end-fire fits on both sides; one Gaussian cannot say so. The parts are
+        truncated normal distributions, taken as Gaussian.
+        """
+        offset, variance = -self.innovation(axis, lag), self.expected_variance(lag)
+        sigma = math.sqrt(variance)
+        if abs(math.sin(offset)) > 1.3 * sigma:  # less than a tenth beyond the axis
+            return [self]
+        if math.cos(offset) < 0.0:
+            offset = float(wrap(offset + math.pi))  # the axis' other end is nearer
+        parts = []
+        for side in (1.0, -1.0):
+            start = side * offset / sigma
+            inside = 0.5 * math.erfc(-start / math.sqrt(2.0))
+            pull = math.exp(-0.5 * start * start) / math.sqrt(2.0 * math.pi) / inside
+            part = replace(self, weight=self.weight * inside)
+            part._shift((1.0, -lag, 0.0), variance, side * sigma * pull, -variance * pull * (pull + start))
+            parts.append(part)
+        return parts
+
+    def update_azimuth(self, lag: float, innovations: Sequence[float], variances: Sequence[float],
+                       shares: Sequence[float]) -> None:
+        """Azimuths measured `lag` s ago: a late measurement counts for what it says about the present."""
+        share = sum(shares)
+        if share >= 1e-6:
+            variance = share / sum(s / v for s, v in zip(shares, variances, strict=True))
+            self.update((1.0, -lag, 0.0), self.expected_variance(lag) + variance, innovations, shares)
 
     def update_elevation(self, elevation: float, variance: float, share: float) -> None:
-        """Take in a measured elevation that belongs to this mode with probability `share`."""
-        if share < 0.05 or not math.isfinite(variance):
-            return
-        if not math.isfinite(self.elevation_variance):
-            self.elevation, self.elevation_variance = elevation, variance / share
-            return
-        gain = self.elevation_variance / (self.elevation_variance + variance / share)
-        self.elevation += gain * (elevation - self.elevation)
-        self.elevation_variance *= 1.0 - gain
+        """A measured elevation that belongs to this mode with probability `share`."""
+        if share > 0.05 and math.isfinite(elevation) and 0.0 < variance < math.inf:
+            self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, [elevation - self.elevation], [share])
+            self.seen = True
 
     def resembles(self, other: Mode) -> bool:
         """Whether both say the same of azimuth and rate, as far as they know (half a standard deviation)."""
@@ -91,13 +195,17 @@ class Mode:
         total = self.weight + other.weight
         a, b = self.weight / total, other.weight / total
         d_azimuth, d_rate = float(wrap(other.azimuth - self.azimuth)), other.rate - self.rate
+        d_elevation = other.elevation - self.elevation
         self.azimuth = float(wrap(self.azimuth + b * d_azimuth))
         self.rate += b * d_rate
+        self.elevation += b * d_elevation
         self.azimuth_variance = a * self.azimuth_variance + b * other.azimuth_variance + a * b * d_azimuth**2
-        self.covariance = a * self.covariance + b * other.covariance + a * b * d_azimuth * d_rate
         self.rate_variance = a * self.rate_variance + b * other.rate_variance + a * b * d_rate**2
-        if other.elevation_variance < self.elevation_variance:
-            self.elevation, self.elevation_variance = other.elevation, other.elevation_variance
+        self.elevation_variance = a * self.elevation_variance + b * other.elevation_variance + a * b * d_elevation**2
+        self.ar = a * self.ar + b * other.ar + a * b * d_azimuth * d_rate
+        self.ae = a * self.ae + b * other.ae + a * b * d_azimuth * d_elevation
+        self.re = a * self.re + b * other.re + a * b * d_rate * d_elevation
+        self.seen = self.seen or other.seen
         self.weight = total
 
 

@@ -94,9 +94,14 @@ def test_dense_fog_never_flips_a_right_hemisphere():
 
 
 def test_tracks_a_moving_target_from_a_turning_rig():
-    """A target at 15 deg/s heard from a rig turning at 30 deg/s: the yaw of each measurement's own time counts."""
-    _, tracks, truths = run(BayesTracker(), Senses(8), lambda t: math.radians(15) * t, lambda t: math.radians(30) * t, 12.0)
-    assert np.sqrt(np.mean(errors_deg(tracks, truths, 360) ** 2)) < 3.0
+    """A target at 15 deg/s heard from a rig turning at 30 deg/s, past end-fire: the yaw of each measurement's time counts."""
+    found, rate = [], math.radians(15)
+    for seed in range(8, 13):
+        _, tracks, truths = run(BayesTracker(), Senses(seed), lambda t: rate * t, lambda t: 2.0 * rate * t, 12.0)
+        folded = [math.asin(math.sin(track.azimuth)) - math.asin(math.sin(truth))  # nothing tells the hemisphere here
+                  for track, truth in zip(tracks[480:], truths[480:], strict=True)]
+        found.append(math.degrees(float(np.sqrt(np.mean(np.square(folded))))))
+    assert np.median(found) < 2.0 and max(found) < 6.0
 
 
 def test_late_measurements_count_at_their_own_time():

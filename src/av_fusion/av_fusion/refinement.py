@@ -1,0 +1,151 @@
+"""Sight corrects hearing: where the array's axis really points, how long its baseline really is, how its delays are bent.
+
+A pair of microphones measures the cosine m of the angle between the sound and its axis. While sight is sure where the target
+is, the truth is known, and so is what the ear made of it:
+
+    m = b + (1 + s) cos(d + o) cos(e) + c1 P2(cos d) + c2 P3(cos d)
+
+with d, e the target's azimuth from the nominal axis and elevation, o the axis' offset, s the error of baseline (or speed of
+sound), b a delay between the channels, and two Legendre polynomials for a body that bends delays smoothly. Recursive least
+squares with exponential forgetting (Ljung, System Identification, 1999, eq. 11.12) estimates these five numbers; the prior is
+that the array is as described, and forgetting leads back to it rather than to nothing (stabilised forgetting, Kulhavy and
+Zarrop 1993), so that directions that were never heard keep their prior.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import wrap
+from av_fusion.measurements import Sound
+
+NAMES = ('offset', 'scale', 'delay', 'curve 2', 'curve 3')
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """`memory` (s) is how long a comparison counts; `sigmas` what is believed of each number before (rad, then shares of m).
+
+    No correction exceeds `bound` times its sigma; comparisons further off than `gate` standard deviations are not used.
+    """
+
+    enabled: bool = True
+    memory: float = 60.0
+    sigmas: tuple[float, ...] = (math.radians(5.0), 0.05, 0.02, 0.02, 0.02)
+    bound: float = 2.0
+    gate: float = 4.0
+
+
+@dataclass
+class Refinement:
+    """Recursive estimate of the numbers; `compare` learns, `correct` applies."""
+
+    settings: RefinementSettings = field(default_factory=RefinementSettings)
+
+    def __post_init__(self) -> None:
+        self._prior = np.diag(1.0 / np.square(self.settings.sigmas))
+        self._information = self._prior.copy()
+        self._vector = np.zeros(len(NAMES))
+        self._time = -math.inf
+        self.values: NDArray = np.zeros(len(NAMES))
+        self.compared = 0
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """How well each number is known (5,)."""
+        return np.sqrt(np.diag(np.linalg.inv(self._information)))
+
+    def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float) -> bool:
+        """Learn from one sound: its cosine, and the target's direction from the nominal axis as it was seen (rad).
+
+        `variance` is that of the cosine's error, of which successive sounds must be independent or it be widened. Returns
+        whether the comparison was used.
+        """
+        if not (self.settings.enabled and math.isfinite(measured) and 0.0 < variance < math.inf):
+            return False
+        row = sensitivities(azimuth, elevation)
+        missing = measured - math.cos(azimuth) * math.cos(elevation)
+        spread = float(row @ np.linalg.solve(self._information, row)) + variance
+        if (missing - row @ self.values) ** 2 > self.settings.gate**2 * spread:
+            return False
+        kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self.settings.memory)
+        self._time = max(self._time, time)
+        self._information = kept * self._information + (1.0 - kept) * self._prior + np.outer(row, row) / variance
+        self._vector = kept * self._vector + row * missing / variance
+        bound = self.settings.bound * np.asarray(self.settings.sigmas)
+        self.values = np.clip(np.linalg.solve(self._information, self._vector), -bound, bound)
+        self.compared += 1
+        return True
+
+    def correct(self, measured: float, azimuth: float, elevation: float = 0.0) -> float:
+        """The cosine that the nominal array would have measured of a target near the given direction."""
+        if not self.compared:
+            return measured
+        return min(max(measured - float(sensitivities(azimuth, elevation) @ self.values), -1.0), 1.0)
+
+    def describe(self) -> dict[str, str]:
+        """What was learnt, for people."""
+        units = ((math.degrees(1.0), 'deg'), *(((100.0, '%'),) * 4))
+        return {name: f'{scale * value:+.2f} +- {scale * sigma:.2f} {unit}'
+                for name, value, sigma, (scale, unit) in zip(NAMES, self.values, self.sigmas, units, strict=True)}
+
+
+def sensitivities(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """How the measured cosine changes with each number (5,), at a direction from the nominal axis (rad)."""
+    x = math.cos(azimuth) * math.cos(elevation)
+    return np.array([-math.sin(azimuth) * math.cos(elevation), x, 1.0, 1.5 * x * x - 0.5, 2.5 * x**3 - 1.5 * x])
+
+
+class SeenCourse:
+    """Where the target was seen of late, so that what was heard can be compared at its own time."""
+
+    def __init__(self, gap: float = 0.4, keep: float = 3.0) -> None:
+        self._gap, self._keep = gap, keep
+        self._seen: list[tuple[float, float, float]] = []
+
+    def add(self, time: float, azimuth: float, elevation: float) -> None:
+        """A sighting: world azimuth and elevation in rad. One that comes out of order is ignored."""
+        if self._seen and time <= self._seen[-1][0]:
+            return
+        self._seen = [seen for seen in self._seen if seen[0] > time - self._keep]
+        self._seen.append((time, azimuth, elevation))
+
+    def at(self, time: float) -> tuple[float, float] | None:
+        """World azimuth and elevation at `time`, between two sightings at most `gap` s apart; else None."""
+        after = next((k for k, seen in enumerate(self._seen) if seen[0] >= time), 0)
+        if after == 0 or self._seen[after][0] - self._seen[after - 1][0] > self._gap:
+            return None
+        (t0, a0, e0), (t1, a1, e1) = self._seen[after - 1:after + 1]
+        share = (time - t0) / (t1 - t0)
+        return float(wrap(a0 + share * float(wrap(a1 - a0)))), e0 + share * (e1 - e0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two mirror images as one cosine about the array's axis (body azimuth in [0, pi)); `half` is the first one's angle."""
+
+    axis: float
+    half: float
+
+    @staticmethod
+    def of(sound: Sound) -> Pair | None:
+        """None for a sound of other than two hypotheses."""
+        if len(sound.hypotheses) != 2:
+            return None
+        first, second = (hypothesis.azimuth for hypothesis in sound.hypotheses)
+        axis = float(wrap(first + 0.5 * float(wrap(second - first)))) % math.pi
+        return Pair(axis, float(wrap(first - axis)))
+
+    def corrected(self, sound: Sound, refinement: Refinement) -> Sound:
+        """The sound with both images where a nominal array would have heard them."""
+        if not refinement.compared:
+            return sound
+        measured = math.cos(self.half)
+        moved = [replace(hypothesis, azimuth=float(wrap(self.axis + math.copysign(
+            math.acos(refinement.correct(measured, angle)), angle))))
+            for hypothesis, angle in zip(sound.hypotheses, (self.half, -self.half), strict=True)]
+        return replace(sound, hypotheses=tuple(moved))

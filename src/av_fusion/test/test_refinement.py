@@ -1,0 +1,109 @@
+"""Sight corrects hearing: ears that are turned, too far apart or bent are found out, and wrong detections do no harm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_senses import Senses
+
+from av_common.angles import wrap
+from av_fusion.bayes import BayesSettings, BayesTracker
+from av_fusion.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.refinement import Refinement, RefinementSettings
+
+
+def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):
+    """What a pair on the y axis reports whose axis is off by `offset` rad and whose baseline is `scale` too long."""
+    cosine = np.clip((1.0 + scale) * math.cos(azimuth - 0.5 * math.pi - offset) + random.normal(0.0, sigma), -0.999, 0.999)
+    half = math.acos(cosine)
+    variance = (sigma / math.sin(half)) ** 2
+    return Sound(time, tuple(Hypothesis(float(wrap(0.5 * math.pi + side * half)), variance) for side in (1.0, -1.0)), 0.95)
+
+
+def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed=1):
+    """RMS error in deg of sound alone, after 20 s in which a target swinging before the camera was seen too."""
+    random = np.random.default_rng(seed)
+    senses = Senses(seed)
+    tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), refinement=RefinementSettings(enabled=enabled)))
+    errors = []
+    for step in range(20 * 32):
+        t = 100.0 + step / 20.0
+        truth = 0.5 * math.sin(0.5 * (t - 100.0))
+        if t < 120.0:
+            look = senses.look(t, truth)
+            if random.random() < wrong_share:
+                look = replace(look, detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
+            tracker.add_look(look)
+        tracker.add_sound(biased_sound(t, truth, math.radians(offset_deg), scale, random))
+        track = tracker.estimate(t)
+        if t > 122.0:
+            errors.append(math.degrees(wrap(track.azimuth - truth)))
+    return float(np.sqrt(np.mean(np.square(errors)))), tracker
+
+
+@pytest.mark.parametrize(('offset_deg', 'scale'), [(5.0, 0.0), (-5.0, 0.05), (0.0, -0.05), (5.0, 0.05)])
+def test_after_sight_biased_ears_hear_nearly_as_well_as_good_ones(offset_deg, scale):
+    """5 degrees of turn and 5 % of baseline leave half a degree more error than good ears have."""
+    good, _ = error_after_sight(False, 0.0, 0.0)
+    without, _ = error_after_sight(False, offset_deg, scale)
+    refined, _ = error_after_sight(True, offset_deg, scale)
+    assert refined < good + 0.5
+    assert refined < 0.5 * without or without < good + 0.5
+
+
+def test_good_ears_stay_good():
+    """Where there is nothing to correct, nothing gets worse."""
+    without, _ = error_after_sight(False, 0.0, 0.0)
+    refined, tracker = error_after_sight(True, 0.0, 0.0)
+    assert refined < without + 0.3
+    assert np.all(np.abs(tracker.refinement.values) < 2.0 * np.array(RefinementSettings().sigmas))
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_wrong_detections_do_not_make_it_diverge(seed):
+    """With a third of the detections anywhere in view the corrections stay bounded, and hearing no worse than uncorrected."""
+    without, _ = error_after_sight(False, 5.0, 0.05, 0.33, seed)
+    refined, tracker = error_after_sight(True, 5.0, 0.05, 0.33, seed)
+    assert refined < without + 0.3
+    assert np.all(np.abs(tracker.refinement.values) <= 2.0 * np.array(RefinementSettings().sigmas) + 1e-12)
+
+
+def test_the_numbers_are_found():
+    """From directions all around, each of the five numbers comes out within three of its own sigmas."""
+    random, refinement = np.random.default_rng(3), Refinement()
+    truth = np.array([math.radians(4.0), 0.03, 0.01, -0.01, 0.01])
+    for k in range(3000):
+        azimuth, elevation = random.uniform(-math.pi, math.pi), random.uniform(0.0, 0.5)
+        x = math.cos(azimuth) * math.cos(elevation)
+        measured = (truth[2] + (1.0 + truth[1]) * math.cos(azimuth + truth[0]) * math.cos(elevation)
+                    + truth[3] * (1.5 * x * x - 0.5) + truth[4] * (2.5 * x**3 - 1.5 * x) + random.normal(0.0, 0.01))
+        refinement.compare(0.02 * k, measured, azimuth, elevation, 0.01**2)
+    assert np.all(np.abs(refinement.values - truth) < 3.0 * refinement.sigmas + 0.003)
+
+
+def test_it_forgets_towards_the_array_as_described():
+    """Long after sight was lost a few comparisons do not hold on to an old error."""
+    refinement = Refinement(RefinementSettings(memory=5.0))
+    for k in range(200):
+        refinement.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
+    learnt = float(np.abs(refinement.values).sum())
+    for k in range(200):
+        refinement.compare(100.0 + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3)
+    assert float(np.abs(refinement.values).sum()) < 0.3 * learnt
+
+
+def test_absurd_comparisons_are_refused():
+    """NaN, infinite variances and impossible cosines teach nothing."""
+    refinement = Refinement()
+    for measured, variance in ((math.nan, 0.01), (0.5, math.inf), (0.5, 0.0), (30.0, 0.01)):
+        assert not refinement.compare(0.0, measured, 1.0, 0.0, variance)
+    assert not np.any(refinement.values)
+
+
+def test_it_can_be_switched_off():
+    """Off means off."""
+    _, tracker = error_after_sight(False)
+    assert tracker.refinement.compared == 0 and isinstance(Look(0.0, ()), Look)
