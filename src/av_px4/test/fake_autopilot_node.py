@@ -1,6 +1,6 @@
 """The fake autopilot on PX4's topics, with PX4's quality of service and the suffixes of its firmware.
 
-Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"select_mode": 14}, {"set": {"acknowledges": false}},
+Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"pilot": 14}, {"set": {"acknowledges": false}},
 {"silence": ["vehicle_status"]}, {"reset_heading": 0.5}, {"point": {...} or null}), writes its state twenty times a second.
 """
 
@@ -43,7 +43,7 @@ class FakeNode:
     def __init__(self, firmware, prefix='/fmu', acks=True):
         self.node, self.model = rclpy.create_node('fake_autopilot'), FakeAutopilot(obeys_any_mode=firmware == '1.16')
         self.prefix, self.firmware, self.silent, self.point = prefix, firmware, set(), None
-        self.ticks, self.error, self.bearing, self.log = 0, None, None, []
+        self.ticks, self.pilot, self.bearing, self.log = 0, None, None, []
         outputs = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude',
                    'vehicle_odometry': 'VehicleOdometry', 'vehicle_local_position': 'VehicleLocalPosition'}
         inputs = {'vehicle_command': ('VehicleCommand', self.on_command),
@@ -70,7 +70,8 @@ class FakeNode:
         self.pointing = self.node.create_publisher(PointingCommand, '/pointing/command', RIG)
         self.node.create_subscription(Odometry, '/odometry', self.on_odometry, RIG)
         self.node.create_subscription(Bearing, '/target/bearing', self.on_bearing, RIG)
-        self.odometry = None
+        self.node.create_subscription(PointingCommand, '/pointing/command', self.on_pointing, RIG)
+        self.odometry, self.tracking = None, 0.0
 
     def topic(self, side, name, kind):
         message = getattr(messages, kind)
@@ -98,12 +99,15 @@ class FakeNode:
         q = m.pose.pose.orientation
         self.odometry = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
 
+    def on_pointing(self, m):
+        self.tracking = (self.tracking or self.model.time) if m.mode == PointingCommand.MODE_TRACK else 0.0
+
     def on_bearing(self, m):
-        """How far the gimbal looks from the bearing at this very moment."""
+        """How long it has been followed, where it is, and how far from it the gimbal looks at this very moment."""
         self.bearing = {'state': m.state, 'azimuth': m.azimuth, 'hemisphere': m.hemisphere_probability}
         if m.state != Bearing.STATE_NONE:
             error = math.remainder(m.azimuth + self.model.gimbal[1], 2 * math.pi)
-            self.log.append((time.time(), m.azimuth, m.azimuth_world_rate, m.state, self.model.gimbal[1], error))
+            self.log.append((self.model.time - self.tracking if self.tracking else 0.0, m.azimuth, error))
 
     # what goes
 
@@ -177,8 +181,8 @@ class FakeNode:
                     setattr(self.model, key, tuple(new) if isinstance(new, list) else new)
             elif name == 'silence':
                 self.silent = set(value)
-            elif name == 'point':
-                self.point = value
+            elif name in ('point', 'pilot'):
+                setattr(self, name, value)
             elif name == 'write_log':
                 with open(value, 'w') as file:  # noqa: PTH123
                     json.dump(self.log, file)
@@ -192,10 +196,11 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument('firmware')
     parser.add_argument('--prefix', default='/fmu')
-    parser.add_argument('--pilot', action='store_true', help='selects OFFBOARD whenever PX4 lets him')
+    parser.add_argument('--pilot', type=int, help='the mode that the pilot selects whenever PX4 lets him')
     options = parser.parse_args()
     rclpy.init()
     fake = FakeNode(options.firmware, options.prefix)
+    fake.pilot = options.pilot
     due = time.monotonic()
     while True:
         rclpy.spin_once(fake.node, timeout_sec=max(0.0, min(due - time.monotonic(), PERIOD)))
@@ -207,8 +212,8 @@ def main():
             if not line:
                 return
             fake.obey(json.loads(line))
-        if options.pilot and fake.model.nav_state != 14:
-            fake.model.select_mode(14)
+        if fake.pilot not in (None, fake.model.nav_state):
+            fake.model.select_mode(fake.pilot)
 
 
 if __name__ == '__main__':

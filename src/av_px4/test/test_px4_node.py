@@ -49,14 +49,14 @@ def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle
     assert set(state['commands']) == {'1000', '1001'}
     modes = [14] if firmware_1_14 else [14, vehicle.wait(lambda state: state['modes'])['modes']['0'][1]]
     for mode in modes:
-        vehicle.tell(select_mode=mode)
+        vehicle.tell(pilot=mode)
         vehicle.wait(lambda state, mode=mode: state['nav_state'] == mode, why='mode selected')
         for rate in (0.3, -0.3):   # to the left is counter-clockwise: the heading, clockwise from north, falls
             vehicle.tell(point={'yaw_rate': rate, 'pan': rate})
             vehicle.wait(lambda state, rate=rate: abs(state['yaw_rate'] + rate) < 0.01, why=f'turning at {rate} rad/s')
         vehicle.tell(point={'yaw_rate': 0.3, 'mode': 0})
         vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='hold')
-        vehicle.tell(select_mode=4)
+        vehicle.tell(pilot=4)
         vehicle.wait(lambda state: state['nav_state'] == 4)
     vehicle.stop_node(node)
     state = vehicle.wait(lambda state: state['owner'] is None and not state['modes'], why='gimbal and mode given back')
@@ -68,48 +68,45 @@ def test_a_vehicle_that_obeys_in_any_mode_is_sent_nothing_in_any_other(vehicle):
     vehicle.node()
     vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2})
     vehicle.wait(offered)
-    vehicle.tell(select_mode=14)
+    vehicle.tell(pilot=14)
     vehicle.wait(lambda state: state['yaw_rate'] < -0.3)
     for mode in (4, 2, 5, 18):
-        vehicle.tell(change_mode=[mode, 'the pilot'])
+        vehicle.tell(pilot=mode)
         start = vehicle.wait(lambda state, mode=mode: state['nav_state'] == mode)['time']
         # the status of the new mode is on its way for a moment
         seen = vehicle.wait(lambda state, start=start: state['time'] > start + 0.3)['setpoints']
         state = vehicle.wait(lambda state, start=start: state['time'] > start + 1.5)
         assert state['setpoints'] == seen, f'setpoints in mode {mode}'
-    vehicle.tell(change_mode=[14, 'the pilot'])
+    vehicle.tell(pilot=14)
     vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='it turns again')
     vehicle.tell(set={'armed': False})
     vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='disarmed')
     assert set(vehicle.state['commands']) <= {'1000', '1001'}
 
 
-@pytest.mark.parametrize('silent', [
-    ['vehicle_status'], ['vehicle_attitude', 'vehicle_odometry'], ['vehicle_local_position'], ['vehicle_command_ack'],
-    'bearing', 'command'])
-def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle, silent):
+def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle):
     """Status, attitude, position, acknowledgements, bearing, command: without any one of them the vehicle stands still."""
     vehicle.node()
     point = {'yaw_rate': 0.4, 'pan': 0.2}
     vehicle.tell(point=point)
     vehicle.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
-    vehicle.tell(select_mode=14)
-    vehicle.wait(lambda state: state['yaw_rate'] < -0.3)
-    vehicle.tell(**({'point': None} if silent == 'command' else {'point': {**point, 'state': 0}} if silent == 'bearing'
-                    else {'silence': silent}))
-    vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why='still')
-    vehicle.tell(silence=[], point=point)
-    vehicle.tell(change_mode=[14, 'the pilot'])
-    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='turning again')
+    vehicle.tell(pilot=14)
+    for missing in ({'silence': ['vehicle_status']}, {'silence': ['vehicle_attitude', 'vehicle_odometry']},
+                    {'silence': ['vehicle_local_position']}, {'silence': ['vehicle_command_ack']},
+                    {'point': {**point, 'state': 0}}, {'point': None}):
+        vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why=f'turning before {missing}')
+        vehicle.tell(**missing)
+        vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why=f'still with {missing}')
+        vehicle.tell(silence=[], point=point)
 
 
 def test_return_to_launch_takes_the_gimbal_and_it_is_claimed_again(vehicle):
     vehicle.node()
     vehicle.tell(point={'pan': 0.5})
     vehicle.wait(looks(math.degrees(0.5), 0.0))
-    vehicle.tell(select_mode=5)
+    vehicle.tell(pilot=5)
     vehicle.wait(lambda state: state['owner'] is None and looks(0.0, 0.0)(state))
-    vehicle.tell(select_mode=4)
+    vehicle.tell(pilot=4)
     vehicle.wait(lambda state: state['owner'] == OWN and looks(math.degrees(0.5), 0.0)(state))
     vehicle.tell(set={'owner': [255, 190]})
     vehicle.wait(lambda state: state['owner'] == OWN, why='claimed after a takeover')
@@ -124,6 +121,11 @@ def test_a_heading_reset_does_not_turn_the_rig(vehicle):
     start = vehicle.state['time']
     vehicle.wait(lambda state: state['time'] > start + 1.0)
     assert vehicle.state['odometry'] == pytest.approx(before, abs=0.01)
+    vehicle.tell(silence=['vehicle_odometry'])   # then the attitude is all there is
+    start = vehicle.state['time']
+    vehicle.wait(lambda state: state['time'] > start + 1.0)
+    vehicle.tell(set={'heading': -1.0})
+    vehicle.wait(lambda state: abs(state['odometry'] - before - 1.0) < 0.01, why='odometry of the attitude')
 
 
 def test_without_px4_msgs_it_says_what_to_install():

@@ -18,16 +18,16 @@ from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
-from av_fusion.limited_axis import AxisLimits
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.continuity import ContinuousPose, HeldPosition
 from av_px4.external_mode import ExternalMode
 from av_px4.frames import Pose, levelled, pose_from_px4
-from av_px4.gimbal import ROLL_AND_PITCH_LOCK, Claim, Gimbal, GimbalInputs, GimbalSettings
-from av_px4.guard import BodyGuard, Decision, GuardSettings, Inputs, VehicleStatus
+from av_px4.gimbal import Claim, Gimbal, GimbalInputs
+from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.nodes import px4_messages as px4
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
+from av_px4.nodes.px4_settings import gimbal_settings, guard_settings
 from av_sim_bridge.clock import SenderClock
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.truth import encode_truth
@@ -42,22 +42,6 @@ INPUTS = {'vehicle_command': 'VehicleCommand', 'offboard_control_mode': 'Offboar
 MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
                'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply',
                'config_control_setpoints': 'VehicleControlMode'}
-
-
-def guard_settings(p: parameters.Params) -> GuardSettings:
-    """The guard's limits. Raises ValueError where a stop would take too long."""
-    return GuardSettings(math.radians(p.body.rate_deg), math.radians(p.body.acceleration_deg), p.timeouts.command,
-                         p.timeouts.bearing, p.timeouts.attitude, p.timeouts.position, p.timeouts.status)
-
-
-def gimbal_settings(p: parameters.Params) -> GimbalSettings:
-    """The gimbal's ids and limits. Raises ValueError where a stop would take too long."""
-    motion = (math.radians(p.gimbal.rate_deg), math.radians(p.gimbal.acceleration_deg))
-    return GimbalSettings(
-        component=p.component, gimbal_id=p.gimbal.id, flags=ROLL_AND_PITCH_LOCK if p.gimbal.lock_to_horizon else 0,
-        pan=AxisLimits(*motion, *map(math.radians, p.gimbal.pan_limits_deg)),
-        tilt=AxisLimits(*motion, *map(math.radians, p.gimbal.tilt_limits_deg)),
-        ack_timeout=p.gimbal.ack_timeout, need_ack=p.gimbal.need_ack)
 
 
 class Px4Node(RigNode):
@@ -95,6 +79,7 @@ class Px4Node(RigNode):
 
     def activate(self) -> None:
         """Listen to the rig and look for PX4."""
+        self._activated = time.monotonic()
         self._simulator = socket.socket(socket.AF_INET, socket.SOCK_DGRAM) if self._settings.simulator_port else None
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
@@ -165,14 +150,15 @@ class Px4Node(RigNode):
         self._take_pose(message.timestamp_sample or message.timestamp, pose, message.reset_counter)
 
     def _on_vehicle_attitude(self, message: Any) -> None:
-        if self._meters['odometry'].age > 0.5:
+        if min(self._meters['odometry'].age, time.monotonic() - self._activated) > 0.5:  # a firmware that sends none
             try:
                 pose = pose_from_px4(self._place.current if self._place.current is not None else (0.0,) * 3, message.q,
                                      (0.0,) * 3, (0.0,) * 3)
             except ValueError as error:
                 self._complaint = f'vehicle_attitude: {error}'
                 return
-            self._take_pose(message.timestamp_sample or message.timestamp, pose, message.quat_reset_counter)
+            # counted apart, so that a change of the source counts as a reset
+            self._take_pose(message.timestamp_sample or message.timestamp, pose, -1 - message.quat_reset_counter)
         if 0.9 < sum(part * part for part in message.q) < 1.1:
             self._meters['attitude'].tick()
             self._attitude = message.q
