@@ -38,6 +38,7 @@ setup(
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
             'evaluate = av_fusion.cli.evaluate:main',
             'front_back = av_fusion.cli.front_back:main',
+            'fuzz = av_fusion.cli.fuzz:main',
             'player_node = av_fusion.nodes.player_node:main',
             'repair_bag = av_fusion.cli.repair_bag:main',
             'replay = av_fusion.cli.replay:main',

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from av_common.angles import wrap
 from av_fusion.machine import MachineSettings, StateMachine
-from av_fusion.measurements import Detection, Look, Sound, Source, State, Track
+from av_fusion.measurements import Detection, Look, Sound, Source, State, Track, sensible_look, sensible_sound
 from av_fusion.mode import Mode, Motion, gaussian, share_within
 from av_fusion.refinement import Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
@@ -95,12 +95,13 @@ class BayesTracker:
         self.motion.add(time, yaw, yaw_rate)
 
     def add_sound(self, sound: Sound) -> None:
-        """Take in a sound; one without hypotheses says nothing."""
+        """Take in a sound; one that makes no sense says nothing."""
+        sound = sensible_sound(sound)
+        if sound is None:
+            return
         time = sound.time - self.settings.sound_delay
         sound = self._refine(sound, time)
-        heard = [h for h in sound.hypotheses if math.isfinite(h.azimuth) and 0.0 < h.azimuth_variance < math.inf]
-        if not (heard and math.isfinite(time) and 0.0 < sound.confidence <= 1.0):
-            return
+        heard = sound.hypotheses
         lag = self._advance(time)
         # Windows overlap: each adds the part that is new, as if its noise were that much larger.
         fresh = _fresh(time, self._newest_sound, sound.window)
@@ -128,8 +129,8 @@ class BayesTracker:
 
     def _refine(self, sound: Sound, time: float) -> Sound:
         """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
-        pair = Pair.of(sound) if self.settings.refinement.enabled and math.isfinite(time) else None
-        if pair is None or not math.isfinite(pair.half):
+        pair = Pair.of(sound) if self.settings.refinement.enabled else None
+        if pair is None:
             return sound
         seen = self._seen.at(time)
         if seen is not None and sound.confidence >= self.settings.machine.tau:
@@ -141,9 +142,10 @@ class BayesTracker:
 
     def add_look(self, look: Look) -> None:
         """Take in a picture: its detections, and what their absence is worth where one could have seen."""
-        time = look.time - self.settings.sight_delay
-        if not math.isfinite(time):
+        look = sensible_look(look)
+        if look is None:
             return
+        time = look.time - self.settings.sight_delay
         lag = self._advance(time)
         settings = self.settings
         fresh = _fresh(time, self._newest_look, settings.sight_correlation)
@@ -151,7 +153,7 @@ class BayesTracker:
         self._visibility = look.visibility
         visibility = look.visibility if math.isfinite(look.visibility) else settings.assumed_visibility
         yaw, width = self.motion.yaw(time), 2.0 * look.half_view
-        seen = [d for d in look.detections if math.isfinite(d.azimuth) and 0.0 < d.azimuth_variance < math.inf]
+        seen = look.detections
         azimuths = [float(wrap(yaw + d.azimuth)) for d in seen]
         odds = [min(d.confidence / max(1.0 - d.confidence, 0.01), 99.0) for d in seen]
         confidence, best = 0.0, self._choose_primary()
@@ -173,7 +175,7 @@ class BayesTracker:
                 mode.update_elevation(detection.elevation, detection.elevation_variance, share)
                 if mode is best and share > 0.5:
                     confidence = max(confidence, detection.confidence)
-        clear = look.best if look.best in seen else None
+        clear = look.best
         if clear is not None and clear.confidence >= settings.machine.tau:
             self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation)
         view_share = width * UNIFORM

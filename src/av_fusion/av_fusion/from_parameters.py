@@ -10,6 +10,7 @@ from av_fusion.gated import GatedSettings, GatedTracker
 from av_fusion.limited_axis import AxisLimits
 from av_fusion.machine import MachineSettings
 from av_fusion.pointing import PointingSettings
+from av_fusion.refinement import RefinementSettings
 from av_fusion.rotation import RotationSettings
 
 
@@ -20,12 +21,13 @@ def make_tracker(p: Any) -> BayesTracker | GatedTracker:
                 'sector': math.radians(p.rotation.sector_deg), 'fixed': math.radians(p.rotation.fixed_deg)}
     delays = {'sound_delay': p.sound_delay, 'sight_delay': p.sight_delay}
     if p.method == 'gated':
-        rotation['fixed'] = rotation['fixed'] or RotationSettings().largest / 2.0
+        rotation['fixed'] = rotation['fixed'] or GatedSettings().rotation.fixed
         return GatedTracker(GatedSettings(machine=machine, rotation=RotationSettings(**rotation), **delays))
     return BayesTracker(BayesSettings(
         machine=machine, rotation=RotationSettings(**rotation), acceleration_density=p.acceleration_density,
         rate_sigma=math.radians(p.rate_sigma_deg), decide=p.decide_probability, recall=p.recall,
-        assumed_visibility=p.assumed_visibility, **delays))
+        assumed_visibility=p.assumed_visibility,
+        refinement=RefinementSettings(p.refinement.enabled, p.refinement.memory), **delays))
 
 
 def pointing_settings(p: Any) -> PointingSettings:

@@ -19,6 +19,8 @@ from av_fusion.measurements import (
     Source,
     State,
     Track,
+    sensible_look,
+    sensible_sound,
 )
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
@@ -66,9 +68,10 @@ class GatedTracker:
 
     def add_look(self, look: Look) -> None:
         """Take in a picture; only its best detection counts."""
-        time, best = look.time - self.settings.sight_delay, look.best
-        if not math.isfinite(time):
+        look = sensible_look(look)
+        if look is None:
             return
+        time, best = look.time - self.settings.sight_delay, look.best
         self._visibility = look.visibility
         self.machine.see(time, best.confidence if best else 0.0)
         if best and best.confidence >= self.settings.machine.tau:
@@ -77,10 +80,10 @@ class GatedTracker:
 
     def add_sound(self, sound: Sound) -> None:
         """Take in a sound and choose among its mirror images."""
-        time = sound.time - self.settings.sound_delay
-        heard = [h for h in sound.hypotheses if math.isfinite(h.azimuth)]
-        if not heard or not math.isfinite(time) or not sound.confidence > 0.0:
+        sound = sensible_sound(sound)
+        if sound is None:
             return
+        time, heard = sound.time - self.settings.sound_delay, sound.hypotheses
         yaw = self.motion.yaw(time)
         self._candidates = [Image(h.azimuth, h.azimuth_variance, 0.0, 0.0, 1.0 / len(heard)) for h in heard]
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[-1].azimuth - heard[0].azimuth))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 
 class State(enum.IntEnum):
@@ -80,6 +80,33 @@ class Look:
     def best(self) -> Detection | None:
         """The detection of highest confidence."""
         return max(self.detections, key=lambda detection: detection.confidence, default=None)
+
+
+SHARPEST, BLUNTEST = 1e-10, 40.0  # rad^2: variances beyond are an error of whoever sent them, or say nothing
+
+
+def sensible_sound(sound: Sound) -> Sound | None:
+    """The sound with those hypotheses that can be meant; None when nothing is left of it."""
+    if not (math.isfinite(sound.time) and 0.0 < sound.confidence <= 1.0 and 0.0 < sound.window <= 60.0):
+        return None
+    kept = _sensible(sound.hypotheses)
+    return replace(sound, hypotheses=kept) if kept else None
+
+
+def sensible_look(look: Look) -> Look | None:
+    """The picture with those detections that can be meant; None when it cannot be used at all."""
+    if not (math.isfinite(look.time) and abs(look.view_azimuth) <= 10.0 and 0.0 < look.half_view <= math.pi):
+        return None
+    kept = tuple(d for d in _sensible(look.detections) if 0.0 <= d.confidence <= 1.0)
+    visibility = look.visibility if 0.0 <= look.visibility <= 1.0 else math.nan
+    return replace(look, detections=kept, visibility=visibility)
+
+
+def _sensible(directions: tuple) -> tuple:
+    """Those with an azimuth; an elevation that cannot be counts as unknown."""
+    return tuple(d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= SHARPEST
+                 else replace(d, elevation=0.0, elevation_variance=math.inf)
+                 for d in directions if abs(d.azimuth) <= 10.0 and SHARPEST <= d.azimuth_variance <= BLUNTEST)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ class RigMotion:
         self._rates: list[float] = []
 
     def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Add a pose: yaw in rad (ENU), its rate in rad/s. Values that are not finite are ignored."""
-        if not (math.isfinite(time) and math.isfinite(yaw) and math.isfinite(yaw_rate)):
+        """Add a pose: yaw in rad (ENU), its rate in rad/s. Values that no rig has are ignored."""
+        if not (math.isfinite(time) and abs(yaw) <= 1e4 and abs(yaw_rate) <= 100.0):
             return
         if self._times and time <= self._times[-1]:
             if time > self._times[-1] - self._keep_s:

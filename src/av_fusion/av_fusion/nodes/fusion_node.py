@@ -125,8 +125,9 @@ class FusionNode(RigNode):
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('state', self._tracker.machine.state.name)
         status.add('reason', self._tracker.machine.reason)
-        if isinstance(self._tracker, BayesTracker) and self._tracker.refinement.compared:
-            for name, value in self._tracker.refinement.describe().items():
+        refinement = getattr(self._tracker, 'refinement', None)  # the published switch has none
+        if refinement is not None and refinement.compared:
+            for name, value in refinement.describe().items():
                 status.add(f'hearing corrected: {name}', value)
 
 
