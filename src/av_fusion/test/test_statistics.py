@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from av_fusion.evaluation.statistics import blocks_of, bootstrap_interval, cohens_d, percentile_matched_correlation, rmse
+from av_fusion.evaluation.statistics import blocks_of, cohens_d, percentile_matched_correlation, rmse, rmse_interval
 
 
 def test_cohens_d_of_a_textbook_example():
@@ -35,20 +35,21 @@ def test_percentile_matched_correlation_is_of_distributions_not_of_pairs():
 
 
 def test_the_interval_of_single_values_is_that_of_the_normal_law():
+    """The mean of the squares is normal by the central limit theorem."""
     values = np.random.default_rng(3).normal(5.0, 2.0, 400)
-    low, high = bootstrap_interval(list(values[:, None]), np.mean)
-    half = 1.96 * values.std(ddof=1) / np.sqrt(len(values))
-    assert (low, high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.15 * half)
-    assert all(np.isnan(bootstrap_interval([values])))
+    low, high = np.square(rmse_interval(list(values[:, None])))
+    half = 1.96 * np.std(values**2, ddof=1) / np.sqrt(len(values))
+    assert (low, high) == pytest.approx((np.mean(values**2) - half, np.mean(values**2) + half), abs=0.15 * half)
+    assert all(np.isnan(rmse_interval([values])))
 
 
 def test_blocks_keep_the_interval_honest_where_errors_are_alike():
     """Each error repeated ten times adds no information: the interval must not shrink."""
     values = np.random.default_rng(4).normal(0.0, 1.0, 100)
-    once = bootstrap_interval(list(values[:, None]))
+    once = rmse_interval(list(values[:, None]))
     time = 0.1 * np.arange(1000)
-    again = bootstrap_interval(blocks_of(time, np.repeat(values, 10), 1.0))
-    single = bootstrap_interval(list(np.repeat(values, 10)[:, None]))
+    again = rmse_interval(blocks_of(time, np.repeat(values, 10), 1.0))
+    single = rmse_interval(list(np.repeat(values, 10)[:, None]))
     width = [high - low for low, high in (once, again, single)]
     assert width[1] == pytest.approx(width[0], rel=0.15) and width[2] < 0.5 * width[0]
     assert rmse([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))

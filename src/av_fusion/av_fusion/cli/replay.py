@@ -79,11 +79,12 @@ def replay(options: argparse.Namespace) -> int:
         print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
         progress = Progress(length, options.quiet)
         log = run.run(out, progress.show)
-        progress.end()
+        speed = progress.end()
     for note in run.notes:
         print(f'  ! {note}', file=sys.stderr)
     summary = summarise(log)
     print(format_table(summary))
+    print(speed)
     if options.report:
         from av_fusion.evaluation.picture import draw  # matplotlib takes a second to load
 
@@ -100,6 +101,7 @@ class Progress:
     def __init__(self, length: float, quiet: bool = False) -> None:
         self._length, self._quiet = max(length, 1e-9), quiet
         self._started = self._shown_at = time.monotonic()
+        self._worked = time.process_time()
         self._shown = 0.0
         self._terminal = sys.stderr.isatty()
 
@@ -113,9 +115,10 @@ class Progress:
             line = f'  {100.0 * self._shown:3.0f} %  {done:.0f} of {self._length:.0f} s  {speed:.0f} x real time'
             print(f'\r{line}  ' if self._terminal else line, end='' if self._terminal else '\n', file=sys.stderr, flush=True)
 
-    def end(self) -> None:
-        """Say how long it took."""
-        took = time.monotonic() - self._started
-        if not self._quiet:
-            line = f'  took {took:.2f} s, {self._length / max(took, 1e-9):.0f} x real time'
-            print(f'\r{line}              ' if self._terminal else line, file=sys.stderr)
+    def end(self) -> str:
+        """How long it took, and how much of a core: what it would take on a machine that does nothing else."""
+        took, worked = time.monotonic() - self._started, time.process_time() - self._worked
+        if self._terminal and not self._quiet:
+            print(f'\r{"":<60}\r', end='', file=sys.stderr)
+        return (f'{self._length:.1f} s replayed in {took:.2f} s: {self._length / max(took, 1e-9):.0f} x real time '
+                f'({self._length / max(worked, 1e-9):.0f} x by the {worked:.2f} s of one core)')

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_fusion.evaluation.metrics import Errors, errors_of
-from av_fusion.evaluation.statistics import blocks_of, bootstrap_interval, rmse
+from av_fusion.evaluation.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
 
@@ -117,7 +117,7 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
     if intervals:
         blocks = [block for _, result in results for block in blocks_of(result.judged_time, result.error_deg)]
-        figures['rmse_low_deg'], figures['rmse_high_deg'] = bootstrap_interval(blocks)
+        figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
     figures['runs'] = len(results)
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,16 +25,16 @@ def blocks_of(time: NDArray, values: NDArray, length_s: float = BLOCK_S) -> list
     return np.split(values, cuts)
 
 
-def bootstrap_interval(blocks: Sequence[NDArray], statistic: Callable[[NDArray], float] = rmse, level: float = 0.95,
-                       resamples: int = 1000, seed: int = 1) -> tuple[float, float]:
-    """Confidence interval of a statistic by drawing whole blocks with replacement (Kuensch, 1989; percentile method).
+def rmse_interval(blocks: Sequence[NDArray], level: float = 0.95, resamples: int = 2000, seed: int = 1) -> tuple[float, float]:
+    """Confidence interval of the RMSE by drawing whole blocks with replacement (Kuensch, 1989; percentile method).
 
     Blocks of one value each make the ordinary bootstrap (Efron, 1979). Returns nan for fewer than two blocks.
     """
     if len(blocks) < 2:
         return np.nan, np.nan
-    drawn = stats.bootstrap((np.arange(len(blocks)),), lambda chosen: statistic(np.concatenate([blocks[k] for k in chosen])),
-                            n_resamples=resamples, confidence_level=level, method='percentile', vectorized=False,
+    squares, counts = np.array([np.sum(np.square(block)) for block in blocks]), np.array([len(block) for block in blocks])
+    drawn = stats.bootstrap((squares, counts), lambda s, n, axis: np.sqrt(s.sum(axis=axis) / n.sum(axis=axis)), paired=True,
+                            n_resamples=resamples, confidence_level=level, method='percentile', vectorized=True,
                             rng=np.random.default_rng(seed))
     return float(drawn.confidence_interval.low), float(drawn.confidence_interval.high)
 
