@@ -1,6 +1,5 @@
-"""A stream over loopback: no sample is lost or changed, and nothing piles up. `ros2 run av_sim_bridge soak` is the long run."""
+"""A stream over loopback: no sample is lost or changed. `ros2 run av_sim_bridge soak` is the long run that watches memory."""
 
-import sys
 import threading
 
 import numpy as np
@@ -14,8 +13,7 @@ from av_sim_bridge.simulator import Simulator, WireOptions
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.world import World
 
-SECONDS, SPEED = 60.0, 5.0
-SETTLED = 35.0     # s: meters and clocks have filled their windows, which are 5 s of the wall's time
+SECONDS, SPEED = 30.0, 5.0
 
 
 class Canned(World):
@@ -28,13 +26,13 @@ class Canned(World):
         return (index % 60_000 - 30_000) / 32768.0
 
 
-def test_a_stream_arrives_as_it_was_sent_and_nothing_piles_up():
+def test_a_stream_arrives_as_it_was_sent():
     options = WireOptions(ports=free_ports(), audio_header=True, image_rate=0.0, speed=SPEED)
     world = Canned(load_scenario(find_config('circle', 'scenarios')), load_rig(find_config('rig')))
     simulator, listener = Simulator(world, options), Listener(options.ports, AudioFormat())
     sender = threading.Thread(target=simulator.run, args=(SECONDS,))
     sender.start()
-    heard, wrong, objects = 0, 0, []
+    heard = wrong = 0
     while sender.is_alive() or listener.ring.available:
         if not listener.ring.wait(0.5):
             continue
@@ -43,17 +41,11 @@ def test_a_stream_arrives_as_it_was_sent_and_nothing_piles_up():
         index = np.arange(first, first + len(samples))[:, np.newaxis] * 2 + [0, 1]
         wrong += int((samples != index % 60_000 - 30_000).any())
         heard = first + len(samples)
-        listener.states.clear()
-        if heard > SETTLED * 48_000:
-            objects.append(sys.getallocatedblocks())
     simulator.close()
     listener.stop()
     assert wrong == 0
     assert heard == simulator.counts.audio_frames == SECONDS * 48_000
     assert listener.audio.decoder.counts.lost == 0 and listener.ring.overwritten == 0
-    third = len(objects) // 3
-    # One object kept of each of the 5,000 states in that time would make a difference of 3,300.
-    assert np.median(objects[-third:]) - np.median(objects[:third]) < 1500
 
 
 def test_the_soak_runs_and_nothing_is_lost(capsys):

@@ -149,15 +149,16 @@ class SceneRenderer:
         if where is None:
             return hidden
         window = where.window(margin=2)
-        visible = self._owner[self._identities(window)] == drone.target_id
+        alone = np.zeros(6, int)
+        alone[DRONE_GROUP + number] = 1
+        covered = self._identities(window, alone) >= 0
+        visible = covered
+        nearest = view.to_optical(drone.position[np.newaxis])[0, 2] - 0.6 * drone.size
+        if depth[window].min() < nearest:    # something may stand before it
+            visible = self._owner[self._identities(window)] == drone.target_id
         if not visible.any():
             return hidden
-        fraction = 1.0
-        nearest = view.to_optical(drone.position[np.newaxis])[0, 2] - drone.size
-        if depth[window].min() < nearest:    # something stands before it: what would it cover alone?
-            alone = np.zeros(6, int)
-            alone[DRONE_GROUP + number] = 1
-            fraction = float(visible.sum() / max((self._identities(window, alone) >= 0).sum(), visible.sum()))
+        fraction = float(visible.sum() / max(covered.sum(), visible.sum()))
         rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
         box = (columns[0] + window[1].start, rows[0] + window[0].start,
                columns[-1] + window[1].start, rows[-1] + window[0].start)
@@ -248,12 +249,7 @@ def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
     if not optical_depth.any():
         return bgr
     clear = cv2.exp(-np.minimum(optical_depth, np.float32(50.0)))
-    clear = cv2.merge([clear, clear, clear])
-    veil = bgr.astype(np.float32)
-    veil -= AIRLIGHT
-    veil *= clear
-    veil += AIRLIGHT
-    return cv2.convertScaleAbs(veil)
+    return cv2.blendLinear(bgr, np.full_like(bgr, AIRLIGHT), clear, 1.0 - clear)
 
 
 def _import_mujoco():  # noqa: ANN202 (a module)
