@@ -66,8 +66,8 @@ def test_the_gimbal_follows_a_target_at_20_deg_a_second(fly, tmp_path):
     while not log.exists() and time.monotonic() < deadline:
         time.sleep(0.1)
     time.sleep(0.5)
-    # followed for a while, and before the gimbal's stop
-    rows = [row for row in json.loads(log.read_text()) if row[0] > 1.5 and abs(row[1]) < math.radians(140.0)]
+    # followed for a while; on the microphones' axis the bearing itself jumps
+    rows = [row for row in json.loads(log.read_text()) if row[0] > 1.5 and abs(row[1]) < math.radians(80.0)]
     errors = sorted(abs(math.degrees(row[2])) for row in rows)
     print(f'gimbal behind the bearing: median {errors[len(errors) // 2]:.2f}, '
           f'95 % {errors[int(0.95 * len(errors))]:.2f} deg of {len(errors)}')
