@@ -26,6 +26,7 @@ demo: build
 	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO)
 
 test: build
+	python3 tools/ros_env/prerequisites.py
 	$(ENV) && exec python3 -m pytest $(TESTS)
 
 # The whole of it brings the README's table of measured values up to date.

@@ -1,4 +1,7 @@
-"""What the assembled environment needs of the system: installed by apt-get where that is allowed, else named."""
+"""What environment and tests need of the system: installed by apt-get where that is allowed, else named.
+
+Called by assemble.py, and as a program before the tests, as a kept environment may have come to a fresh machine.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,8 @@ LIBRARIES = [
     ('libegl1', 'EGL'), ('libosmesa6', 'OSMesa'),  # mujoco
 ]
 PLUGINS = [('libasound2-plugins', '/usr/lib/*-linux-gnu/alsa-lib/libasound_module_pcm_pulse.so')]
+# A machine without network must not wait long, one that installs something else at the moment may.
+APT_OPTIONS = ['Acquire::Retries=0', 'Acquire::http::Timeout=20', 'Acquire::https::Timeout=20', 'DPkg::Lock::Timeout=120']
 PYTHON = ['python3.12', 'python3.12-venv', 'python3.12-dev']
 
 
@@ -65,11 +70,12 @@ def apt_install(packages: list[str]) -> None:
     """Install packages one by one, so that one that the distribution lacks does not cost the others."""
     environment = {**os.environ, 'DEBIAN_FRONTEND': 'noninteractive'}
     quiet = {'env': environment, 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL, 'check': False}
+    apt_get = ['apt-get', *(f'-o{option}' for option in APT_OPTIONS)]
     say('updating the list of system packages')
-    subprocess.run(['apt-get', 'update'], **quiet)
+    subprocess.run([*apt_get, 'update'], **quiet)
     for package in packages:
         say(f'installing the system package {package}')
-        subprocess.run(['apt-get', 'install', '-y', '--no-install-recommends', package], **quiet)
+        subprocess.run([*apt_get, 'install', '-y', '--no-install-recommends', package], **quiet)
 
 
 def find_python() -> str:
@@ -102,3 +108,10 @@ def suitable_python(program: str) -> str | None:
         return None
     answer = subprocess.run([program, '-c', question], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     return answer.stdout.strip() if answer.returncode == 0 else None
+
+
+if __name__ == '__main__':
+    try:
+        install_system_packages()
+    except MissingError as missing_tools:  # whoever needs them will fail and say so
+        say(str(missing_tools))
