@@ -121,7 +121,8 @@ class Sequence:
     def _stamp(self) -> float:
         if self._chance(self._absurd):
             return float(self._random.choice([math.nan, math.inf, 0.0, -5.0, self._now + 1e6, self._now - 1e6]))
-        return self._now + float(self._random.choice([0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0], p=[.5, .2, .1, .05, .05, .05, .05]))
+        late = self._random.choice([0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0], p=[0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
+        return self._now + float(late)
 
     def _hypothesis(self) -> Hypothesis:
         return Hypothesis(self._angle(), self._variance(), self._value(0.2, 0.3), self._variance())

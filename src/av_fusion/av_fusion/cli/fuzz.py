@@ -1,4 +1,4 @@
-"""ros2 run av_fusion fuzz --sequences 100000: senseless messages through tracker and pointing; every command must be obeyable."""
+"""ros2 run av_fusion fuzz: senseless messages by the hundred thousand; every command must be fit to be obeyed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def main(arguments: list[str] | None = None) -> int:
             broken += found
             for one in found[:max(0, 10 - len(broken) + len(found))]:
                 print(f'sequence {one.seed}: {one.what}', flush=True)
-    print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: {len(broken)} broken')
+    print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: '
+          f'{len(broken)} broken')
     return 1 if broken else 0
 
 
