@@ -1,7 +1,7 @@
 """Export a checkpoint to ONNX in the layout of YOLOv8 (n, 4 + classes, cells), calibrated and with its metadata.
 
 `python export.py CHECKPOINT OUT.onnx --cache FOLDER`. Calibration and threshold come from the split `choose` alone:
-Platt scaling (Platt 1999) fitted to the drones is folded into the graph, the same for all classes so that their order stays:
+logistic regression (Platt 1999, with the other classes' logits as further evidence against) is folded into the graph, so that
 a drone's score is the probability that it is one.
 """
 
@@ -15,25 +15,28 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from clips import CLASSES, Frames
-from measure import Measurement, measure
-from network import STRIDES, Network
+from clips import CLASSES, HEIGHT, WIDTH, Frames
+from measure import Measurement, match, measure
+from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from torch import Tensor, nn
 
 from av_vision.yolo import Detector, DetectorSettings
+from av_vision.yolo.detections import suppress
 
-LOWEST = 0.01
+LOWEST, NMS_IOU = 0.01, 0.5
 
 
 class Decoded(nn.Module):
     """The network with its answers as boxes in pixels and probabilities, (n, 4 + classes, cells)."""
 
-    def __init__(self, network: Network, scale: float = 1.0, shift: float = 0.0) -> None:
+    def __init__(self, network: Network, mixing: NDArray | None = None, shift: float = 0.0) -> None:
+        """`mixing` (classes, classes) takes logits to calibrated ones, `shift` is added to them."""
         super().__init__()
         self.network = network
-        self.scale, self.shift = scale, shift
+        self.register_buffer('mixing', torch.eye(len(CLASSES)) if mixing is None else torch.tensor(mixing).float())
+        self.shift = shift
 
     def forward(self, x: Tensor) -> Tensor:
         """Pictures (n, 3, h, w) RGB in 0-1."""
@@ -48,7 +51,7 @@ class Decoded(nn.Module):
         corner, step = torch.cat(corners), torch.cat(strides)
         centre = (raw[..., :2] + corner) * step
         size = torch.exp(raw[..., 2:].clamp(max=6.0)) * step
-        return torch.cat([centre, size, torch.sigmoid(self.scale * logits + self.shift)], -1).transpose(1, 2)
+        return torch.cat([centre, size, torch.sigmoid(logits @ self.mixing.T + self.shift)], -1).transpose(1, 2)
 
 
 def write(model: Decoded, path: Path, metadata: dict[str, str]) -> None:
@@ -61,15 +64,35 @@ def write(model: Decoded, path: Path, metadata: dict[str, str]) -> None:
     onnx.save(graph, str(path))
 
 
-def fit_platt(scores: NDArray, hits: NDArray) -> tuple[float, float]:
-    """Gain and shift of the logit that make scores (n,) the probability of being a hit."""
-    logits = np.log(scores / (1.0 - scores))
+def fit(logits: NDArray, hits: NDArray) -> tuple[NDArray, float]:
+    """Weights (k,) and shift that make sigmoid(logits (n, k) @ weights + shift) the probability of being a hit.
 
+    The first logit speaks for a drone, the others never do.
+    """
     def unlikelihood(x: NDArray) -> float:
-        z = x[0] * logits + x[1]
-        return float(np.sum(np.logaddexp(0.0, z) - hits * z)) + 1e-3 * float(x @ x)
+        z = logits @ x[:-1] + x[-1]
+        return float(np.sum(np.logaddexp(0.0, z) - hits * z)) + 0.1 * float(x[:-1] @ x[:-1])
 
-    return tuple(minimize(unlikelihood, np.array([1.0, 0.0]), method='Nelder-Mead').x)
+    bounds = [(0.01, None)] + [(None, 0.0)] * (logits.shape[1] - 1) + [(None, None)]
+    found = minimize(unlikelihood, np.r_[1.0, np.zeros(logits.shape[1])], bounds=bounds, method='L-BFGS-B').x
+    return found[:-1], float(found[-1])
+
+
+@torch.no_grad()
+def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
+    """Logits (n, classes) of the places that might be drones, and whether they are (IoU at least 0.3, each drone once)."""
+    found, hits = [], []
+    corners, strides = cells(HEIGHT, WIDTH)
+    for i in range(len(frames)):
+        picture = torch.from_numpy(frames.image(i)[..., ::-1].transpose(2, 0, 1).copy()).float()[None] / 255.0
+        logits, raw = network(picture)
+        some = torch.sigmoid(logits[0, :, 0]) > LOWEST
+        logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
+        kept = suppress(boxes, logits[:, 0] + 10.0, NMS_IOU)
+        real = frames.boxes[i][frames.boxes[i][:, 0] == 0, 1:]
+        found.append(logits[kept])
+        hits.append(match(boxes[kept], real)[0] >= 0.3)
+    return np.concatenate(found), np.concatenate(hits)
 
 
 def choose_threshold(result: Measurement) -> float:
@@ -90,17 +113,23 @@ def main() -> None:
     network.eval()
     frames = Frames(args.cache, 'choose')
     names = json.dumps(dict(enumerate(CLASSES)))
+    weights, shift = fit(*candidates(network, frames))
+    mixing = weights[0] * np.eye(len(CLASSES))
+    mixing[0] = weights
     with tempfile.TemporaryDirectory() as folder:
         plain = Path(folder, 'plain.onnx')
-        write(Decoded(network), plain, {'names': names})
+        write(Decoded(network, mixing, shift), plain, {'names': names})
         result = measure(Detector(plain, DetectorSettings(score_threshold=LOWEST, keep=('drone',))), frames)
-    gain, shift = fit_platt(result.scores, result.hits)
-    result.scores = 1.0 / (1.0 + np.exp(-gain * np.log(result.scores / (1 - result.scores)) - shift))
+    # What the other classes take away in suppression changes the odds a little: once more, for all alike.
+    gain, more = fit(np.log(result.scores / (1.0 - result.scores))[:, None], result.hits)
+    mixing, shift = gain[0] * mixing, gain[0] * shift + more
+    result.scores = 1.0 / (1.0 + np.exp(-gain[0] * np.log(result.scores / (1.0 - result.scores)) - more))
     threshold = choose_threshold(result)
     metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'score_threshold': str(threshold), 'license': 'Apache-2.0',
                 'description': 'Drone detector trained from scratch; see the model card', 'steps': str(state['step'])}
-    write(Decoded(network, gain, shift), args.out, metadata)
-    print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, step {state["step"]}, gain {gain:.3f}, shift {shift:.3f}, '
+    write(Decoded(network, mixing, shift), args.out, metadata)
+    print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, step {state["step"]}, weights {np.round(mixing[0], 3)}, '
+          f'shift {shift:.3f}, '
           f'threshold {threshold}; choose: F1 {result.f1(threshold):.3f}, false frames {result.false_frames(threshold):.3f}')
 
 

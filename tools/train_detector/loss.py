@@ -2,9 +2,10 @@
 
 The size of an object decides its level, its centre the cells: those within 0.75 cells of it shall say its class, up to four.
 Nothing has to be negotiated between cells that look alike, which makes learning fast. Cells a little further off, and the
-same place on a neighbouring level when the size is near the border between two, are not blamed for either answer
-(in the spirit of CenterNet, Zhou et al. 2019, arXiv:1904.07850). Box loss: complete IoU (Zheng et al. 2020, DIoU-loss).
-Class loss: binary cross-entropy, on the many empty cells weighted by the score (focal).
+same place on a neighbouring level when the size is near the border between two, are not blamed for either answer about the
+object's own class (in the spirit of CenterNet, Zhou et al. 2019, arXiv:1904.07850); that a bird is no drone they have to know.
+Box loss: complete IoU (Zheng et al. 2020, DIoU-loss). Class loss: binary cross-entropy, on the many empty cells weighted by
+the score (focal).
 """
 
 from __future__ import annotations
@@ -41,9 +42,9 @@ def complete_iou(a: Tensor, b: Tensor) -> Tensor:
 
 @torch.no_grad()
 def assign(truth: Tensor, corners: Tensor, strides: Tensor) -> tuple[Tensor, Tensor]:
-    """For each cell the object (k, 5: class, x1, y1, x2, y2) it answers for, -1 for none, and whether it is let off."""
+    """For each cell the object (k, 5: class, x1, y1, x2, y2) it answers for, -1 for none, and that it is let off for, too."""
     owner = torch.full((len(corners),), -1, dtype=torch.long)
-    lenient = torch.zeros(len(corners), dtype=torch.bool)
+    lenient = owner.clone()
     if not len(truth):
         return owner, lenient
     centre = 0.5 * (truth[:, None, 1:3] + truth[:, None, 3:5])
@@ -53,7 +54,8 @@ def assign(truth: Tensor, corners: Tensor, strides: Tensor) -> tuple[Tensor, Ten
     lowest, highest = strides[:, 0] == strides.min(), strides[:, 0] == strides.max()
     octave = torch.where(lowest & (octave < 0) | highest & (octave > 0), torch.zeros_like(octave), octave)
     mine = (octave.abs() <= 0.5) & (off < ANSWERS)
-    lenient = ((octave.abs() <= 0.5 + BORDER) & (off < LENIENT)).any(0)
+    near = torch.where((octave.abs() <= 0.5 + BORDER) & (off < LENIENT), off, torch.full_like(off, torch.inf)).min(0)
+    lenient = torch.where(near.values.isfinite(), near.indices, lenient)
     distance, nearest = torch.where(mine, off, torch.full_like(off, torch.inf)).min(0)
     owner = torch.where(distance.isfinite(), nearest, owner)
     return owner, lenient
@@ -69,7 +71,11 @@ def loss(logits: Tensor, raw: Tensor, truth: list[Tensor], corners: Tensor, stri
     target = torch.zeros_like(logits)
     target[answering] = functional.one_hot(real[:, 0].long(), logits.shape[-1]).float()
     scores = logits.detach().sigmoid()
-    weight = torch.where(answering[..., None], 1.0, torch.where(lenient[..., None], 0.0, scores))
+    let_off = torch.zeros_like(logits, dtype=torch.bool)
+    for one, near, row in zip(truth, lenient, let_off, strict=True):
+        some = torch.nonzero(near >= 0)[:, 0]
+        row[some, one[near[some], 0].long()] = True
+    weight = torch.where(answering[..., None], 1.0, torch.where(let_off, 0.0, scores))
     class_loss = (functional.binary_cross_entropy_with_logits(logits, target, reduction='none') * weight).sum() / norm
     predicted, real = to_boxes(raw, corners, strides)[answering], real[:, 1:]
     box_loss = (1.0 - complete_iou(predicted, real)).sum() / norm

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from clips import HEIGHT, WIDTH, Frames
+from clips import CLASSES, HEIGHT, WIDTH, Frames
 from numpy.typing import NDArray
 
 Rng = np.random.Generator
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
-PAINTED = 400  # backgrounds
-MIXTURE = {'DRONE': 0.28, 'BIRD': 0.24, 'AIRPLANE': 0.2, 'HELICOPTER': 0.12, 'PAINTED': 0.08, 'SIMULATED': 0.08}
+PAINTED = 120  # backgrounds
+MIXTURE = {'DRONE': 0.24, 'BIRD': 0.22, 'AIRPLANE': 0.24, 'HELICOPTER': 0.1, 'PAINTED': 0.06, 'SIMULATED': 0.14}
+CUTOUTS = 12  # of each clip
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -28,6 +29,7 @@ class Sampler:
         # Clips in which a class is rare are drawn as often as the others.
         kinds = np.array([clip.split('_')[1] for clip in frames.clips])
         self._by_kind = {kind: np.flatnonzero(kinds == kind) for kind in np.unique(kinds)}
+        self._cutouts = cutouts(frames)
 
     def draw(self, rng: Rng, side: int) -> Sample:
         """One square of side x side."""
@@ -46,6 +48,9 @@ class Sampler:
             for _ in range(1 + (rng.random() < 0.15)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 boxes = paste(rng, image, boxes, self._drones, log_uniform(rng, 6.0, min(0.95 * side, 320.0)), nearer, veil, 0)
+        if rng.random() < 0.3:  # a real one before another sky, nearer or further than it was filmed
+            label = int(rng.choice(len(self._cutouts), p=[0.25, 0.25, 0.35, 0.15]))
+            boxes = paste(rng, image, boxes, self._cutouts[label], log_uniform(rng, 10.0, 0.6 * side), clearness, veil, label)
         if rng.random() < 0.15:
             boxes = paste(rng, image, boxes, self._others, log_uniform(rng, 6.0, 0.7 * side), clearness, veil, None)
         return finish(rng, image, boxes)
@@ -59,6 +64,29 @@ class Sampler:
         return self._painted_before[number][y:y + side, x:x + side].copy()
 
 
+def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
+    """For each class the objects (h, w, 4) BGRA, sides of their boxes, that stand before a sky plain enough to cut them out.
+
+    What differs from the colour around the box is the object; the box stays as loose as the label.
+    """
+    made: list[list[NDArray[np.uint8]]] = [[] for _ in CLASSES]
+    of_clip: dict[str, list[int]] = {}
+    for i, clip in enumerate(frames.clips):
+        of_clip.setdefault(clip, []).append(i)
+    for rows in of_clip.values():
+        for i in rows[::max(len(rows) // CUTOUTS, 1)]:
+            for label, *box in frames.boxes[i]:
+                x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
+                around = frames.image(i)[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4].astype(np.float32)
+                rim = np.concatenate([around[:4].reshape(-1, 3), around[-4:].reshape(-1, 3), around[:, :4].reshape(-1, 3)])
+                if min(x2 - x1, y2 - y1) < 8 or rim.std(axis=0).max() > 6.0:
+                    continue
+                crop = frames.image(i)[y1:y2, x1:x2]
+                off = np.abs(crop - np.median(rim, axis=0)).max(axis=2)
+                made[int(label)].append(np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8))
+    return made
+
+
 def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
     """A window of a frame, around an object nine times in ten, scaled by 0.5 to 3."""
     frame, boxes = frames.image(i), frames.boxes[i]
@@ -66,7 +94,7 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
     if len(boxes):  # no object may outgrow the square
         zoom = min(zoom, max(0.9 * side / (boxes[:, 3:] - boxes[:, 1:3]).max(), 1.02 * side / HEIGHT))
     if rng.random() < 0.5 and side < HEIGHT:
-        zoom = 1.0
+        zoom = min(zoom, 1.0) if len(boxes) and (boxes[:, 3:] - boxes[:, 1:3]).max() > 0.9 * side else 1.0
     window = min(side / zoom, HEIGHT)
     low, high = np.zeros(2), np.array([WIDTH, HEIGHT]) - window
     if len(boxes) and rng.random() < 0.9:

@@ -24,8 +24,9 @@ from simulated import build_simulated
 from sprites import build_bank
 from torch import Tensor
 
-# (side of the squares, how many a batch, how often): small windows teach the small far drones cheaply, large ones the near.
-BATCHES = ((256, 16, 0.75), (448, 6, 0.25))
+# (side of the squares, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
+# things and how much in a picture is nothing.
+BATCHES = ((128, 40, 0.55), (256, 14, 0.25), (448, 6, 0.2))
 WARM_UP, DECAY = 200, 0.25
 
 

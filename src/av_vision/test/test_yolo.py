@@ -100,12 +100,17 @@ def test_a_missing_provider_and_wrong_settings_are_named(tmp_path):
         Detector(path, DetectorSettings(layout='v99'))
 
 
-def test_suppression_keeps_the_best_of_each_class():
-    boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [1, 0, 11, 10], [-50, 0, -40, 10]], np.float32)
-    kept = suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), np.array([0, 0, 1, 0]), 0.5, 10)
-    assert kept.tolist() == [1, 2, 3]
-    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), np.array([0, 0, 1, 0]), 0.5, 2).tolist() == [1, 2]
-    assert suppress(np.empty((0, 4)), np.empty(0), np.empty(0), 0.5, 10).size == 0
+def test_suppression_keeps_the_best_of_each_place():
+    boxes = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [9, 0, 19, 10], [-50, 0, -40, 10]], np.float32)
+    assert suppress(boxes, np.array([0.5, 0.9, 0.8, 0.7], np.float32), 0.5).tolist() == [1, 2, 3]
+    assert suppress(np.empty((0, 4)), np.empty(0), 0.5).size == 0
+
+
+def test_a_likely_bird_in_the_same_place_is_no_drone(tmp_path):
+    seen = yolo_models.rows_of('v8', 416, 3, ((96.0, 160.0, 160.0, 200.0, 0, 0.9), (98.0, 160.0, 158.0, 204.0, 1, 0.6)))
+    path = yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES, output=seen[None])
+    assert Detector(path).detect(np.zeros((416, 416, 3), np.uint8)).class_names == ('bird',)
+    assert len(Detector(path, DetectorSettings(keep=('drone',))).detect(np.zeros((416, 416, 3), np.uint8))) == 0
 
 
 def test_letterbox_and_tensor():

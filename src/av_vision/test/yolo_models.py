@@ -19,8 +19,8 @@ def grid(side):
     return np.array(rows, float)
 
 
-def rows_of(layout, side, classes):
-    """The output (a, b) of an export that sees TRUTH and, around it, near-duplicates and doubtful background."""
+def rows_of(layout, side, classes, truth=TRUTH):
+    """The output (a, b) of an export that sees `truth` and, around it, near-duplicates and doubtful background."""
     cells = grid(side)
     count = {'v5': 3 * len(cells), 'end_to_end': 300}.get(layout, len(cells))
     table = np.zeros((count, 5 + classes))
@@ -28,7 +28,7 @@ def rows_of(layout, side, classes):
         table[:, :2] = np.resize((cells[:, :2] + 0.5) * cells[:, 2:], (count, 2))
         table[:, 2:4] = np.resize(cells[:, 2:] * 3.0, (count, 2))
     table[:, 4] = 0.01
-    for k, (x1, y1, x2, y2, label, score) in enumerate(TRUTH):
+    for k, (x1, y1, x2, y2, label, score) in enumerate(truth):
         cx, cy, w, h = (x1 + x2) / 2, (y1 + y2) / 2, x2 - x1, y2 - y1
         for copy in range(2):  # the second is a duplicate for NMS to take out
             row = 40 + 7 * k + copy
@@ -40,7 +40,7 @@ def rows_of(layout, side, classes):
         return np.concatenate([table[:, :4], table[:, 5:] * table[:, 4:5]], 1).T
     if layout == 'end_to_end':
         out = np.zeros((300, 6))
-        for k, box in enumerate(TRUTH):
+        for k, box in enumerate(truth):
             out[k] = [*box[:4], box[5], box[4]]
         return out
     return table

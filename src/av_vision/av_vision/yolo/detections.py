@@ -31,15 +31,12 @@ class Detections:
         return self.boxes[:, 2:] - self.boxes[:, :2]
 
 
-def suppress(boxes: NDArray, scores: NDArray, classes: NDArray, iou: float, limit: int) -> NDArray[np.intp]:
-    """Indices of the boxes that survive non-maximum suppression within each class, by falling score, at most `limit`.
+def suppress(boxes: NDArray, scores: NDArray, iou: float) -> NDArray[np.intp]:
+    """Indices of the boxes that survive non-maximum suppression, by falling score.
 
-    Boxes are (n, 4) x1, y1, x2, y2. Classes are kept apart by moving each onto its own place in the plane.
+    Boxes are (n, 4) x1, y1, x2, y2. Classes compete: what stands in one place is one thing, and a likely bird is no drone.
     """
     if not len(boxes):
         return np.empty(0, np.intp)
-    corners = boxes - boxes.min(axis=0)[[0, 1, 0, 1]]
-    corners = corners + (classes * (corners.max() + 1.0))[:, None]
-    xywh = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1).astype(np.float64)
-    kept = cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou)
-    return np.asarray(kept, np.intp).reshape(-1)[:limit]
+    xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).astype(np.float64)
+    return np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou), np.intp).reshape(-1)

@@ -70,9 +70,10 @@ class Detector:
         if not len(scores):
             return Detections()
         if self.model.layout.needs_nms or self.settings.slice_size:
-            chosen = suppress(boxes, scores, classes, self.settings.nms_iou, self.settings.max_detections)
+            chosen = suppress(boxes, scores, self.settings.nms_iou)
         else:
-            chosen = np.argsort(-scores)[:self.settings.max_detections]
+            chosen = np.argsort(-scores)
+        chosen = chosen[self._kept[classes[chosen]]][:self.settings.max_detections]
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         return Detections(np.clip(boxes[chosen], 0.0, limit).astype(np.float32), scores[chosen].astype(np.float32),
                           tuple(self._names[i] for i in classes[chosen]))
@@ -107,5 +108,5 @@ class Detector:
     def _named(self, boxes: NDArray, scores: NDArray, classes: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         inside = classes < len(self._number)
         boxes, scores, numbers = boxes[inside], scores[inside], self._number[classes[inside]]
-        good = self._kept[numbers] & np.isfinite(boxes).all(axis=1)
+        good = np.isfinite(boxes).all(axis=1)
         return boxes[good], scores[good], numbers[good]
