@@ -172,7 +172,8 @@ class FakeNode:
                 'commands': {str(number): model.commands.count(number) for number in set(model.commands)},
                 'setpoints': model.setpoints, 'foreign': model.setpoints_in_foreign_modes, 'events': model.events,
                 'heartbeats': len(model.heartbeats), 'modes': model.modes, 'odometry': self.odometry,
-                'bearing': self.bearing, 'largest_rate': model.largest_rate}
+                'bearing': self.bearing, 'followed': sum(row[0] > 0.6 for row in self.log),
+                'largest_rate': model.largest_rate}
 
     def obey(self, order):
         for name, value in order.items():
