@@ -24,7 +24,7 @@ class NarrowbandSearch(SteeredResponse):
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting) -> None:
         super().__init__(array, frequencies, response, speed_of_sound, weighting)
-        bins = max(array.channels, round(BAND_HZ / self._bin_hz))
+        bins = max(array.channels, round(BAND_HZ / self._band.bin_hz))
         self._bands = len(frequencies) // bins
         self._used = self._bands * bins
         centres = frequencies[:self._used].reshape(self._bands, bins).mean(axis=1)

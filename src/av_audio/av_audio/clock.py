@@ -13,6 +13,8 @@ REMEMBERED_BLOCKS = 64
 LATE_S = 0.05
 LATE_BLOCKS = 100
 MOST_DRIFT = 2e-3
+# Streams without a sample index: a stamp further than this from where it was expected is a gap.
+GAP_S = 0.02
 # The slope counts once the times spread by this standard deviation, after about ten seconds.
 SLOPE_SPREAD_S = 3.0
 
@@ -82,3 +84,18 @@ class SampleClock:
         variance = xx / n - (x / n) ** 2
         slope = (xy / n - x * y / n**2) / variance if variance > SLOPE_SPREAD_S**2 else 0.0
         return (y - slope * x) / n, slope
+
+
+class SampleCounter:
+    """Gives blocks of which only the stamps are known an index of their first sample, in which a gap shows."""
+
+    def __init__(self) -> None:
+        self._expected: tuple[int, float] | None = None  # sample index and stamp of the next block
+
+    def place(self, count: int, sample_rate: int, stamp: float) -> int:
+        """Index of the first of `count` samples that were captured at `stamp` in s. A stamp far behind is a gap, too."""
+        first_sample, due = self._expected or (0, stamp)
+        if abs(stamp - due) > GAP_S:
+            first_sample += max(1, round((stamp - due) * sample_rate))
+        self._expected = first_sample + count, stamp + count / sample_rate
+        return first_sample

@@ -165,8 +165,10 @@ class Localizer:
             return DoaEstimate(centre / self.sample_rate, centre, nothing, nothing, nothing, nothing, nothing,
                                np.zeros(0, int), np.zeros(0, bool), level, nothing)
         peak = self._estimator.estimate(self._without_own_rotors(spectra))
-        q, covariance = self._straighten(peak)
-        angles, variances = self._directions(q, covariance)
+        q, slope = self._straighten(peak.q)
+        angles, variances = self._directions(q, slope**2 * peak.covariance)
+        if peak.bias.any():  # the angle stays where it is: what reflections did to it has no mean that we knew
+            variances = self._directions(q, slope**2 * (peak.covariance + peak.bias))[1]
         kept = self._kept(angles)
         count = int(kept.sum())
         end_fire = self.array.rank == 1 and abs(q[0]) > END_FIRE_COSINE
@@ -189,14 +191,14 @@ class Localizer:
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))
 
-    def _straighten(self, peak: Peak) -> tuple[NDArray, NDArray]:
-        """Return q and its covariance with the array's delay curve undone."""
+    def _straighten(self, q: NDArray) -> tuple[NDArray, NDArray | float]:
+        """Return q with the array's delay curve undone, and the slope of doing so."""
         curve = self.array.delay_curve
         if curve is None:
-            return peak.q, peak.covariance
+            return q, 1.0
         step = 1e-3
-        slope = (curve.true_cosine(peak.q + step) - curve.true_cosine(peak.q - step)) / (2.0 * step)
-        return curve.true_cosine(peak.q), peak.covariance * slope**2
+        slope = (curve.true_cosine(q + step) - curve.true_cosine(q - step)) / (2.0 * step)
+        return curve.true_cosine(q), slope
 
     def _directions(self, q: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
         """Azimuths and elevations (2, k) of the mirror images, and their variances (2, k).

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.array import MicrophoneArray
-from av_audio.weighting import Weighting, cross_spectra
+from av_audio.weighting import Band, Weighting, cross_spectra
 
 # Search this much beyond the physical delays, so that a peak at end-fire is not cut by a small error of the geometry.
 MARGIN = 1.05
@@ -24,12 +24,14 @@ OPTIMISM = 2.0
 class Peak:
     """Where the response is highest: q (rank,) in the array's span and what speaks for it.
 
-    covariance: (rank, rank) of q; significance: height over the standard deviation that unrelated channels would
-    give; main_share: posterior probability that the true maximum is this one and not another of the curve.
+    covariance: (rank, rank) of q; bias: (rank, rank) mean square by which early reflections may have moved q besides;
+    significance: height over the standard deviation that unrelated channels would give; main_share: posterior
+    probability that the true maximum is this one and not another of the curve.
     """
 
     q: NDArray
     covariance: NDArray
+    bias: NDArray
     significance: float
     main_share: float
 
@@ -39,18 +41,17 @@ class SteeredResponse:
 
     A grid finds the highest lobe, Newton steps on the continuous function find its maximum: there is no sample grid
     and so no interpolation bias. The covariance is the sandwich estimate H^-1 (sum u u^T) H^-1 from the scatter of the
-    clusters' scores u, which sees noise, reflections and wrong models alike (White, 1982).
+    clusters' scores u (White, 1982), which sees noise and late reverberation, and what early reflections add to it.
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting) -> None:
         self._array = array
         self._weighting = weighting
-        self._response = response.astype(np.float32)
-        self._bin_hz = float(frequencies[1] - frequencies[0])
+        self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
         self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
         self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
-        self._clusters = np.arange(0, len(frequencies), max(1, round(CLUSTER_HZ / self._bin_hz)))
+        self._clusters = np.arange(0, len(frequencies), max(1, round(CLUSTER_HZ / self._band.bin_hz)))
         step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
         reach = MARGIN * array.aperture / speed_of_sound
         delays = np.linspace(0.0, reach, int(np.ceil(reach / step)) + 1)
@@ -67,8 +68,7 @@ class SteeredResponse:
         cross = cross_spectra(spectra, pairs)
         magnitude = np.abs(spectra)
         power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
-        scale = self._response * self._weighting(cross, power, self._bin_hz)
-        weighted = cross * scale
+        weighted = cross * self._weighting(cross, power, self._band)
         curve = self.curve(weighted)
         return self._judge(weighted, self._search(spectra, weighted, curve), curve)
 
@@ -110,12 +110,13 @@ class SteeredResponse:
         height = float(clusters.real.sum())
         spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
         if spread == 0.0 or height <= 0.0 or not _is_peak(hessian):
-            return Peak(q, np.full_like(hessian, np.inf), 0.0, 0.0)
+            return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
         significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
-        return Peak(q, covariance, significance, self._main_share(q, covariance, hessian, height, curve))
+        bias = _reflected(clusters) * height * inverse
+        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, curve))
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
         """Posterior mass of the peak's own lobe: the curve is a log-likelihood, scaled to agree with the covariance."""
@@ -131,6 +132,18 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         own = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
         return own / (own + others)
+
+
+def _reflected(clusters: NDArray) -> float:
+    """Variance in rad^2 of the phases that neighbouring clusters (c,) share: that of reflections, and not of noise.
+
+    A strong early reflection bends the phases of neighbours alike and may bias the peak by as much, while noise is
+    independent from cluster to cluster, so that its products have no mean; their standard deviation is subtracted.
+    """
+    bent = clusters.imag[1:] * clusters.imag[:-1]
+    straight = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
+    excess = float(bent.sum() - np.sqrt(np.sum(bent**2)))
+    return excess / straight if excess > 0.0 and straight > 0.0 else 0.0
 
 
 def _is_peak(hessian: NDArray) -> bool:

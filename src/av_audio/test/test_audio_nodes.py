@@ -3,6 +3,8 @@
 import importlib.util
 import itertools
 import time
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,11 +12,14 @@ import rclpy
 import soundfile
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from std_msgs.msg import Header
+from std_msgs.msg import Float32MultiArray, Header
 
+from av_audio.benchmark.own_noise import scene
 from av_audio.benchmark.signals import RATE, flat
+from av_audio.clock import SampleCounter
 from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
@@ -140,6 +145,44 @@ def test_parameters_change_while_running(rig, tmp_path, array_file):
     assert np.degrees(rig.heard['doa'][-1].hypotheses[0].azimuth) == pytest.approx(27.7, abs=0.3)
 
 
+def test_channels_are_taken_in_the_order_given(rig, tmp_path):
+    samples = np.zeros((RATE, 4), np.float32) + np.array([0.0, 0.1, 0.2, 0.3], np.float32)
+    soundfile.write(tmp_path / 'four.wav', samples, RATE, subtype='FLOAT')
+    node = rig.add(AudioNode, file=str(tmp_path / 'four.wav'), channels=[2, 0], loop=True)
+    rig.spin(lambda: rig.heard['audio/frames'])
+    assert rig.heard['audio/frames'][0].samples[:2] == pytest.approx([0.2, 0.0])
+    assert node.set_parameters([Parameter('channels', value=[0, 1])])[0].successful
+
+
+def test_all_channels_are_the_default(rig, tmp_path):
+    soundfile.write(tmp_path / 'three.wav', np.zeros((RATE, 3)), RATE)
+    rig.add(AudioNode, file=str(tmp_path / 'three.wav'), loop=True)
+    rig.spin(lambda: rig.heard['audio/frames'])
+    assert rig.heard['audio/frames'][0].channels == 3
+
+
+def test_own_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
+    """Rotors 15 dB louder than the target mislead until the motors' speeds are known."""
+    samples, blade_pass = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
+    rig.add(DoaNode, array_file=array_file, own_rotors='topic', own_rotor_blades=3)
+    rig.says('no motor speeds', DiagnosticStatus.WARN)
+    speeds = rig.listener.create_publisher(Float32MultiArray, 'motor_speeds', STREAM)
+    rig.spin(lambda: rig.frames.get_subscription_count() >= 2 and speeds.get_subscription_count() >= 1)
+    azimuths = []
+    for attempt in range(2):
+        begin = len(rig.heard['doa'])
+        for k, first in enumerate(range(0, len(samples), 1600)):
+            rig.frames.publish(frame(samples[first:first + 1600], attempt * RATE + first, stamp=100.0 + k / 30.0))
+            rig.executor.spin_once(timeout_sec=0.05)
+        rig.spin(lambda begin=begin: len(rig.heard['doa']) > begin)
+        azimuths.append(np.degrees(rig.heard['doa'][-1].hypotheses[0].azimuth))
+        turns = 2.0 * np.pi * blade_pass / 3.0  # rad/s; one motor turns the other way, one stands, one has no sensor
+        speeds.publish(Float32MultiArray(data=[-turns[0], *turns[1:], 0.0, float('nan')]))
+        rig.spin(lambda: len(rig.nodes[0]._blade_pass_hz))
+    assert abs(azimuths[0] - 10.0) > 10.0
+    assert azimuths[1] == pytest.approx(10.0, abs=3.0)
+
+
 def test_missing_input_is_said(rig, array_file, tmp_path):
     rig.add(DoaNode, array_file=array_file)
     rig.says('no audio frames', DiagnosticStatus.WARN)
@@ -162,3 +205,65 @@ def test_faults_of_the_channels_are_reported(rig, tmp_path):
 def test_the_adapter_names_the_package_it_needs(rig):
     rig.add(AudioCommonNode)
     rig.says('audio_common_msgs is not installed', DiagnosticStatus.ERROR)
+
+
+class Sent(list):
+    """A publisher that keeps what it gets."""
+
+    publish = list.append
+
+
+@dataclass
+class AudioInfo:
+    """audio_common_msgs/AudioInfo."""
+
+    channels: int = 0
+    sample_rate: int = 0
+    sample_format: str = ''
+    bitrate: int = 0
+    coding_format: str = ''
+
+
+@dataclass
+class AudioDataStamped:
+    """audio_common_msgs/AudioDataStamped."""
+
+    header: Header
+    audio: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(data=b''))
+
+
+@pytest.fixture
+def adapter(rig):
+    """The adapter with messages like those of audio_common_msgs, which is not among the packages of a ROS desktop."""
+    node = AudioCommonNode(parameter_overrides=[Parameter('autostart', value=False)])
+    rig.nodes.append(node)
+    node._messages = SimpleNamespace(AudioInfo=AudioInfo, AudioDataStamped=AudioDataStamped)
+    node._incoming, node._format, node._info, node._problem_with_sound = True, 'S16LE', None, ''
+    node._counter = SampleCounter()
+    node._frames, node._infos, node._sounds = Sent(), Sent(), Sent()
+    return node
+
+
+def test_frames_become_audio_common_and_back(adapter):
+    samples = sound(0.2)
+    for k in (0, 1, 4):  # two frames are lost
+        adapter._on_frame(frame(samples[1600 * k:1600 * (k + 1)], 1600 * k, stamp=100.0 + 1600 * k / RATE))
+    assert adapter._infos == [AudioInfo(2, RATE, 'S16LE', 0, 'WAVE')]
+    expected = np.clip(np.round(samples[:1600].ravel() * 32768.0), -32768, 32767).astype('<i2')
+    assert bytes(adapter._sounds[0].audio.data) == expected.tobytes()
+    for message in adapter._sounds:
+        adapter._on_sound(message)
+    assert [message.first_sample for message in adapter._frames] == [0, 1600, 6400]
+    assert adapter._frames[2].header == adapter._sounds[2].header
+    np.testing.assert_allclose(adapter._frames[2].samples, samples[6400:8000].ravel(), atol=2.0**-15)
+
+
+def test_the_adapter_reports_sound_that_it_cannot_read(adapter):
+    status = DiagnosticStatusWrapper()
+    adapter.diagnose(status)
+    assert 'no audio_info' in status.message
+    adapter._on_info(AudioInfo(2, RATE, 'mp3', 0, 'mp3'))
+    adapter._on_sound(AudioDataStamped(Header(), SimpleNamespace(data=b'1234')))
+    adapter.diagnose(status)
+    assert "sample format 'mp3'" in status.message
+    assert adapter._frames == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.clock import SampleClock
+from av_audio.clock import SampleClock, SampleCounter
 
 RATE, BLOCK = 48_000, 1600
 
@@ -66,3 +66,13 @@ def test_late_blocks_do_not_move_the_clock():
 def test_nothing_is_known_before_the_first_block():
     with pytest.raises(ValueError, match='no block'):
         SampleClock(RATE).time_of(0)
+
+
+def test_blocks_with_stamps_only_are_counted_and_gaps_show():
+    counter = SampleCounter()
+    assert counter.place(1600, RATE, 100.0) == 0
+    assert counter.place(1600, RATE, 100.0 + 1600 / RATE + 0.005) == 1600  # jitter
+    after_gap = counter.place(1600, RATE, 101.0)
+    assert after_gap == pytest.approx(RATE, abs=0.01 * RATE)
+    assert counter.place(1600, RATE, 101.0 + 1600 / RATE) == after_gap + 1600
+    assert counter.place(1600, RATE, 50.0) == after_gap + 3201  # begun anew: no continuation, and never backwards

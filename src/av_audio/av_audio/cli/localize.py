@@ -65,7 +65,7 @@ def to_record(estimate: DoaEstimate) -> dict:
         'time': round(estimate.time, 6),
         'azimuth_deg': np.degrees(estimate.azimuth).round(3).tolist(),
         'elevation_deg': np.degrees(estimate.elevation).round(3).tolist(),
-        'sigma_deg': round(min(180.0, float(np.degrees(np.sqrt(variance)))), 3) if len(estimate.azimuth) else None,
+        'sigma_deg': round(min(180.0, float(np.degrees(np.sqrt(variance)))), 6) if len(estimate.azimuth) else None,
         'confidence': round(float(np.max(estimate.confidence, initial=0.0)), 4),
     }
 

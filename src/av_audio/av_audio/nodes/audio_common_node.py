@@ -10,14 +10,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio import pcm
+from av_audio.clock import SampleCounter
 from av_audio.nodes.audio_common_node_parameters import audio_common_node as parameters
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, STREAM
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame
-
-# audio_common has no sample index: stamps further than this from the expected ones are a gap.
-GAP_S = 0.02
 
 
 class AudioCommonNode(RigNode):
@@ -37,7 +35,7 @@ class AudioCommonNode(RigNode):
         self._incoming = self.settings.direction == 'from_audio_common'
         self._info: Any = None
         self._problem_with_sound = ''
-        self._expected: tuple[int, float] | None = None  # sample index and stamp of the next block
+        self._counter = SampleCounter()
 
     def activate(self) -> None:
         """Begin to translate."""
@@ -63,11 +61,8 @@ class AudioCommonNode(RigNode):
             self._problem_with_sound = str(error)
             return
         self._problem_with_sound = ''
-        rate, stamp = self._info.sample_rate, to_seconds(sound.header.stamp)
-        first_sample, due = self._expected or (0, stamp)
-        if abs(stamp - due) > GAP_S:
-            first_sample += max(1, round((stamp - due) * rate))
-        self._expected = first_sample + len(samples), stamp + len(samples) / rate
+        rate = self._info.sample_rate
+        first_sample = self._counter.place(len(samples), rate, to_seconds(sound.header.stamp))
         self._frames.publish(AudioFrame(header=sound.header, sample_rate=rate, channels=samples.shape[1],
                                         first_sample=first_sample, samples=array.array('f', samples.tobytes())))
 

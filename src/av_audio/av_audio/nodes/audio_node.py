@@ -37,11 +37,12 @@ class AudioNode(RigNode):
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
 
     def _open(self, settings: object) -> FileSource | DeviceSource:
+        channels = [] if list(settings.channels) == [-1] else list(settings.channels)
         if settings.source == 'device':
-            return DeviceSource(settings.device, settings.sample_rate, settings.channels, settings.block, self._now)
+            return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self._now)
         if not settings.file:
             raise ValueError('file is empty, expected the path of a sound file')
-        return FileSource(settings.file, settings.channels, settings.block, settings.loop, self._now)
+        return FileSource(settings.file, channels, settings.block, settings.loop, self._now)
 
     def _now(self) -> float:
         return 1e-9 * self.get_clock().now().nanoseconds
