@@ -85,6 +85,7 @@ def test_inputs_are_found_in_folders_and_faults_are_named(tmp_path):
     assert is_bag(tmp_path / 'all' / 'one') and not is_bag(tmp_path / 'all')
     found = [name.split('all/')[-1] for name in find_inputs([str(tmp_path / 'all')])]
     assert found == ['more/cut.mcap', 'more/mine.yaml', 'one']
+    (tmp_path / 'all' / 'notes').mkdir()
     (tmp_path / 'empty').mkdir()
     with pytest.raises(ValueError, match='empty: neither bags'):
         find_inputs([str(tmp_path / 'empty')])

@@ -16,7 +16,11 @@ from av_fusion.evaluation.sweeps import SWEEPS, add_sweep, cases_of, figures_of
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Compute what is not there yet, write sweeps.json and report.html. Returns 0, or 1 where a run failed."""
-    options = make_parser().parse_args(arguments)
+    parser = make_parser()
+    options = parser.parse_args(arguments)
+    for name in options.names:
+        if name not in SWEEPS:
+            parser.error(f'{name!r} is no sweep, only {", ".join(SWEEPS)}')
     groups = {(name, value): cases for name in options.names or SWEEPS
               for value, cases in cases_of(SWEEPS[name], options.seeds, options.duration, options.out).items()}
     try:
@@ -51,7 +55,7 @@ def make_parser() -> argparse.ArgumentParser:
     """The options."""
     parser = argparse.ArgumentParser(prog='sweep', description=__doc__)
     add = parser.add_argument
-    add('names', nargs='*', metavar='NAME', choices=[[], *SWEEPS], help=f'of {", ".join(SWEEPS)}; all without')
+    add('names', nargs='*', metavar='NAME', help=f'of {", ".join(SWEEPS)}; all without')
     add('--out', type=Path, required=True, help='folder for report.html, sweeps.json and what each run gave')
     add('--seeds', type=int, default=2, help='runs of each value (%(default)s)')
     add('--duration', type=float, default=30.0, help='seconds of each run (%(default)s)')

@@ -82,18 +82,27 @@ def find_inputs(inputs: list[str]) -> list[str]:
     for name in inputs:
         path = Path(name)
         if path.is_dir() and not is_bag(path):
-            inside = [str(entry) for entry in sorted(path.iterdir())
-                      if entry.suffix in (*BAG_ENDINGS, '.yaml') or (entry.is_dir() and not entry.name.startswith('.'))]
-            found += find_inputs(inside)
+            inside = _search(path)
             if not inside:
                 raise ValueError(f'{name}: neither bags (.mcap, .db3, rosbag2 folders) nor scenarios (.yaml) in this folder')
-        elif path.exists() and (is_bag(path) or path.suffix == '.yaml'):
-            found.append(name)
-        elif path.suffix in BAG_ENDINGS:
+            found += inside
+        elif path.suffix in BAG_ENDINGS and not path.exists():
             raise FileNotFoundError(f'{name}: no such bag')
         else:
-            find_config(name, 'scenarios')
+            if not is_bag(path):
+                find_config(name, 'scenarios')
             found.append(name)
+    return found
+
+
+def _search(folder: Path) -> list[str]:
+    """Bags and scenarios in a folder and those below it."""
+    found = []
+    for entry in sorted(folder.iterdir()):
+        if is_bag(entry) or (entry.suffix == '.yaml' and entry.is_file()):
+            found.append(str(entry))
+        elif entry.is_dir() and not entry.name.startswith('.'):
+            found += _search(entry)
     return found
 
 
