@@ -36,14 +36,16 @@ class ContinuousPose:
         return self._moved(pose)
 
     def _correct(self, dt: float, before: Pose, after: Pose) -> None:
-        self.resets += 1
         yaw = before.yaw + before.rate_flu[2] * dt
         expected = self._moved(before).position + _turned(
             quat2mat(before.attitude_wxyz) @ before.velocity_flu, self._turn) * dt
         self._turn = float(wrap(self._turn + float(wrap(yaw - after.yaw))))
         self._shift = expected - _turned(after.position, self._turn)
+        self.resets += 1
 
     def _moved(self, pose: Pose) -> Pose:
+        if not self.resets:
+            return pose
         attitude = qmult(euler2quat(0.0, 0.0, self._turn), pose.attitude_wxyz)
         return Pose(_turned(pose.position, self._turn) + self._shift, attitude, pose.velocity_flu, pose.rate_flu)
 

@@ -70,14 +70,14 @@ class Px4Link:
         """Look for PX4's topics; opens what has appeared, and changes over when the firmware did."""
         known = [name for name, types in self._node.get_topic_names_and_types()
                  if any(kind.startswith('px4_msgs/') for kind in types)]
+        written = [topic for topic in known if '/out/' in topic and self._node.count_publishers(topic)]
+        read = [topic for topic in known if '/in/' in topic and self._node.count_subscribers(topic)]
         for name, (kind, callback) in self._wanted.items():
-            names = [topic for topic in known if self._node.count_publishers(topic)]
-            self._open(name, 'out', kind, names, self._subscriptions, self._node.destroy_subscription,
+            self._open(name, 'out', kind, written, self._subscriptions, self._node.destroy_subscription,
                        lambda topic, kind=kind, callback=callback:
                        self._node.create_subscription(kind, topic, callback, PX4_QOS))
         for name, kind in self._inputs.items():
-            names = [topic for topic in known if self._node.count_subscribers(topic)]
-            self._open(name, 'in', kind, names, self._publishers, self._node.destroy_publisher,
+            self._open(name, 'in', kind, read, self._publishers, self._node.destroy_publisher,
                        lambda topic, kind=kind: self._node.create_publisher(kind, topic, PX4_QOS))
 
     def close(self) -> None:

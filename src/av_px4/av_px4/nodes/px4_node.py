@@ -13,7 +13,6 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 from transforms3d.quaternions import quat2mat
 
-from av_common.frames import attitude_ned_to_enu
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
@@ -21,7 +20,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.continuity import ContinuousPose, HeldPosition
 from av_px4.external_mode import ExternalMode
-from av_px4.frames import Pose, levelled, pose_from_px4
+from av_px4.frames import Pose, attitude_to_enu, levelled, pose_from_px4
 from av_px4.gimbal import Claim, Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.nodes import px4_messages as px4
@@ -220,10 +219,11 @@ class Px4Node(RigNode):
                     self._link.messages, self._timestamp(), request))
 
     def _step(self) -> None:
-        now = self._last_step = time.monotonic()
+        now, inputs = time.monotonic(), self._guard_inputs()
+        self._last_step = now
         if self._settings.gimbal.enabled:
-            self._send_commands(self._gimbal.step(now, self._gimbal_inputs()))
-        self._decision = self._guard.step(now, self._guard_inputs())
+            self._send_commands(self._gimbal.step(now, self._gimbal_inputs(inputs)))
+        self._decision = self._guard.step(now, inputs)
         if self._decision.heartbeat and self._settings.turn_body:
             self._link.publish('offboard_control_mode', px4.offboard_message(self._link.messages, self._timestamp()))
         if self._decision.setpoint:
@@ -252,13 +252,13 @@ class Px4Node(RigNode):
             self._settings.turn_body and command.move_body and command.mode != PointingCommand.MODE_HOLD,
             self._mode.active_mode(time.monotonic()) if self._mode else None, place, self._gimbal.unacknowledged)
 
-    def _gimbal_inputs(self) -> GimbalInputs:
-        command, inputs, timeouts = self._command, self._guard_inputs(), self._settings.timeouts
+    def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
+        command, timeouts = self._command, self._settings.timeouts
         fresh = (inputs.status_age <= timeouts.status and inputs.attitude_age <= timeouts.attitude
                  and inputs.command_age <= timeouts.command and inputs.bearing_age <= timeouts.bearing)
         pan, tilt = command.pan, command.tilt
         if self._settings.gimbal.lock_to_horizon and self._attitude is not None and math.isfinite(pan + tilt):
-            pan, tilt = levelled(pan, tilt, attitude_ned_to_enu(self._attitude))
+            pan, tilt = levelled(pan, tilt, attitude_to_enu(self._attitude))
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= timeouts.status else None,
