@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, scheduler: str
             number = running[future]
             try:
                 results[number] = future.result()
-            except (ValueError, OSError) as error:
+            except (ValueError, OSError, BrokenExecutor) as error:
                 failures[cases[number].name] = str(error)
             else:
                 results[number].key = keys[number][1]
@@ -63,7 +64,8 @@ def _pool(workers: int, scheduler: str) -> Iterator[tuple[Callable[..., Any], Ca
                    lambda futures: distributed.as_completed(list(futures)))
         return
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'))
+    # Of a keyboard interrupt this process says what there is to say.
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'), signal.signal, (signal.SIGINT, signal.SIG_DFL))
     try:
         futures: Callable[[Iterable[Future]], Iterator[Future]] = as_completed
         yield pool.submit, futures
