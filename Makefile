@@ -4,12 +4,13 @@
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another one
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
 #   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
+#   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
 #   make lint       style of the code, package.xml files and shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test report lint clean distclean
+.PHONY: build demo test report detector lint clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
@@ -18,6 +19,8 @@ TESTS ?=
 QUICK ?=
 SEEDS ?= 0
 DATA ?= ../shared/data
+MODEL ?= src/av_vision/models/drone_detector.onnx
+CACHE ?= results/detector_cache
 
 build:
 	$(ENV) && colcon build --symlink-install
@@ -33,6 +36,9 @@ test: build
 report: build
 	$(ENV) && exec ros2 run av_fusion report --data $(DATA) --seeds $(SEEDS) \
 		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
+
+detector: build
+	$(ENV) && exec python3 tools/train_detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
 lint:
 	$(ENV) && ruff check .

@@ -131,6 +131,8 @@ def main() -> None:
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, step {state["step"]}, weights {np.round(mixing[0], 3)}, '
           f'shift {shift:.3f}, '
           f'threshold {threshold}; choose: F1 {result.f1(threshold):.3f}, false frames {result.false_frames(threshold):.3f}')
+    for t in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        print(f'  at {t}: F1 {result.f1(t):.3f}, recall {result.recall(t):.3f}, false frames {result.false_frames(t):.3f}')
 
 
 if __name__ == '__main__':
