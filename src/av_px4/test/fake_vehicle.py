@@ -20,6 +20,7 @@ class FakeVehicle:
     """Starts the fake; `tell` it something, `wait` for what becomes of it."""
 
     def __init__(self, firmware='1.16', *options, domain=None):
+        self.firmware = firmware
         self.environment = {**os.environ, **overlay(firmware), **({'ROS_DOMAIN_ID': str(domain)} if domain else {})}
         self.state, self._lines = {}, []
         self._process = subprocess.Popen([sys.executable, str(FAKE), firmware, *options], stdin=subprocess.PIPE,

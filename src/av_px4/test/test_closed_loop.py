@@ -86,7 +86,7 @@ def test_the_gimbal_follows_what_is_heard_and_seen_at_20_deg_a_second(period):
 def test_the_body_turns_until_front_is_told_from_back(heading_deg):
     """Heard only, in OFFBOARD, from whatever side: told apart rightly, and the vehicle then faces the drone."""
     scenario = load_scenario(find_config('behind_in_fog', 'scenarios'))
-    flight, rows, log = fly(scenario, 14.0, heading_deg, OFFBOARD)
+    flight, rows, log = fly(scenario, 10.0, heading_deg, OFFBOARD)
     assert rows[-1, 5] and flight.autopilot.setpoints_in_foreign_modes == 0
     assert flight.autopilot.largest_rate <= math.radians(45.0) + 1e-9
     truth = math.atan2(log.target['y'][-1], log.target['x'][-1])
