@@ -15,10 +15,12 @@ from av_audio.ring_buffer import RingBuffer
 
 
 def pick_channels(available: int, channels: Sequence[int], source: str) -> list[int]:
-    """The channels to take, in order; all where `channels` is empty. Raises ValueError for one that is not there."""
+    """The channels to take, in order; all where `channels` is empty. Raises ValueError for one that is not there or twice."""
     wrong = [channel for channel in channels if not 0 <= channel < available]
     if wrong:
         raise ValueError(f'channels={list(channels)}: {source} has channels 0..{available - 1}, not {wrong}')
+    if len(set(channels)) < len(channels):
+        raise ValueError(f'channels={list(channels)}: each microphone has a channel of its own')
     return list(channels) or list(range(available))
 
 

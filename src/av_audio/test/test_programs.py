@@ -9,10 +9,12 @@ import pytest
 import soundfile
 
 from av_audio.array import MicrophoneArray
+from av_audio.benchmark.scenes import SQUARE
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.calibration import calibrate as fit
 from av_audio.cli import benchmark, calibrate, localize
 from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
 
 ARRAY = 'microphones: [[0, 0.1, 0], [0, -0.1, 0]]\n'
 C = speed_of_sound(20.0)
@@ -64,6 +66,49 @@ def test_localize_says_what_does_not_fit(from_30_degrees, array_file, tmp_path):
         localize.main(['missing.wav', '--array', str(array_file)])
     with pytest.raises(SystemExit, match='choose with --channels'):
         localize.main([str(from_30_degrees), '--array', str(array_file), '--channels', '0'])
+    with pytest.raises(SystemExit, match='a channel of its own'):
+        localize.main([str(from_30_degrees), '--array', str(array_file), '--channels', '0', '0'])
+    with pytest.raises(SystemExit, match=r'lasts 2\.000 s, less than one window of 3 s'):
+        localize.main([str(from_30_degrees), '--array', str(array_file), '--window', '3'])
+    soundfile.write(tmp_path / 'slow.wav', np.zeros((8000, 2)), 4000)
+    with pytest.raises(SystemExit, match='half of the sample rate'):
+        localize.main([str(tmp_path / 'slow.wav'), '--array', str(array_file)])
+    (tmp_path / 'text.wav').write_text('no sound')
+    with pytest.raises(SystemExit, match=r'text\.wav'):
+        localize.main([str(tmp_path / 'text.wav'), '--array', str(array_file)])
+
+
+def test_localize_goes_on_after_samples_that_are_no_numbers(from_30_degrees, array_file, tmp_path, capsys):
+    samples, _ = soundfile.read(from_30_degrees)
+    samples[30_000:30_010] = np.nan
+    soundfile.write(tmp_path / 'broken.wav', samples, RATE, subtype='FLOAT')
+    localize.main([str(tmp_path / 'broken.wav'), '--array', str(array_file), '--hop', '0.25', '--json'])
+    printed = capsys.readouterr()
+    records = json.loads(printed.out)
+    assert 'begun anew 1 times' in printed.err
+    assert all(abs(record['time'] - 30_005 / RATE) > 0.25 for record in records)
+    assert records[-1]['time'] > 1.5
+    for record in records:
+        assert record['azimuth_deg'] == pytest.approx([30.0, 150.0], abs=0.1)
+
+
+def test_localize_says_what_is_wrong_with_the_channels(array_file, tmp_path, capsys):
+    mono = np.random.default_rng(3).normal(size=(RATE, 1)) * [0.1, 0.1]
+    soundfile.write(tmp_path / 'mono.wav', mono, RATE)
+    localize.main([str(tmp_path / 'mono.wav'), '--array', str(array_file), '--json'])
+    assert 'channels 0, 1 are identical' in capsys.readouterr().err
+
+
+def test_localize_gives_a_plane_of_microphones_one_direction(tmp_path, capsys):
+    array_path = tmp_path / 'square.yaml'
+    SQUARE.save(array_path)
+    direction = angles_to_direction(np.radians(120.0), np.radians(20.0))
+    sound = flat(np.random.default_rng(4), 1.0, -SQUARE.positions @ direction / C)
+    soundfile.write(tmp_path / 'square.wav', 0.3 * sound / np.abs(sound).max(), RATE)
+    localize.main([str(tmp_path / 'square.wav'), '--array', str(array_path), '--json'])
+    for record in json.loads(capsys.readouterr().out):
+        assert record['azimuth_deg'] == pytest.approx([120.0], abs=0.1)
+        assert record['elevation_deg'] == pytest.approx([20.0], abs=0.3)
 
 
 def test_calibrate_learns_a_head(tmp_path, array_file, capsys):

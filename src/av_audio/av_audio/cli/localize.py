@@ -13,6 +13,7 @@ import numpy as np
 
 from av_audio.array import MicrophoneArray
 from av_audio.capture import open_sound, pick_channels
+from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
 
 
@@ -42,20 +43,33 @@ def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
                   progress: bool = False) -> Iterator[DoaEstimate]:
-    """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit."""
+    """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit.
+
+    What is wrong with the channels (clipping, dead, identical, ...) is said on standard error at the end.
+    """
     with open_sound(path) as file:
         picked = pick_channels(file.channels, channels, str(path))
         if len(picked) != array.channels:
-            raise ValueError(f'{path} gives {len(picked)} channels, but the array {array.name} has {array.channels} '
+            raise ValueError(f'{path} gives {len(picked)} channel(s), but the array {array.name} has {array.channels} '
                              f'microphones; choose with --channels')
         localizer = Localizer(array, file.samplerate, settings)
+        if file.frames < settings.window_s * file.samplerate:
+            raise ValueError(f'{path} lasts {file.frames / file.samplerate:.3f} s, less than one window of '
+                             f'{settings.window_s:g} s; choose with --window')
+        health = ChannelHealth(array.channels)
         first_sample = 0
-        for block in file.blocks(blocksize=file.samplerate, dtype='float32', always_2d=True):
-            yield from localizer.process(block[:, picked], first_sample)
+        for block in file.blocks(blocksize=max(1, file.samplerate // 20), dtype='float32', always_2d=True):
+            block = block[:, picked]
+            health.update(block)
+            yield from localizer.process(block, first_sample)
             first_sample += len(block)
             if progress:
                 end = '\n' if first_sample >= file.frames else ''
                 print(f'\r{100 * first_sample // max(1, file.frames):3d} %', end=end, file=sys.stderr, flush=True)
+        for problem in health.problems():
+            print(f'{path}: {problem}', file=sys.stderr)
+        if localizer.restarts:
+            print(f'{path}: begun anew {localizer.restarts} times after samples that are no numbers', file=sys.stderr)
 
 
 def to_record(estimate: DoaEstimate) -> dict:
