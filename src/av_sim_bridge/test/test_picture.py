@@ -155,6 +155,16 @@ def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
         assert depth == pytest.approx(extinction.mean() * far, rel=1e-3, abs=1e-4)
 
 
+@pytest.mark.parametrize('atmosphere', [
+    Atmosphere(0.02, None, 12.0, (Cloud(np.array([4.0, 0.0, 1.0]), 2.0, 0.7),)), Atmosphere(0.0, 3.0),
+    Atmosphere(0.02, 3.0, 5.0), Atmosphere(clouds=(Cloud(np.array([4.0, 0.0, 1.0]), np.float64(2.0), 0.7),))])
+def test_every_kind_of_air_can_be_rendered(rng, atmosphere):
+    made = picture(view(atmosphere=atmosphere), everything=True)
+    assert made.bgr.shape == (480, 640, 3) and made.thermal.dtype == np.float32
+    directions = rng.standard_normal((9, 3)).astype(np.float32)
+    assert atmosphere.optical_depth(EYE.astype(np.float32), directions, np.ones(9)).dtype == np.float32
+
+
 def test_light_scales_the_picture_and_gain_brings_noise():
     grey = np.full((480, 640, 3), 100, np.uint8)
     effects = CameraEffects(640, 480, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,14 +25,14 @@ class Cloud:
 
     def optical_depth(self, origin: NDArray, directions: NDArray, distance: NDArray) -> NDArray:
         """Integral of the extinction along rays (n, 3) from origin to distances (n,)."""
-        away = self.centre - origin
+        away = (self.centre - origin).astype(directions.dtype)
         closest = directions @ away
         offset2 = np.maximum(away @ away - closest**2, 0.0)
         depth = np.zeros(len(directions), directions.dtype)
         near = offset2 < (4.0 * self.radius) ** 2
-        scale = np.sqrt(2.0) * self.radius
+        scale = math.sqrt(2.0) * self.radius
         span = erf((distance[near] - closest[near]) / scale) + erf(closest[near] / scale)
-        peak = self.density * self.radius * np.sqrt(np.pi / 2.0)
+        peak = self.density * self.radius * math.sqrt(math.pi / 2.0)
         depth[near] = peak * np.exp(-offset2[near] / scale**2) * span
         return depth
 
@@ -57,10 +58,10 @@ class Atmosphere:
     @property
     def rain_extinction(self) -> float:
         """Of the rain alone, in 1/m."""
-        return 1.076 * self.rain_mm_h**0.67 * np.log(10.0) / 10.0 / 1000.0
+        return 1.076 * self.rain_mm_h**0.67 * math.log(10.0) / 10.0 / 1000.0
 
     def optical_depth(self, origin: ArrayLike, directions: ArrayLike, distance: ArrayLike) -> NDArray:
-        """Optical depths (n,) along unit vectors (n, 3) from a point (3,) in ENU to distances (n,) in m."""
+        """Optical depths (n,) along unit vectors (n, 3) from a point (3,) in ENU to distances (n,) in m, in their precision."""
         origin, directions = np.asarray(origin), np.asarray(directions)
         distance = np.asarray(distance, directions.dtype)
         if self.layer_m is None:
@@ -75,7 +76,7 @@ class Atmosphere:
             depth += directions.dtype.type(self.rain_extinction) * distance
         for cloud in self.clouds:
             depth = depth + cloud.optical_depth(origin, directions, distance)
-        return depth
+        return depth.astype(directions.dtype, copy=False)
 
     def transmission(self, origin: ArrayLike, point: ArrayLike) -> float:
         """Share of contrast that is left between two points (3,) in ENU."""
