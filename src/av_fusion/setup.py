@@ -39,6 +39,7 @@ setup(
             'evaluate = av_fusion.cli.evaluate:main',
             'front_back = av_fusion.cli.front_back:main',
             'fuzz = av_fusion.cli.fuzz:main',
+            'benchmark = av_fusion.cli.benchmark:main',
             'estimate_latency = av_fusion.cli.estimate_latency:main',
             'player_node = av_fusion.nodes.player_node:main',
             'repair_bag = av_fusion.cli.repair_bag:main',
