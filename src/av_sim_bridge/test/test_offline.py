@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_sim_bridge.cli import simulate
+from av_sim_bridge.cli import simulate, simulator
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.offline.files import FileRecorder
 from av_sim_bridge.run import open_world, steps
@@ -103,6 +103,16 @@ def test_errors_are_named(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     assert simulate.main(arguments) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('program', 'arguments'), [
+    (simulate, '--duration -1'), (simulate, '--image-rate -3'), (simulate, '--seed 1.5'), (simulator, '--speed 0'),
+    (simulator, '--image-rate none'), (simulator, '--port-offset 60000')])
+def test_impossible_arguments_are_named_with_their_value(program, arguments, capsys):
+    option, value = arguments.split()
+    with pytest.raises(SystemExit, match='2'):
+        program.parse(['circle', '--out', 'x', option, value] if program is simulate else ['circle', option, value])
+    assert f"argument {option}: '{value}', a" in capsys.readouterr().err
 
 
 def test_bags_hold_the_topics_of_the_rig(tmp_path):

@@ -12,7 +12,7 @@ SECTIONS = {
     'fly_by': figures.fly_by, 'moving_rig': figures.moving_rig, 'air': figures.air, 'room': figures.room,
     'speed': figures.speed, 'peers': figures.peers_fly_by,
 }
-PEERS = ('pyroomacoustics', 'acoular', 'pyroadacoustics')
+PEERS = {'pyroomacoustics': '0.10.1', 'acoular': '26.8', 'pyroadacoustics': '1.1.0'}    # versions that were compared with
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -24,7 +24,8 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(f'section is {unknown[0]!r}, expected one of {", ".join(SECTIONS)}')
     missing = [peer for peer in PEERS if importlib.util.find_spec(peer) is None]
     if missing:
-        print(f'Not installed, and left out: {", ".join(missing)} (pip install {" ".join(missing)})')
+        wanted_versions = ' '.join(f'{peer}=={PEERS[peer]}' for peer in missing)
+        print(f'Not installed, and left out: {", ".join(missing)} (pip install {wanted_versions})')
     held = True
     for name in wanted:
         print(f'\n{name}: {SECTIONS[name].__doc__}')

@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+from av_sim_bridge.cli.arguments import not_negative, positive, seed
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.offline.files import FileRecorder
 from av_sim_bridge.rig import load_rig
@@ -22,11 +23,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
     parser.add_argument('--out', type=Path, required=True, help='folder for the results; made if needed')
-    parser.add_argument('--duration', type=float, help="seconds (default: the scenario's)")
-    parser.add_argument('--seed', type=int, help="instead of the scenario's")
+    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's)")
+    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
     parser.add_argument('--voice', help="a sound file as every drone's voice")
-    parser.add_argument('--image-rate', type=float, default=15.0, help='pictures a second, 0 for none (%(default)s)')
+    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='pictures a second, 0 for none (%(default)s)')
     parser.add_argument('--everything', action='store_true', help='frames with depth, segmentation and temperatures')
     parser.add_argument('--bag', action='store_true', help='also a rosbag2 (mcap) with the topics of the rig')
     parser.add_argument('--preview', action='store_true', help='only a picture of what will be heard and seen')

@@ -8,6 +8,7 @@ import signal
 import sys
 from dataclasses import asdict
 
+from av_sim_bridge.cli.arguments import not_negative, port_offset, positive, seed
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import load_scenario
@@ -22,18 +23,19 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
     parser.add_argument('--host', default='127.0.0.1', help='where to send to (default: %(default)s)')
-    parser.add_argument('--port-offset', type=int, default=0, help='added to every port, for a second rig')
-    parser.add_argument('--duration', type=float, help="seconds (default: the scenario's; inf: until stopped)")
-    parser.add_argument('--seed', type=int, help="instead of the scenario's")
+    parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
+    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's; inf: until stopped)")
+    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
     parser.add_argument('--voice', help="a sound file as every drone's voice")
     parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le')
     parser.add_argument('--audio-header', action='store_true', help='number the sound datagrams; RFlySim does not')
     parser.add_argument('--image-header', choices=['old', 'new'], default='old', help="which of RFlySim's headers")
     parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
-    parser.add_argument('--image-rate', type=float, default=15.0, help='pictures a second (default: %(default)s)')
+    parser.add_argument('--image-rate', type=not_negative, default=15.0,
+                        help='pictures a second, 0 for none (default: %(default)s)')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='auto',
                         help='3D scene, flat painting (cheaper), or what this machine can do')
-    parser.add_argument('--speed', type=float, default=1.0, help='of real time (default: %(default)s)')
+    parser.add_argument('--speed', type=positive, default=1.0, help='of real time (default: %(default)s)')
     parser.add_argument('--begin', type=float, help='Unix time to begin at, so that several rigs share one world')
     parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
                         help="where this rig stands, instead of the scenario's")

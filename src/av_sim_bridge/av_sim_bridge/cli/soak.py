@@ -20,6 +20,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from av_common.qos import RESULT
 from av_interfaces.msg import AudioFrame
+from av_sim_bridge.cli.arguments import not_negative, port_offset, positive
 from av_sim_bridge.run import BLOCKS_PER_SECOND
 from av_sim_bridge.wire.ports import Ports
 
@@ -37,12 +38,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog='soak', description=__doc__)
     parser.add_argument('scenario', nargs='?', default='fog_woodland', help='shipped or a file (default: %(default)s)')
-    parser.add_argument('--duration', type=float, default=3600.0, help='seconds (default: %(default)s)')
-    parser.add_argument('--every', type=float, default=60.0, help='seconds between lines (default: %(default)s)')
-    parser.add_argument('--image-rate', type=float, default=15.0, help='pictures a second (default: %(default)s)')
+    parser.add_argument('--duration', type=positive, default=3600.0, help='seconds (default: %(default)s)')
+    parser.add_argument('--every', type=positive, default=60.0, help='seconds between lines (default: %(default)s)')
+    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='pictures a second (default: %(default)s)')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='painter', help='default: %(default)s')
-    parser.add_argument('--most-growth', type=float, default=3.0, help='of memory, in MiB (default: %(default)s)')
-    parser.add_argument('--port-offset', type=int, default=200, help='added to every port (default: %(default)s)')
+    parser.add_argument('--most-growth', type=positive, default=3.0, help='of memory, in MiB (default: %(default)s)')
+    parser.add_argument('--port-offset', type=port_offset, default=200, help='added to every port (default: %(default)s)')
     return parser.parse_args(arguments)
 
 
