@@ -199,7 +199,8 @@ class TestPackageFiles:
         run = without_key | {dependency.name for dependency in package.exec_depends}
         test = run | {dependency.name for dependency in package.test_depends}
         folder = PACKAGES[name].parent
-        optional = {'audio_common_msgs'}  # used where it is installed, see docs/hearing.md
+        # used where they are installed, see docs/hearing.md and docs/evaluation.md
+        optional = {'audio_common_msgs', 'distributed'}
         assert not {module for module in imports(folder / name) - optional if not declared(module, run)}
         assert not {module for module in imports(folder / 'test') if not declared(module, test)}
 
