@@ -163,9 +163,11 @@ class BayesTracker:
             innovations = [mode.innovation(azimuth, lag) for azimuth in azimuths]
             found = [settings.recall * o * width * gaussian(nu, mode.expected_variance(lag) + d.azimuth_variance)
                      for o, nu, d in zip(odds, innovations, seen, strict=True)]
-            total = 1.0 - in_view * settings.recall * visibility + sum(found)
+            missed = mode.miss(time, visibility, in_view * settings.recall, fresh)
+            total = missed + sum(found)
             shares = [f / total for f in found]
             mode.weight *= max(total, 1e-3) ** fresh
+            mode.hidden *= missed / total  # what was detected is not hidden
             if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
                 near = min(range(len(seen)), key=lambda k: abs(innovations[k]))
                 mode.adapt(innovations[near], mode.expected_variance(lag) + seen[near].azimuth_variance,

@@ -10,6 +10,7 @@ from av_common.angles import wrap
 
 PASSING_S = 0.5  # for so long a passing target accelerates
 LEAST_AGILITY, MOST_AGILITY = 0.2, 40.0
+HIDING_S = 5.0  # fog changes in
 USUAL_SURPRISE, ALERT, CALM = 1.0, 3.0, 1.0
 
 
@@ -56,6 +57,8 @@ class Mode:
     re: float = 0.0
     seen: bool = False
     agility: float = 1.0  # times the usual acceleration
+    hidden: float = 0.0  # probability that fog hides the target where it is
+    looked: float = -math.inf  # when that was last reckoned
 
     def predict(self, dt: float, motion: Motion) -> None:
         """Constant rate over `dt` s with white angular acceleration; elevation as an Ornstein-Uhlenbeck process.
@@ -138,6 +141,20 @@ class Mode:
         self.ar += g_a * g_r * variance_change
         self.ae += g_a * g_e * variance_change
         self.re += g_r * g_e * variance_change
+
+    def miss(self, time: float, visibility: float, chance: float, fresh: float) -> float:
+        """Probability that a picture does not show the target, which is in view and would be found with `chance`.
+
+        Fog that hid the target from one picture hides it from the next: a hundred pictures in fog are no more evidence than
+        one. Only slowly, over HIDING_S, does fog change.
+        """
+        kept = math.exp(-max(time - self.looked, 0.0) / HIDING_S)
+        self.hidden = 1.0 - visibility + kept * max(self.hidden - (1.0 - visibility), 0.0)
+        self.looked = max(self.looked, time)
+        missed = self.hidden + (1.0 - self.hidden) * (1.0 - chance)
+        overlooked = max(1.0 - chance, 1e-3) ** fresh
+        self.hidden /= max(self.hidden + (1.0 - self.hidden) * overlooked, 1e-9)
+        return missed
 
     def adapt(self, innovation: float, total: float, fresh: float) -> None:
         """Believe in more acceleration after surprises, in less without (Bar-Shalom, Li, Kirubarajan 2001, section 11.2.2).

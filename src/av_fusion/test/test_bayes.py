@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -149,3 +150,54 @@ def test_garbage_is_ignored(tracker_class):
     tracker.add_pose(103.0, nan, inf)
     after = tracker.estimate(103.0)
     assert after.azimuth == pytest.approx(before.azimuth, abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_nothing_seen_in_fog_never_flips_a_right_hemisphere(seed):
+    """Half a minute of pictures without detections, where almost nothing can be seen, leaves front in front."""
+    tracker, senses = BayesTracker(), Senses(seed)
+    run(tracker, senses, lambda t: 0.3, 0.0, 2.0, visibility=1.0)
+    path = lambda t: 0.3 + 0.2 * math.sin(0.4 * t)  # noqa: E731
+    for step in range(30 * 10):
+        t = 102.0 + step / 10.0
+        tracker.add_sound(senses.hear(t, path(t)))
+        tracker.add_look(senses.look(t, 3.0, 0.02))
+        track = tracker.estimate(t)
+        assert track.front_probability > 0.8 and track.resolved
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_second_drone_does_not_break_the_track(seed):
+    """Another drone, heard in turn and seen as surely, is left alone: the nearest in the posterior is followed."""
+    tracker, senses = BayesTracker(), Senses(seed)
+    first, second = (lambda t: 0.1 * t), (lambda t: 0.55 - 0.05 * t)
+    errors = []
+    for step in range(8 * 20):
+        t = step / 20.0
+        tracker.add_sound(senses.hear(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
+        looks = [senses.look(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
+        tracker.add_look(replace(looks[0], detections=tuple(d for look in looks for d in look.detections)))
+        track = tracker.estimate(100.0 + t)
+        errors.append(min(abs(track.azimuth - first(t)), abs(track.azimuth - second(t))))
+        if t < 3.0:
+            assert t < 0.5 or abs(track.azimuth - first(t)) < math.radians(3)
+    assert math.degrees(float(np.sqrt(np.mean(np.square(errors[20:]))))) < 2.0
+
+
+def test_order_of_arrival_hardly_matters():
+    """Looks that arrive 0.2 s late among sounds in time: as in order, within half a sigma; sigma within a factor of 1.7."""
+    for seed in range(3):
+        senses, messages = Senses(seed), []
+        for step in range(120):
+            t = 100.0 + step / 20.0
+            azimuth = 0.2 + 0.05 * step / 20.0
+            messages.append((t, senses.hear(t, azimuth)))
+            if step % 2:
+                messages.append((t + 0.2, senses.look(t, azimuth)))
+        in_order, as_arrived = BayesTracker(), BayesTracker()
+        for tracker, key in ((in_order, lambda m: m[1].time), (as_arrived, lambda m: m[0])):
+            for _, message in sorted(messages, key=key):
+                (tracker.add_sound if isinstance(message, Sound) else tracker.add_look)(message)
+        one, other = in_order.estimate(106.3), as_arrived.estimate(106.3)
+        assert abs(one.azimuth - other.azimuth) < math.sqrt(one.azimuth_variance) / 2.0
+        assert 0.3 < other.azimuth_variance / one.azimuth_variance < 3.0
