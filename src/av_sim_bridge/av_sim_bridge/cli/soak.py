@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -17,6 +18,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from av_common.qos import RESULT
 from av_interfaces.msg import AudioFrame
@@ -96,7 +98,8 @@ class Listener(Node):
 def main(arguments: list[str] | None = None) -> int:
     """Print a line a minute and the verdict; 0 where nothing was lost and nothing grew, 1 else."""
     options = parse(arguments)
-    rclpy.init(args=[])
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)    # Ctrl-C is a KeyboardInterrupt here
     listener, processes = Listener(), []
     try:
         processes.append(_start_bridge(options))
