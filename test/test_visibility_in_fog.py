@@ -35,5 +35,5 @@ def test_what_is_left_of_contrast_follows_the_fog_within_a_fifth(scene, extincti
     for distance in (picture.depth / rays[:, 2].reshape(480, 640), ground_distances(CAMERA, HEIGHT, ROTATION)):
         seen = estimate(picture.bgr, distance, target_distance=6.0)
         assert seen.share == pytest.approx(np.exp(-6.0 * extinction), rel=0.2)
-        # Walls that are brighter than the ground look like fog, or hide it: rougher than the share.
-        assert seen.extinction == pytest.approx(extinction, rel=0.35)
+        # In thin fog walls brighter than the ground hide it: the share is right there, the range is rough.
+        assert seen.extinction == pytest.approx(extinction, rel=0.2 if extinction >= 0.06 else 0.35)
