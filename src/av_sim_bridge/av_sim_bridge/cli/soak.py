@@ -107,7 +107,7 @@ def main(arguments: list[str] | None = None) -> int:
         processes.append(_start_simulator(options))
         return _watch(listener, *(Memory(process) for process in processes), options)
     except (RuntimeError, KeyboardInterrupt) as error:
-        print(f'soak: {error or "interrupted"}', file=sys.stderr)
+        print(f'soak: {str(error) or "interrupted"}', file=sys.stderr)
         return 1
     finally:
         for process in processes:
