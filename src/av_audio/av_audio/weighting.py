@@ -14,6 +14,8 @@ from scipy.ndimage import uniform_filter1d
 LINE_HZ = 40.0
 COHERENCE_HZ = 40.0
 NOISE_HZ = 260.0
+# Nothing outdoors is more alike at two microphones than this leaves.
+MISMATCH = 0.01
 # Share of a source's power that arrives by other ways than the straight one, everywhere and, more, where microphones
 # hear the diffuse sound of a room alike.
 REFLECTED = 0.1
@@ -86,7 +88,7 @@ def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
     """Power (p, k) of what is incoherent between the microphones of each pair."""
     smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
     coherent = np.sqrt(real**2 + imaginary**2)
-    noise = _smooth(np.maximum(smooth_power - coherent, 0.0), NOISE_HZ / bin_hz)
+    noise = _smooth(np.maximum(smooth_power - coherent, MISMATCH * smooth_power), NOISE_HZ / bin_hz)
     floor = 1e-9 * power.mean(axis=-1, keepdims=True) + np.finfo(power.dtype).tiny
     return np.maximum(noise, floor)
 
