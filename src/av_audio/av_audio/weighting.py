@@ -15,7 +15,7 @@ LINE_HZ = 40.0
 COHERENCE_HZ = 40.0
 NOISE_HZ = 260.0
 # Nothing outdoors is more alike at two microphones than this leaves.
-MISMATCH = 0.01
+MISMATCH = 0.002
 # Share of a source's power that arrives by other ways than the straight one, everywhere and, more, where microphones
 # hear the diffuse sound of a room alike.
 REFLECTED = 0.1
