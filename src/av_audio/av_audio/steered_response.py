@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from av_audio.array import MicrophoneArray
 from av_audio.weighting import Band, Weighting, cross_spectra
@@ -18,6 +19,8 @@ NEWTON_STEPS = 2
 CLUSTER_HZ = 16.0
 # The scatter is measured at the maximum, where noise has already been fitted: the weaker the peak, the more so.
 OPTIMISM = 2.0
+# Reflections bend phases within this width, bodies slower.
+SMOOTH_HZ = 800.0
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,12 @@ def _reflected(clusters: NDArray) -> float:
 
     A strong early reflection bends the phases of neighbours alike and may bias the peak by as much, while noise is
     independent from cluster to cluster, so that its products have no mean; their standard deviation is subtracted.
+    What bends phases slowly, over the width of SMOOTH_HZ, is a body between the microphones: that is for calibration.
     """
-    bent = clusters.imag[1:] * clusters.imag[:-1]
+    width = round(SMOOTH_HZ / CLUSTER_HZ)
+    slow = uniform_filter1d(clusters, width, mode='nearest')
+    imaginary = clusters.imag - clusters.real * slow.imag / np.maximum(slow.real, np.abs(slow.imag))
+    bent = imaginary[1:] * imaginary[:-1]
     straight = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
     excess = float(bent.sum() - np.sqrt(np.sum(bent**2)))
     return excess / straight if excess > 0.0 and straight > 0.0 else 0.0
