@@ -31,10 +31,10 @@ class BayesSettings:
     it falls below `doubt`.
     """
 
-    acceleration_density: float = 0.02
+    acceleration_density: float = 0.005
     elevation_density: float = 0.001
     usual_elevation: float = math.radians(10.0)
-    usual_elevation_sigma: float = math.radians(7.0)
+    usual_elevation_sigma: float = math.radians(10.0)
     rate_sigma: float = 0.3
     loss_rate: float = 0.002
     sound_floor_sigma: float = math.radians(0.5)

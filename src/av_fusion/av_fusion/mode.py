@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from av_common.angles import wrap
 
 PASSING_S = 0.5  # for so long a passing target accelerates
-LEAST_AGILITY, MOST_AGILITY = 1.0, 10.0
+LEAST_AGILITY, MOST_AGILITY = 0.2, 40.0
 HIDING_S = 5.0  # fog changes in
 USUAL_SURPRISE, ALERT, CALM = 1.0, 3.0, 1.0
 
