@@ -2,6 +2,8 @@
 
 `overlay('1.16')` generates and builds that firmware's package, once, in the project's ignored folder `build`, and returns
 the environment in which a process finds it. Nothing of this is installed with the suite.
+
+python3 src/av_px4/test/px4_layouts.py 1.16 ros2 run av_px4 benchmark    # any command, with these messages
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import fcntl
 import hashlib
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 FIRMWARES = ('1.14', '1.15', '1.16', '1.17')
@@ -161,3 +164,15 @@ def _build(folder: Path, files: dict[str, str]) -> None:
         result = subprocess.run(step, cwd=folder, text=True, capture_output=True, check=False)
         if result.returncode:
             raise RuntimeError(f'{" ".join(step)} failed:\n{result.stdout[-3000:]}\n{result.stderr[-3000:]}')
+
+
+def main() -> None:
+    """Become a command that finds a firmware's messages."""
+    if len(sys.argv) < 3 or sys.argv[1] not in FIRMWARES:
+        sys.exit(f'usage: px4_layouts.py {{{",".join(FIRMWARES)}}} COMMAND [ARGUMENT ...]')
+    os.environ.update(overlay(sys.argv[1]))
+    os.execvp(sys.argv[2], sys.argv[2:])
+
+
+if __name__ == '__main__':
+    main()

@@ -103,7 +103,10 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=20.0)
     parser.add_argument('--rate', type=float, default=50.0, help='bearings a second')
     options = parser.parse_args()
-    messages = load_px4_msgs()
+    try:
+        messages = load_px4_msgs()
+    except ImportError as error:
+        sys.exit(f'benchmark: {error}')
     os.environ['ROS_DOMAIN_ID'] = str(100 + os.getpid() % 2)    # no rig nearby takes part
     nodes = [subprocess.Popen([sys.executable, '-c', f'from {module} import main; main()', '--ros-args', *arguments])
              for module, arguments in NODES.items()]
