@@ -10,30 +10,22 @@ from pathlib import Path
 from av_fusion.evaluation.cases import Case, find_inputs, is_bag
 from av_fusion.evaluation.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
 from av_fusion.evaluation.methods import METHODS
-from av_fusion.evaluation.progress import RunProgress
-from av_fusion.evaluation.schedule import run_cases
+from av_fusion.evaluation.program import add_run_options, compute, run_program
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Evaluate, print the table, write metrics.json, pictures and report. Returns 0, 1 where a run failed, 2 if all did."""
-    options = make_parser().parse_args(arguments)
-    try:
-        cases = cases_of(options)
-        runs, failures = run_cases(cases, options.out / 'runs', options.workers, options.scheduler,
-                                   RunProgress(options.quiet).show)
-    except (ValueError, OSError) as error:
-        print(f'evaluate: {error}', file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f'\nevaluate: interrupted; the same command goes on where it stopped ({options.out})', file=sys.stderr)
-        return 130
-    for name, why in failures.items():
-        print(f'evaluate: {name}: {why}', file=sys.stderr)
+    """Run the program; returns its exit code, 1 where a run failed, 2 if all did."""
+    return run_program(evaluate, make_parser(), arguments)
+
+
+def evaluate(options: argparse.Namespace) -> int:
+    """Compute what is not there yet, print the table, write metrics.json, pictures and report."""
+    groups, failures = compute({'all': cases_of(options)}, options)
+    runs = groups['all']
     if not runs:
         return 2
     show(runs)
-    words = sys.argv[1:] if arguments is None else arguments
-    print(f'\nsee {write_report(runs, failures, options.out, " ".join(["ros2 run av_fusion evaluate", *words]))}')
+    print(f'\nsee {write_report(runs, failures, options.out, options.command)}')
     return 1 if failures else 0
 
 
@@ -64,7 +56,6 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='evaluate', description=__doc__)
     add = parser.add_argument
     add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
-    add('--out', type=Path, required=True, help='folder for metrics.json, runs.json, report.html and what each run gave')
     add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
     add('--methods', nargs='+', choices=METHODS, default=list(METHODS))
     add('--taus', nargs='*', type=float, default=[], help='further gates on the detection confidence, for fused and gated')
@@ -76,9 +67,7 @@ def make_parser() -> argparse.ArgumentParser:
     add('--params', action='append', default=[], metavar='FILE', help="bags: the nodes' parameters; can be repeated")
     add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: topics of other names')
     add('--namespace', default='', help='bags: the namespace of the recorded rig')
-    add('--workers', type=int, default=0, help='parallel processes; 0: one a core')
-    add('--scheduler', default='', metavar='ADDRESS', help='of a Dask cluster that computes the runs instead')
-    add('--quiet', action='store_true', help='no progress')
+    add_run_options(parser, 'metrics.json, runs.json, report.html')
     return parser
 
 

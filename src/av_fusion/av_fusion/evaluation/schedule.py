@@ -6,7 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,8 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, scheduler: str
             number = running[future]
             try:
                 results[number] = future.result()
-            except (ValueError, OSError, BrokenExecutor) as error:
-                failures[cases[number].name] = str(error)
+            except Exception as error:  # noqa: BLE001  whatever one run dies of, the others go on
+                failures[cases[number].name] = str(error) or type(error).__name__
             else:
                 results[number].key = keys[number][1]
                 results[number].save(out)
