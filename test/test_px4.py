@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import random
@@ -53,26 +54,41 @@ def fly(monkeypatch):
         vehicle.close()
 
 
+def kept_up(arrived, age):
+    """Which bearings came while nothing here was starved: young, and for half a second without a pause."""
+    late = (age > 0.05) | (np.diff(arrived, prepend=arrived[0]) > 0.1)
+    last_late = np.maximum.accumulate(np.where(late, arrived, -np.inf))
+    return arrived - last_late > 0.5
+
+
 def test_the_gimbal_follows_a_target_at_20_deg_a_second(fly, tmp_path):
     """The vehicle holds, its pilot hands nothing over; the gimbal looks along the bearing, and no setpoint leaves.
 
-    By how little it lags is a matter of the machine here; src/av_px4/test/test_closed_loop.py asks for that exactly.
+    Within 2 deg where the machine keeps up; src/av_px4/test/test_closed_loop.py asks for that on any machine.
     """
     scenario, log = tmp_path / 'in_view.yaml', tmp_path / 'log.json'
     scenario.write_text(IN_VIEW)
     rig, vehicle = fly(f'scenario:={scenario}')
     vehicle.wait(lambda state: state['followed'] > 60, 150.0, 'followed')
+    with contextlib.suppress(AssertionError):    # a whole circle if it can be had
+        vehicle.wait(lambda state: state['followed'] > 400, 15.0)
     state = vehicle.state
     assert state['setpoints'] == 0 and set(state['commands']) == {'1000', '1001'}
     vehicle.tell(write_log=str(log))
     vehicle.wait(lambda state: log.exists() and log.read_text().endswith(']]'), why='the log')
-    rows = [row for row in json.loads(log.read_text()) if row[0] > 0.6]    # followed for a while
-    errors = sorted(abs(math.degrees(row[2])) for row in rows)
-    azimuth, error = np.degrees(rows).T[1:]
-    swing = np.ptp(azimuth)
-    print(f'gimbal from the bearing: median {errors[len(errors) // 2]:.2f}, 95 % {errors[int(0.95 * len(errors))]:.2f} deg '
-          f'of {len(errors)}, which swung by {swing:.0f} deg')
-    assert swing > 15.0 and np.corrcoef(azimuth, azimuth - error)[0, 1] > 0.5
+    arrived, age, followed, azimuth, error = np.array(json.loads(log.read_text())).T
+    rows = followed > 0.6
+    swing = np.degrees(np.ptp(azimuth[rows]))
+    assert swing > 15.0 and np.corrcoef(azimuth[rows], (azimuth - error)[rows])[0, 1] > 0.5
+    lag, speed = np.degrees(np.abs(error)), np.degrees(np.abs(np.gradient(azimuth, arrived - age)))
+    exact = rows & kept_up(arrived, age)
+    for name, chosen in {'all': rows, 'in time': exact, 'in time at 15 deg/s and more': exact & (speed > 15.0)}.items():
+        if chosen.any():
+            median, most = np.percentile(lag[chosen], [50, 95])
+            print(f'gimbal from the bearing, {name}: median {median:.2f}, 95 % {most:.2f} deg of {chosen.sum()}, which swung '
+                  f'by {swing:.0f} deg at up to {np.percentile(speed[chosen], 95):.0f} deg/s')
+    if exact.sum() > 100:
+        assert np.percentile(lag[exact], 95) < 2.0
     rig.interrupt()
     rig.finish()
     assert vehicle.wait(lambda state: state['owner'] is None, why='the gimbal given back')

@@ -19,7 +19,7 @@ from fake_autopilot import FakeAutopilot
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from av_common.stamps import to_stamp
+from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 
 messages = importlib.import_module('px4_msgs.msg')   # built by px4_layouts.py, not installed
@@ -103,11 +103,13 @@ class FakeNode:
         self.tracking = (self.tracking or self.model.time) if m.mode == PointingCommand.MODE_TRACK else 0.0
 
     def on_bearing(self, m):
-        """How long it has been followed, where it is, and how far from it the gimbal looks at this very moment."""
+        """When it came and how old, how long it has been followed, where it is, how far from it the gimbal looks right now."""
         self.bearing = {'state': m.state, 'azimuth': m.azimuth, 'hemisphere': m.hemisphere_probability}
         if m.state != Bearing.STATE_NONE:
             error = math.remainder(m.azimuth + self.model.gimbal[1], 2 * math.pi)
-            self.log.append((self.model.time - self.tracking if self.tracking else 0.0, m.azimuth, error))
+            now = time.time()
+            self.log.append((now, now - to_seconds(m.header.stamp), self.model.time - self.tracking if self.tracking else 0.0,
+                             m.azimuth, error))
 
     # what goes
 
@@ -172,7 +174,7 @@ class FakeNode:
                 'commands': {str(number): model.commands.count(number) for number in set(model.commands)},
                 'setpoints': model.setpoints, 'foreign': model.setpoints_in_foreign_modes, 'events': model.events,
                 'heartbeats': len(model.heartbeats), 'modes': model.modes, 'odometry': self.odometry,
-                'bearing': self.bearing, 'followed': sum(row[0] > 0.6 for row in self.log),
+                'bearing': self.bearing, 'followed': sum(row[2] > 0.6 for row in self.log),
                 'largest_rate': model.largest_rate}
 
     def obey(self, order):

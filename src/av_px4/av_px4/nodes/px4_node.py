@@ -3,33 +3,28 @@
 from __future__ import annotations
 
 import math
-import socket
 import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diagnostic_updater import DiagnosticStatusWrapper
-from nav_msgs.msg import Odometry
-from transforms3d.quaternions import quat2mat
 
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
-from av_px4.continuity import ContinuousPose, HeldPosition
+from av_px4.continuity import HeldPosition
 from av_px4.external_mode import ExternalMode
-from av_px4.frames import Pose, attitude_to_enu, levelled, pose_from_px4
+from av_px4.frames import attitude_to_enu, levelled, pose_from_px4
 from av_px4.gimbal import Claim, Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.nodes import px4_messages as px4
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
+from av_px4.nodes.px4_odometry import OdometryRelay
 from av_px4.nodes.px4_settings import gimbal_settings, guard_settings
-from av_sim_bridge.clock import SenderClock
-from av_sim_bridge.vehicle import VehicleState, to_truth
-from av_sim_bridge.wire.truth import encode_truth
 
 STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
@@ -65,21 +60,21 @@ class Px4Node(RigNode):
                 raise ImportError('external_mode: the installed px4_msgs has no messages for it (PX4 1.15 and later have)')
             self._mode = ExternalMode(self._settings.external_mode_name)
         self._meters = {name: RateMeter() for name in STREAMS}
-        self._pose = ContinuousPose()
-        self._place, self._px4_time = HeldPosition(), SenderClock()
+        self._place = HeldPosition()
         self._status: VehicleStatus | None = None
         self._attitude: Any = None
         self._measured: tuple[float, float] | None = None
         self._command = PointingCommand()
         self._decision = Decision(False, False, 0.0, 'not started')
         self._complaint, self._last_step, self._reported = '', -math.inf, ()
-        self._odometry = self.create_publisher(Odometry, 'odometry', RESULT)
+        simulator = (self._settings.simulator_host, self._settings.simulator_port)
+        self._odometry = OdometryRelay(self, self._settings.odom_frame, self._settings.base_frame,
+                                       simulator if self._settings.simulator_port else None)
         self._state = self.create_publisher(DiagnosticStatus, 'px4/state', LATCHED)
 
     def activate(self) -> None:
         """Listen to the rig and look for PX4."""
         self._activated = time.monotonic()
-        self._simulator = socket.socket(socket.AF_INET, socket.SOCK_DGRAM) if self._settings.simulator_port else None
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
@@ -95,13 +90,11 @@ class Px4Node(RigNode):
             self._link.publish('unregister_ext_component', px4.unregister_message(
                 self._link.messages, self._timestamp(), self._mode.registration))
             self._mode.forget('stopped')
-        if self._simulator:
-            self._simulator.close()
         self._link.close()
 
     def cleanup(self) -> None:
         """Close the publishers."""
-        self.destroy_publisher(self._odometry)
+        self._odometry.close()
         self.destroy_publisher(self._state)
 
     def _now(self) -> float:
@@ -146,7 +139,7 @@ class Px4Node(RigNode):
             self._complaint = f'vehicle_odometry: {error}'
             return
         self._meters['odometry'].tick()
-        self._take_pose(message.timestamp_sample or message.timestamp, pose, message.reset_counter)
+        self._odometry.take(message.timestamp_sample or message.timestamp, pose, message.reset_counter)
 
     def _on_vehicle_attitude(self, message: Any) -> None:
         if min(self._meters['odometry'].age, time.monotonic() - self._activated) > 0.5:  # a firmware that sends none
@@ -157,22 +150,10 @@ class Px4Node(RigNode):
                 self._complaint = f'vehicle_attitude: {error}'
                 return
             # counted apart, so that a change of the source counts as a reset
-            self._take_pose(message.timestamp_sample or message.timestamp, pose, -1 - message.quat_reset_counter)
+            self._odometry.take(message.timestamp_sample or message.timestamp, pose, -1 - message.quat_reset_counter)
         if 0.9 < sum(part * part for part in message.q) < 1.1:
             self._meters['attitude'].tick()
             self._attitude = message.q
-
-    def _take_pose(self, microseconds: int, pose: Pose, counter: int) -> None:
-        """PX4's clock is another one, and lags when it is synchronised: a sample is as old as the quickest ones tell."""
-        self._px4_time.observe(1e-6 * microseconds, self._now())
-        stamp = self._px4_time.to_ros(1e-6 * microseconds)
-        pose = self._pose.add(1e-6 * microseconds, pose, counter)
-        self._odometry.publish(px4.odometry_message(stamp, self._settings.odom_frame, self._settings.base_frame, pose))
-        if self._simulator:
-            state = VehicleState(stamp, pose.position, quat2mat(pose.attitude_wxyz) @ pose.velocity_flu,
-                                 attitude_wxyz=pose.attitude_wxyz, rate_flu=pose.rate_flu)
-            self._simulator.sendto(encode_truth(to_truth(state, 1)),
-                                   (self._settings.simulator_host, self._settings.simulator_port))
 
     def _on_vehicle_local_position(self, m: Any) -> None:
         valid = m.xy_valid and m.z_valid
@@ -288,7 +269,7 @@ class Px4Node(RigNode):
         status.add('gimbal takeovers', str(self._gimbal.takeovers))
         status.add('last acknowledgement', self._gimbal.last_result)
         status.add('body', self._decision.reason)
-        status.add('heading and position resets', str(self._pose.resets))
+        status.add('heading and position resets', str(self._odometry.resets))
 
     def _complaints(self) -> list[str]:
         found = [*self._link.problems.values(), self._complaint, self._mode.complaint if self._mode else '']
