@@ -36,6 +36,8 @@ SILENCE_DBFS = -100.0
 # Within 15 degrees of the axis of a line of microphones an error of the delay becomes a large error of the angle.
 END_FIRE_COSINE = float(np.cos(np.radians(15.0)))
 
+POSTERIOR_STEPS = np.linspace(0.0, 1.0, 41)
+
 
 @dataclass(frozen=True)
 class LocalizerSettings:
@@ -246,8 +248,8 @@ def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
     The posterior mean under a uniform prior of the angle. Unlike arccos, it has no bias and no infinite derivative at
     end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin.
     """
-    nearest, furthest = np.arccos(np.clip([cosine + 5.0 * sigma, cosine - 5.0 * sigma], -1.0, 1.0))
-    angles = np.linspace(nearest, furthest, 41)
+    nearest, furthest = (math.acos(max(-1.0, min(1.0, cosine + side * sigma))) for side in (5.0, -5.0))
+    angles = nearest + (furthest - nearest) * POSTERIOR_STEPS
     deviations = ((np.cos(angles) - cosine) / max(sigma, 1e-9)) ** 2
     likelihood = np.exp(-0.5 * (deviations - deviations.min()))
     likelihood[[0, -1]] *= 0.5

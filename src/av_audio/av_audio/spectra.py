@@ -11,6 +11,8 @@ LEAST_RESPONSE = 0.1
 # A taper of a quarter keeps most of the window's energy (a Hann window would cost 1.4 times the error) and still
 # keeps strong sounds outside of the band, such as wind, from leaking into it.
 TAPER = 0.25
+# Transforms of up to so many interleaved parts of a window are put together: more cost more than they save.
+MOST_PARTS = 8
 
 
 class SpectrumAnalyzer:
@@ -34,17 +36,24 @@ class SpectrumAnalyzer:
             raise ValueError(f'{len(used)} frequency bins in {low:g}..{high:g} Hz; the window of '
                              f'{window_samples / sample_rate:g} s is too short')
         self._bins = slice(used[0], used[-1] + 1)
+        # Of a window's bins only the lowest are needed: those that each of the interleaved parts has by itself.
+        self._parts = max(count for count in range(1, MOST_PARTS + 1)
+                          if count == 1 or (window_samples % count == 0 and 2 * count * used[-1] <= window_samples))
+        turns = np.outer(np.arange(self._parts), frequencies[self._bins] / sample_rate)
+        self._turns = np.exp(-2j * np.pi * turns).astype(np.complex64)  # (parts, k): each part is a sample later
         self._taper = signal.windows.tukey(window_samples, TAPER).astype(np.float32)
-        self._leakage = fft.rfft(self._taper)[self._bins]  # of a constant offset
+        leakage = fft.rfft(self._taper)
+        self._leakage = leakage[self._bins] / leakage[0].real  # of a constant offset that the taper weighs as 1
         self.frequencies = frequencies[self._bins]
         self.response = response[self._bins]
         self._power_scale = 2.0 / (window_samples * np.sum(self._taper**2))
 
     def spectra(self, window: NDArray) -> NDArray:
         """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass."""
-        # one by one: twice as fast as along an axis, as each stays in the cache
-        spectra = np.stack([fft.rfft(channel)[self._bins] for channel in window * self._taper])
-        return spectra - window.mean(axis=1, keepdims=True) * self._leakage
+        parts = (window * self._taper).reshape(len(window), -1, self._parts).swapaxes(1, 2)
+        transforms = fft.rfft(parts)
+        offset = np.sum(transforms[..., :1], axis=1)
+        return np.sum(transforms[..., self._bins] * self._turns, axis=1) - offset * self._leakage
 
     def level_dbfs(self, spectra: NDArray) -> float:
         """Mean power of the channels after the band-pass in dB, 0 dB for a full-scale square wave; -inf for silence."""

@@ -124,7 +124,7 @@ class SteeredResponse:
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
         """Posterior mass of the peak's own lobe: the curve is a log-likelihood, scaled to agree with the covariance."""
         rank = len(q)
-        trace = float(np.trace(covariance @ hessian))
+        trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
         if trace <= 0.0:
             return 1.0
         log_likelihood = (curve - height) * rank / trace

@@ -79,7 +79,7 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
     noise = noise_power(cross, power, band.bin_hz)
     source = np.maximum(_smooth(power, LINE_HZ / band.bin_hz) - noise, 0.05 * noise)
     disturbed = noise + np.minimum((REFLECTED + DIFFUSE * band.diffuse) * source, MOST_REFLECTED * noise)
-    strength = np.minimum(source / (WEAK * noise), 100.0) ** 4
+    strength = np.square(np.square(np.minimum(source / (WEAK * noise), 100.0)))
     passed = 1.0 - (1.0 - band.response) / (1.0 + strength)
     return passed * source / (disturbed * (2.0 * source + disturbed))
 

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
+from numpy.typing import NDArray
 from scipy import fft
 
 from av_audio.benchmark.accuracy import PAIR
 from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.scenes import pyroomacoustics_azimuth
+from av_audio.benchmark.scenes import pyroomacoustics_finder
 from av_audio.benchmark.signals import RATE, add_noise, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 
@@ -26,7 +27,7 @@ HOP_S = 0.05
 
 
 def speed() -> Iterator[Figure]:
-    """Times of one two-microphone estimate, of the FFTs it needs, and of pyroomacoustics; the best of many runs."""
+    """Times from samples to direction, ours and pyroomacoustics', both prepared, and of the FFTs that a GCC needs."""
     rng = np.random.default_rng(41)
     window = add_noise(rng, flat(rng, 0.5, np.array([0.0, 2e-4])), 10.0).astype(np.float32)
     localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=HOP_S))
@@ -42,20 +43,27 @@ def speed() -> Iterator[Figure]:
         left, right = fft.rfft(channels[0]), fft.rfft(channels[1])
         fft.irfft(left * right.conj())
 
-    own, unavoidable = best(estimate, transforms)
+    find = pyroomacoustics_finder('SRP')
+    times = in_turns(estimate, transforms, lambda: find(window))
+    own, unavoidable, other = np.median(times, axis=0)
+    over_transforms, of_other = np.median(times[:, [0, 2]] / times[:, [1, 0]], axis=0)
     yield Figure('one estimate of 0.5 s', own, 'ms')
     yield Figure('its FFTs: two forward, one inverse', unavoidable, 'ms')
-    yield Figure('estimate over FFTs', own / unavoidable, '', 3.0)
+    yield Figure('estimate over FFTs', over_transforms, '', 3.0)
     yield Figure('Localizer at a hop of 50 ms: share of one core', 0.1 * own / HOP_S, '%', 10.0)
-    other, = best(lambda: pyroomacoustics_azimuth('SRP', PAIR, window, RATE))
     yield Figure('pyroomacoustics SRP-PHAT, 1 degree grid', other, 'ms')
-    yield Figure('pyroomacoustics over estimate', other / own, '', at_least=10.0)
+    yield Figure('pyroomacoustics over estimate', of_other, '', at_least=10.0)
 
 
-def best(*calls: Callable[[], object], rounds: int = 400) -> list[float]:
-    """Shortest time of each call in ms; the calls take turns, so that a busy machine slows all of them."""
-    times = [[timeit.timeit(call, number=1) for call in calls] for _ in range(rounds)]
-    return [1e3 * min(column) for column in zip(*times, strict=True)]
+def in_turns(*calls: Callable[[], object], rounds: int = 50, turn_s: float = 0.05) -> NDArray:
+    """Processor time of each call in ms in each round (rounds, calls), in which the calls take turns of the same length.
+
+    Processor time counts every thread and no other program; how fast the machine runs for now is alike within a round.
+    """
+    counts = [max(1, round(turn_s / min(timeit.repeat(call, number=1)))) for call in calls]
+    times = [[timeit.timeit(call, number=count, timer=time.process_time) for call, count in zip(calls, counts, strict=True)]
+             for _ in range(rounds)]
+    return 1e3 * np.array(times) / counts
 
 
 def node() -> Iterator[Figure]:

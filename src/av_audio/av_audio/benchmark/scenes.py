@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +89,8 @@ def room(clips: Path) -> Iterator[Figure]:
 
 def room_figures(name: str, rooms: list[tuple[float, NDArray]], settings: LocalizerSettings) -> Iterator[Figure]:
     """Median errors of ours and of pyroomacoustics' estimators in the same windows and band."""
-    errors: dict[str, list[float]] = {'ours': [], 'SRP': [], 'MUSIC': []}
+    others = {method: pyroomacoustics_finder(method, settings.band_hz) for method in ('SRP', 'MUSIC')}
+    errors: dict[str, list[float]] = {'ours': [], **{method: [] for method in others}}
     honest = []
     for azimuth, sound in rooms:
         for estimate in Localizer(PAIR, RATE, settings).process(sound, 0):
@@ -97,14 +98,14 @@ def room_figures(name: str, rooms: list[tuple[float, NDArray]], settings: Locali
             if estimate.confidence[0] >= GATE:
                 honest.append(errors['ours'][-1] <= 1.64 * np.degrees(np.sqrt(estimate.azimuth_variance[0])))
         for start in range(0, len(sound) - RATE // 2 + 1, RATE // 2):
-            for method in ('SRP', 'MUSIC'):
-                found = pyroomacoustics_azimuth(method, PAIR, sound[start:start + RATE // 2], RATE, settings.band_hz)
+            for method, find in others.items():
+                found = find(sound[start:start + RATE // 2])
                 folded = abs(np.arcsin(np.sin(found)) - np.arcsin(np.sin(azimuth)))
                 errors[method].append(float(np.degrees(folded)))
     medians = {method: float(np.median(values)) for method, values in errors.items()}
     yield Figure(f'{name}, {len(errors["ours"])} windows: median error', medians['ours'], 'deg', 3.0)
     yield Figure(f'{name}: errors within 1.64 sigma above the default confidence', 100.0 * float(np.mean(honest)), '%')
-    for method in ('SRP', 'MUSIC'):
+    for method in others:
         yield Figure(f'{name}: pyroomacoustics {method}', medians[method], 'deg')
         yield Figure(f'{name}: ours over pyroomacoustics {method}', medians['ours'] / medians[method], '', 1.0)
 
@@ -133,15 +134,18 @@ def random_room(rng: Generator, source: Source) -> tuple[float, NDArray]:
     return azimuth, add_noise(rng, settled, 30.0)
 
 
-def pyroomacoustics_azimuth(method: str, array: MicrophoneArray, window: NDArray, rate: int,
-                            band_hz: tuple[float, float] = SETTINGS.band_hz) -> float:
-    """Azimuth in rad by an estimator of pyroomacoustics on a grid of 1 degree for a window (n, m)."""
+def pyroomacoustics_finder(method: str, band_hz: tuple[float, float] = SETTINGS.band_hz) -> Callable[[NDArray], float]:
+    """An estimator of pyroomacoustics on a grid of 1 degree: from windows (n, 2) of the pair to azimuths in rad."""
     import pyroomacoustics
-    frames = np.stack([pyroomacoustics.transform.stft.analysis(channel.astype(float), 1024, 512).T for channel in window.T])
-    finder = pyroomacoustics.doa.algorithms[method](array.positions[:, :2].T, rate, 1024, c=speed_of_sound(20.0), num_src=1,
+    finder = pyroomacoustics.doa.algorithms[method](PAIR.positions[:, :2].T, RATE, 1024, c=speed_of_sound(20.0), num_src=1,
                                                     azimuth=np.radians(np.arange(360.0)))
-    finder.locate_sources(frames, freq_range=list(band_hz))
-    return float(finder.azimuth_recon[0])
+
+    def azimuth(window: NDArray) -> float:
+        frames = pyroomacoustics.transform.stft.analysis(window.astype(float), 1024, 512)
+        finder.locate_sources(frames.transpose(2, 1, 0), freq_range=list(band_hz))
+        return float(finder.azimuth_recon[0])
+
+    return azimuth
 
 
 def square(count: int) -> Iterator[Figure]:
