@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_fusion.evaluation.picture import broken, shade
 from av_fusion.evaluation.results import RunResult, errors_together
-from av_fusion.measurements import State
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
            'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
 LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
           'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
           'mvdr': 'MVDR'}
-SHADES = {State.VISUAL_ACTIVE: ('#d9efd9', 'sight leads'), State.ACOUSTIC_ACTIVE: ('#fdebd0', 'sound leads'),
-          State.COASTING: ('#e6e6e6', 'coasting'), State.NONE: ('#ffffff', None)}
 
 
 def label(method: str) -> str:
@@ -30,24 +26,33 @@ def label(method: str) -> str:
 
 
 def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
-    """Azimuth in the rig's frame and error against time, the leading sense shaded."""
+    """Azimuth in the rig's frame and error against time, the leading sense shaded; one error in 50 may lie outside."""
     figure = Figure(figsize=(11, 5.6), layout='constrained')
-    bearing, error = figure.subplots(2, 1, sharex=True, height_ratios=[5, 2])
+    bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [5, 2]})
     start = float(run.truth['time'][0]) if run.truth else min(
         [float(result.time[0]) for result in run.methods.values() if len(result.time)], default=0.0)
-    _shade((bearing, error), run.state['time'] - start, run.state['state'])
+    shade((bearing, error), run.state['time'] - start, run.state['state'])
+    azimuths, errors = [], []
     if run.truth:
-        bearing.plot(run.truth['time'] - start, np.degrees(_broken(run.truth['azimuth'])), '--', color='black', linewidth=1.1,
+        bearing.plot(run.truth['time'] - start, np.degrees(broken(run.truth['azimuth'])), '--', color='black', linewidth=1.1,
                      label='truth', zorder=3)
+        azimuths.append(np.degrees(wrap(run.truth['azimuth'])))
     for method in (method for method in methods if method in run.methods):
         result, line = run.methods[method], method not in ('sound', 'sight')
         style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
-        values = _broken(result.azimuth) if line else result.azimuth
-        bearing.plot(result.time - start, np.degrees(values), color=COLOURS[method], label=label(method), **style)
+        values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
+        bearing.plot(result.time - start, values, color=COLOURS[method], label=label(method), **style)
         error.plot(result.judged_time - start, result.error_deg, color=COLOURS[method], **style)
-    error.set(xlabel='time (s)', ylabel='error (deg)', ylim=(-12, 12))
-    bearing.set(ylabel="azimuth in the rig's frame (deg)", ylim=(-185, 185), yticks=range(-180, 181, 60))
-    bearing.legend(loc='upper center', bbox_to_anchor=(0.5, 1.14), ncols=7, frameon=False, markerscale=3)
+        azimuths.append(values)
+        errors.append(result.error_deg)
+    reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)
+    limit = 1.1 * _reach(errors, (1, 2, 5, 10, 20, 45, 90, 180), 0.98)
+    bearing.margins(x=0.01)
+    error.margins(x=0.01)
+    error.set(xlabel='time (s)', ylabel='error (deg)', ylim=(-limit, limit))
+    bearing.set(ylabel="azimuth in the\nrig's frame (deg)", ylim=(-1.03 * reach, 1.03 * reach),
+                yticks=np.linspace(-reach, reach, 7))
+    bearing.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncol=7, frameon=False, markerscale=3)
     return _tidy(figure)
 
 
@@ -62,7 +67,7 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
                       color=COLOURS[method], linewidth=2.2 if method == 'fused' else 1.3)
     axes.set(xscale='log', xlim=(0.02, 180.0), ylim=(0, 101), xlabel='error (deg)', ylabel='share of errors below (%)')
     axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
-    axes.legend(loc='upper left', frameon=False)
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
 
 
@@ -79,28 +84,15 @@ def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], x
         axes.annotate(name, (1.0, level), xycoords=('axes fraction', 'data'), ha='right', va='bottom', fontsize=8,
                       color='#566070')
     axes.set(xlabel=xlabel, ylabel=ylabel, xscale='log' if log else 'linear')
-    axes.set_ylim(bottom=0.0)
-    axes.legend(frameon=False)
+    axes.set_ylim(0.0, 1.05 * max(axes.get_ylim()[1], *(references or {}).values(), 0.0))
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
 
 
-def _shade(axes: Sequence[Axes], time: NDArray, state: NDArray) -> None:
-    if not len(time):
-        return
-    edges, named = [0, *(np.flatnonzero(np.diff(state)) + 1), len(state) - 1], set()
-    for begin, end in pairwise(edges):
-        colour, name = SHADES[State(int(state[begin]))]
-        for number, axis in enumerate(axes):
-            axis.axvspan(time[begin], time[end], color=colour, linewidth=0, zorder=0,
-                         label=name if not number and name not in named else None)
-        named.add(name)
-
-
-def _broken(azimuth: NDArray) -> NDArray:
-    """The curve with gaps where it wraps."""
-    curve = np.array(wrap(azimuth), float)
-    curve[1:][np.abs(np.diff(curve)) > np.pi] = np.nan
-    return curve
+def _reach(values: Sequence[NDArray], steps: Sequence[float], share: float) -> float:
+    """The smallest of the steps that this share of the sizes of the values, in degrees, stays below."""
+    sizes = np.abs(np.concatenate([np.zeros(1), *values]))
+    return next((step for step in steps if np.quantile(sizes[np.isfinite(sizes)], share) < step), steps[-1])
 
 
 def _tidy(figure: Figure) -> Figure:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -13,17 +13,19 @@ from matplotlib.figure import Figure
 STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.55 system-ui, sans-serif; color: #1c2430; background: #f5f6f8; margin: 0; }
-main { max-width: 1240px; margin: 0 auto; padding: 2.5rem 2rem 4rem; background: #fff; box-shadow: 0 0 24px #0001; }
+main { max-width: 1280px; margin: 0 auto; padding: 2.5rem 2rem 4rem; background: #fff; box-shadow: 0 0 24px #0001; }
 h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .4rem; }
 h2 { font-size: 1.35rem; margin: 2.8rem 0 .6rem; padding-top: .6rem; border-top: 2px solid #1f4fd8; }
 h3 { font-size: 1.05rem; margin: 1.8rem 0 .3rem; }
 p.lead, figcaption, .note { color: #566070; }
 figure { margin: 1.2rem 0; } figure img { width: 100%; border: 1px solid #e3e6ea; border-radius: 4px; }
 figcaption { font-size: .9rem; margin-top: .3rem; }
-table { border-collapse: collapse; margin: 1rem 0; font-size: .92rem; font-variant-numeric: tabular-nums; }
-th, td { padding: .38rem .65rem; text-align: right; border-bottom: 1px solid #e3e6ea; white-space: nowrap; }
-th { font-weight: 600; background: #f0f2f6; } th:first-child, td:first-child { text-align: left; }
-tr.ours td { background: #eef3ff; font-weight: 600; } .scroll { overflow-x: auto; }
+table { border-collapse: collapse; margin: 1rem 0; font-size: .88rem; font-variant-numeric: tabular-nums; }
+th, td { padding: .36rem .55rem; text-align: right; border-bottom: 1px solid #e3e6ea; white-space: nowrap; }
+th { font-weight: 600; background: #f0f2f6; white-space: normal; vertical-align: bottom; }
+th:first-child, td:first-child { text-align: left; }
+tr.ours td { background: #eef3ff; font-weight: 600; }
+tr.theirs td { color: #7a4b00; background: #fff7ea; } .scroll { overflow-x: auto; }
 code { background: #f0f2f6; padding: .1rem .35rem; border-radius: 3px; font-size: .88em; }
 """
 
@@ -45,10 +47,11 @@ class Page:
         """A paragraph."""
         self._parts.append(f'<p>{_text(text)}</p>')
 
-    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '') -> None:
-        """A table; the row whose first cell is `ours` stands out."""
+    def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '', theirs: Collection[str] = ()) -> None:
+        """A table; the row whose first cell is `ours` stands out, and so do those whose first cell is among `theirs`."""
+        kinds = {**dict.fromkeys(theirs, ' class=theirs'), **({ours: ' class=ours'} if ours else {})}
         cells = ''.join(f'<th>{_text(cell)}</th>' for cell in head)
-        body = ''.join(f'<tr{" class=ours" if row and row[0] == ours else ""}>'
+        body = ''.join(f'<tr{kinds.get(row[0], "")}>'
                        + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in rows)
         self._parts.append(f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>')
 

@@ -42,8 +42,8 @@ EXPERIMENTS = (
     Experiment('occluded_room', 'Figure 14', 'Experiment 4: indoors, behind columns and whiteboards'),
 )
 # RMSE in degrees and coverage in percent of sound, sight and fused (Table 1), and RMSE of methods (Table 3).
-PAPER_DOMAINS = {'simulated': ('4.11°', '2.61° (52 %)', '3.28° (100 %)'),
-                 'physical': ('3.66°', '3.93° (40 %)', '3.50° (100 %)')}
+PAPER = {'circle': ('The paper, simulated', '4.11°', '2.61° (52 %)', '3.28° (100 %)'),
+         'tripod': ('The paper, physical', '3.66°', '3.93° (40 %)', '3.50° (100 %)')}
 PAPER_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
 
 
@@ -68,8 +68,7 @@ def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
 
 def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | None]]]:
     """What stands in metrics.json: figures by method, of each experiment, and of the paper's four together as `all`."""
-    four = [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
-    return {'all': metrics_of(four), **{name: metrics_of(several) for name, several in runs.items() if several}}
+    return {'all': metrics_of(_four(runs)), **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
 def make_page(runs: Runs, command: str, quick: bool) -> Page:
@@ -91,28 +90,38 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
             page.heading(f'{experiment.figure}. {experiment.title}')
             page.picture(bearing_chart(several[0]), f'{several[0].name}: bearing and error against time. Green: sight leads; '
                                                     'orange: sound leads.')
+            still = runs.get(f'{experiment.scenario}, rig still', ())
+            if still:
+                page.picture(bearing_chart(still[0]), 'The same with the rig standing still: the camera sees it only ahead.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
+            if experiment.scenario in PAPER:
+                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PAPER[experiment.scenario]))
     _sensitivity(page, [run for name in ('fog_woodland', 'occluded_room') for run in runs.get(name, ())])
     _stand_ins(page, runs)
     page.heading('All errors')
-    four = [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
-    page.picture(distribution_chart(four, METHODS), 'Share of errors below each size in the four experiments together.')
+    page.picture(distribution_chart(_four(runs), METHODS), 'Share of errors below each size in the four experiments together.')
     return page
 
 
 def _table_1(page: Page, runs: Runs) -> None:
     page.heading('Table 1. Sound, sight and both')
     rows = []
-    for name, several in runs.items():
+    for name, several in {**runs, 'the four together': _four(runs)}.items():
         figures = metrics_of(several, ('sound', 'sight', 'fused'))
         rows.append([name, str(len(several)), *(_with_coverage(figures[sense]) for sense in figures),
                      cell(figures['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
                      cell(figures['fused'], 'time_to_decide_s', 1.0, '{:.1f} s')])
-    for domain, known in PAPER_DOMAINS.items():
-        rows.append([f'the paper, {domain}', '', *known, 'by hand', ''])
-    page.table(['experiment', 'runs', 'sound: RMSE', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)', 'fused: wrong side',
-                'front/back told in'], rows)
-    page.paragraph('`filmed` and `room` are stand-ins for physical experiments, see below.')
+    rows += [[name, '', *known, 'by hand', ''] for name, *known in PAPER.values()]
+    page.table(['experiment', 'runs', 'sound: RMSE (coverage)', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)',
+                'fused: wrong side', 'front/back told in'], rows, ours='the four together',
+               theirs=[name for name, *_ in PAPER.values()])
+    page.paragraph('`filmed` and `room` are stand-ins for physical experiments, see below. Of the paper: simulated, a drone '
+                   'circles; physical, a loudspeaker on a tripod.')
+
+
+def _four(runs: Runs) -> list[RunResult]:
+    """The runs of the paper's experiments."""
+    return [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
 
 
 def _with_coverage(figures: Mapping[str, float | None]) -> str:
@@ -122,13 +131,12 @@ def _with_coverage(figures: Mapping[str, float | None]) -> str:
 
 
 def _table_2(page: Page, runs: Runs) -> None:
-    simulated = [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
     physical = list(runs.get('filmed', ()))
     page.heading('Table 2. Simulation against recordings')
     if not physical:
         page.paragraph('The real recordings are not there: `make report DATA=FOLDER` says where they are.')
         return
-    head, rows = domain_rows(simulated, physical)
+    head, rows = domain_rows(_four(runs), physical)
     page.table([head[0], 'RMSE, simulated (95 %)', 'RMSE, recorded (95 %)', *head[3:]], rows)
     page.paragraph("Cohen's d is the difference of the mean absolute errors in pooled standard deviations; r is Pearson's "
                    'correlation of the same percentiles (1 to 99) of both. "Recorded" are the filmed clips below. The '
@@ -136,11 +144,11 @@ def _table_2(page: Page, runs: Runs) -> None:
 
 
 def _table_3(page: Page, runs: Runs) -> None:
-    four = [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
     page.heading('Table 3. Methods side by side')
-    head, rows = rows_of(metrics_of(four, METHODS))
-    page.table([*head, 'the paper'], [[*row, PAPER_METHODS.get(method, '')] for method, row in zip(METHODS, rows, strict=True)],
-               ours=label('fused'))
+    head, rows = rows_of(metrics_of(_four(runs), METHODS))
+    for method, row in zip((None, *METHODS), (head, *rows), strict=True):
+        row.insert(4, PAPER_METHODS.get(method, '') if method else 'the paper')
+    page.table(head, rows, ours=label('fused'))
     page.paragraph('The four experiments together. Hearing alone is judged at the centre of its window (its latency says how '
                    'late that is), a tracker at the instant at which it says where the target is.')
 

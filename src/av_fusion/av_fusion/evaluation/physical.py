@@ -27,6 +27,7 @@ from av_fusion.evaluation.recording import Recording, RecordingTracker
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.sensor_geometry import look_in_body, sounds_in_body
 from av_sim_bridge.rig import CameraMount
+from av_vision import visibility
 from av_vision.models import shipped_model
 from av_vision.yolo import Detector, DetectorSettings
 
@@ -68,10 +69,10 @@ class Hall:
                                        now - sound.time - 0.5 * sound.window)
         self._next += len(samples)
 
-    def see(self, time: float, boxes: NDArray) -> None:
-        """A picture with boxes (n, 5): corners in pixels and confidence."""
+    def see(self, time: float, boxes: NDArray, visibility: float) -> None:
+        """A picture with boxes (n, 5), corners in pixels and confidence; `visibility` 0-1 as detector_node would tell it."""
         centres, sizes = 0.5 * (boxes[:, :2] + boxes[:, 2:4]), boxes[:, 2:4] - boxes[:, :2]
-        look = look_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body)
+        look = look_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
         self._tracker.add_look(look)
         best = look.best
         self.log.sight.add(time, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
@@ -102,9 +103,10 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         hall.hear(sound[number * per_frame:(number + 1) * per_frame])
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
-            found = None if covered else detector.detect(picture)
-            boxes = np.zeros((0, 5)) if covered else np.column_stack([found.boxes.reshape(-1, 4), found.scores])
-            hall.see((number + 1) / VIDEO_HZ, boxes)
+            picture = np.zeros_like(picture) if covered else picture
+            found = detector.detect(picture)
+            boxes = np.column_stack([found.boxes.reshape(-1, 4), found.scores])
+            hall.see((number + 1) / VIDEO_HZ, boxes, visibility.estimate(picture).share)
         hall.follow((number + 1) / VIDEO_HZ, float(azimuth))
     if not len(hall.log.fused):
         raise OSError(f'{clip}: no picture can be read')
