@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from av_common.acoustics import speed_of_sound
+from av_sim_bridge.config_files import find_config
 from av_sim_bridge.config_reader import bounded, load
 from av_sim_bridge.picture.atmosphere import Atmosphere, Cloud
 from av_sim_bridge.picture.scenes import AnyScene, Woodland
@@ -25,7 +27,8 @@ from av_sim_bridge.sound import (
     ToneVoice,
     Trunk,
 )
-from av_sim_bridge.trajectories import Static, Trajectory, Vector
+from av_sim_bridge.sound.frames import FASTEST
+from av_sim_bridge.trajectories import Static, Trajectory, Vector, velocity
 
 VOICES = {'rotor': RotorVoice, 'recording': RecordingVoice, 'tone': ToneVoice}
 Voice = Annotated[Any, VOICES]
@@ -45,6 +48,13 @@ class Target:
     drone: str = 'camera_quadrotor'
     voice: Voice = None
     gain_db: float = bounded(0.0, low=-120.0, high=60.0)
+
+    def __post_init__(self) -> None:
+        if self.voice is None:
+            try:
+                find_config(self.drone, 'drones')
+            except ValueError as error:
+                raise ValueError(f'drone: {error}') from error
 
 
 @dataclass(frozen=True)
@@ -146,6 +156,13 @@ class Scenario:
         if not self.targets:
             raise ValueError('targets: none, at least one expected')
         _ = self.surroundings   # raises what does not go together
+        fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
+        for key, mover in {'rig': self.rig, **{f'targets[{k}]': target for k, target in enumerate(self.targets)}}.items():
+            times = np.linspace(0.0, self.duration, 2000)
+            speed = np.linalg.norm(velocity(mover.trajectory, times), axis=1)
+            if speed.max() > fastest:
+                raise ValueError(f'{key}.trajectory: {speed.max():.0f} m/s at {times[speed.argmax()]:.1f} s, '
+                                 f'at most {fastest:.0f} m/s expected ({FASTEST} of the speed of sound)')
 
     @property
     def surroundings(self) -> Surroundings:

@@ -54,7 +54,8 @@ def _top_view(axes: Axes, world: World, truth: list) -> None:
     for obstacle in world.scenario.obstacles:
         axes.fill(*np.array(obstacle.footprint).T, color='0.6')
     axes.figure.colorbar(points, ax=axes, label='s')
-    axes.set(title='from above', xlabel='east (m)', ylabel='north (m)', aspect='equal')
+    axes.set(title='from above', xlabel='east (m)', ylabel='north (m)')
+    axes.set_aspect('equal', adjustable='datalim')
     axes.grid(alpha=0.3)
 
 
