@@ -47,6 +47,7 @@ class DeviceSource:
         self.lost = False
         self._next_sample = 0
         self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
 
     def start(self, buffer: RingBuffer) -> None:
         """Open the device and begin to write. Raises ValueError that says what the device can do, or what is missing."""
@@ -59,8 +60,10 @@ class DeviceSource:
     def stop(self) -> None:
         """Close the device. `start` may follow."""
         self._stop.set()
-        self._thread.join()
-        self._end_process()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+            self._end_process()
 
     def close(self) -> None:
         """For the interface: `stop` has closed everything."""

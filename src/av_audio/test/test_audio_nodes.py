@@ -20,6 +20,7 @@ from std_msgs.msg import Float32MultiArray, Header
 from av_audio.benchmark.own_noise import scene
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.clock import SampleCounter
+from av_audio.device_process import load_sounddevice
 from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
@@ -188,6 +189,21 @@ def test_missing_input_is_said(rig, array_file, tmp_path):
     rig.says('no audio frames', DiagnosticStatus.WARN)
     rig.add(AudioNode, file=str(tmp_path / 'missing.wav'))
     rig.says('missing.wav does not exist', DiagnosticStatus.ERROR)
+
+
+def test_an_absent_device_is_said_and_waited_for(rig):
+    try:
+        load_sounddevice()
+    except ImportError as error:
+        pytest.skip(str(error))
+    rig.add(AudioNode, source='device', device='no such thing')
+    rig.says("device='no such thing' fits 0 capture devices", DiagnosticStatus.ERROR)
+
+
+def test_a_buffer_that_holds_no_two_blocks_is_refused(rig, tmp_path):
+    soundfile.write(tmp_path / 'sound.wav', sound(1.0), RATE)
+    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), block=16_000)
+    rig.says('buffer_bytes=200000 does not hold two blocks', DiagnosticStatus.ERROR)
 
 
 def test_without_an_array_file_it_says_so(rig):

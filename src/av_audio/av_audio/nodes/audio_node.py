@@ -28,12 +28,17 @@ class AudioNode(RigNode):
         super().__init__('audio_node', parameters, **kwargs)
 
     def configure(self) -> None:
-        """Open the source."""
+        """Open the source. Raises ValueError or OSError that says what does not fit."""
         settings = self.settings
         self._frame_id = settings.frame_id
         self._block = settings.block
         self._source = self._open(settings)
         self._buffer_bytes = settings.buffer_bytes
+        least = 2 * 4 * self._block * self._source.channels
+        if self._buffer_bytes < least:
+            self._source.close()
+            raise ValueError(f'buffer_bytes={self._buffer_bytes} does not hold two blocks of {self._block} samples of '
+                             f'{self._source.channels} channels, expected at least {least}')
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
 
     def _open(self, settings: object) -> FileSource | DeviceSource:
@@ -48,12 +53,14 @@ class AudioNode(RigNode):
         return 1e-9 * self.get_clock().now().nanoseconds
 
     def activate(self) -> None:
-        """Begin to capture."""
+        """Begin to capture. Raises ValueError when the device cannot."""
         self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
         self._health = ChannelHealth(self._source.channels)
         self._active_since = RateMeter()
         self._active_since.tick()
-        self._started = False
+        self._started = isinstance(self._source, DeviceSource)
+        if self._started:
+            self._source.start(self._buffer)
         self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
 
     def _start_when_heard(self) -> None:
