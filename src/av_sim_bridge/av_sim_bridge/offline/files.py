@@ -61,6 +61,7 @@ class FileRecorder:
     def close(self) -> None:
         """Finish the files."""
         self._sound.close()
+        _undate(Path(self._sound.name))
         if self._video is not None:
             self._video.release()
         for file in self._files:
@@ -77,6 +78,15 @@ class FileRecorder:
                 kind = np.uint8 if name in ('rgb', 'segmentation') else np.uint16
                 file = self._folder / 'frames' / f'{view.index:06d}_{name}.png'
                 cv2.imwrite(str(file), np.clip(layer, 0, np.iinfo(kind).max).astype(kind))
+
+
+def _undate(wav: Path) -> None:
+    """Clear the date that libsndfile writes into a float file's PEAK chunk: the same run is to give the same bytes."""
+    with wav.open('r+b') as file:
+        chunk = file.read(512).find(b'PEAK')
+        if chunk >= 0:
+            file.seek(chunk + 12)
+            file.write(bytes(4))
 
 
 def _truth_row(moment: Moment) -> list[float]:
