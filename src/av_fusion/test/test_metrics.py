@@ -9,7 +9,9 @@ import pytest
 
 from av_fusion.evaluation.metrics import summarise
 from av_fusion.evaluation.picture import draw
+from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog, Series
+from av_fusion.evaluation.runs import judge_run
 from av_fusion.evaluation.table import format_table
 from av_fusion.measurements import State
 
@@ -52,6 +54,18 @@ def test_gaps_cost_coverage():
         lost = 1005.0 < time < 1011.6
         gappy.fused.add(time, math.nan if lost else azimuth, 0.1, State.NONE if lost else State.ACOUSTIC_ACTIVE, 1, 0.1)
     assert summarise(gappy).senses['fused'].coverage == pytest.approx(2.0 / 3.0, abs=0.03)
+
+
+def test_a_sense_that_looks_in_vain_covers_nothing():
+    """Never confident: no coverage, rather than no figure; never asked: no figure."""
+    log = circle_log()
+    blind = RunLog()
+    for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'confidence', 'delay')), strict=True):
+        blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
+    blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
+    result = judge_run('blind', blind, Recording(), ('fused', 'sight', 'sound'))
+    assert result.methods['sight'].coverage == 0.0 and not len(result.methods['sight'].error_deg)
+    assert result.methods['fused'].coverage == 1.0 and set(result.missing) == {'sound'}
 
 
 def test_an_empty_run_and_one_without_truth_make_a_table(tmp_path):

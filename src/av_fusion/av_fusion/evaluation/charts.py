@@ -72,19 +72,17 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
 
 
 def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], xlabel: str, ylabel: str,
-                references: Mapping[str, float] | None = None, colours: Mapping[str, str] = COLOURS, log: bool = False,
-                size: tuple[float, float] = (11, 3.8)) -> Figure:
-    """Figures (y) against a parameter (x), a curve a name, with dashed levels to compare with."""
-    figure = Figure(figsize=size, layout='constrained')
+                log: bool = False) -> Figure:
+    """Figures (y, on a logarithmic axis where `log`) against a parameter (x), a curve a method."""
+    figure = Figure(figsize=(11, 3.8), layout='constrained')
     axes = figure.subplots()
     for name, (x, y) in curves.items():
-        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=colours.get(name), linewidth=1.8, markersize=4.5)
-    for name, level in (references or {}).items():
-        axes.axhline(level, linestyle='--', linewidth=1.0, color='#8a93a0')
-        axes.annotate(name, (1.0, level), xycoords=('axes fraction', 'data'), ha='right', va='bottom', fontsize=8,
-                      color='#566070')
-    axes.set(xlabel=xlabel, ylabel=ylabel, xscale='log' if log else 'linear')
-    axes.set_ylim(0.0, 1.05 * max(axes.get_ylim()[1], *(references or {}).values(), 0.0))
+        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=COLOURS[name], linewidth=1.8, markersize=4.5)
+    axes.set(xlabel=xlabel, ylabel=ylabel, yscale='log' if log else 'linear')
+    if log:
+        axes.yaxis.set_major_formatter('{x:g}')
+    else:
+        axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
     return _tidy(figure)
 

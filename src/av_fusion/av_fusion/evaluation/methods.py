@@ -36,23 +36,28 @@ class UnavailableError(ValueError):
 def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> tuple[NDArray, NDArray]:
     """Times (n,) and body azimuths (n,) in rad of one method, median-filtered in the world frame.
 
-    Raises UnavailableError where the run lacks what the method needs, ValueError for an unknown method.
+    Empty where the target was looked for and not found. Raises UnavailableError where the run lacks what the method needs,
+    ValueError for an unknown method.
     """
+    looked = False
     if method not in METHODS:
         raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
     if method in ('fused', 'gated'):
-        time, world = _following(track(method, recording, log, tau), log)
+        series = track(method, recording, log, tau)
+        time, world = _following(series, log)
+        looked = len(series) > 0
     elif method == 'sight':
         seen = log.sight['confidence'] >= tau
         time = log.sight['time'][seen]
         world = wrap(log.sight['azimuth'][seen] + _yaw(time, log))
+        looked = len(log.sight) > 0
     elif method == 'kalman':
         time, world = _kalman(recording, log, tau)
     else:
         time, world = _unmirrored(_sounds(method, recording), log)
         if method == 'moving_average':
             time, world = _averaged(time, world)
-    if not time.size:
+    if not time.size and not looked:
         raise UnavailableError(f'{method}: nothing was reported')
     return time, wrap(_median(world) - _yaw(time, log))
 

@@ -33,10 +33,10 @@ def rmse_interval(blocks: Sequence[NDArray], level: float = 0.95, resamples: int
     if len(blocks) < 2:
         return np.nan, np.nan
     squares, counts = np.array([np.sum(np.square(block)) for block in blocks]), np.array([len(block) for block in blocks])
-    drawn = stats.bootstrap((squares, counts), lambda s, n, axis: np.sqrt(s.sum(axis=axis) / n.sum(axis=axis)), paired=True,
-                            n_resamples=resamples, confidence_level=level, method='percentile', vectorized=True,
-                            rng=np.random.default_rng(seed))
-    return float(drawn.confidence_interval.low), float(drawn.confidence_interval.high)
+    rows = np.random.default_rng(seed).integers(0, len(blocks), (resamples, len(blocks)))
+    drawn = np.sqrt(squares[rows].sum(axis=1) / counts[rows].sum(axis=1))
+    low, high = np.quantile(drawn, [0.5 * (1.0 - level), 0.5 * (1.0 + level)])
+    return float(low), float(high)
 
 
 def cohens_d(one: ArrayLike, other: ArrayLike) -> float:

@@ -28,7 +28,6 @@ class Sweep:
     scenario: str
     values: tuple[float, ...]
     changes: Callable[[float], Changes]
-    log: bool = False
     array: bool = False
 
 
@@ -76,10 +75,10 @@ def add_sweep(page: Page, sweep: Sweep, figures: dict[str, dict[str, dict[str, f
     """Charts and the table of a sweep."""
     values = [float(value) for value in figures]
     page.heading(sweep.title)
-    for key, scale, name in (('rmse_deg', 1.0, 'RMSE (deg)'), ('coverage', 100.0, 'coverage (%)')):
+    for key, scale, name, log in (('rmse_deg', 1.0, 'RMSE (deg)', True), ('coverage', 100.0, 'coverage (%)', False)):
         curves = {method: (values, [np.nan if by[method][key] is None else scale * by[method][key] for by in figures.values()])
                   for method in METHODS}
-        page.picture(curve_chart(curves, f'{sweep.title} ({sweep.unit})', name, log=sweep.log), f'{name} by method.')
+        page.picture(curve_chart(curves, f'{sweep.title} ({sweep.unit})', name, log), f'{name} by method.')
     head = [sweep.unit, *(f'{method}: RMSE' for method in METHODS), *(f'{method}: coverage' for method in METHODS),
             'fused: wrong side', 'told in']
     page.table(head, [[value, *(cell(by[method], 'rmse_deg', 1.0, '{:.2f}°') for method in METHODS),
