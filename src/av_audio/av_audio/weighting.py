@@ -71,8 +71,8 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
     ICASSP 2008): lines far above the noise then count alike, as with PHAT, and empty bins hardly count. r is larger at
     low frequencies, where the diffuse sound of a room is coherent and passes for a source in front, and r S at most a few
     N, as reflections make sound incoherent. S and N come from the window itself: what is incoherent between the
-    microphones is noise. Where S stands above N the likelihood does
-    not care what the band-pass lets through; where it does not, the band-pass keeps noise at the band's edges out.
+    microphones is noise. Where S stands above N the likelihood does not care what the band-pass lets through; where it
+    does not, the band-pass keeps noise at the band's edges out.
 
     cross: (p, k), power: sqrt(P_i P_j) (p, k) of the same pairs.
     """

@@ -9,6 +9,7 @@ import pytest
 import soundfile
 
 from av_audio.array import MicrophoneArray
+from av_audio.benchmark.own_noise import scene
 from av_audio.benchmark.scenes import SQUARE
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.calibration import calibrate as fit
@@ -97,6 +98,18 @@ def test_localize_says_what_is_wrong_with_the_channels(array_file, tmp_path, cap
     soundfile.write(tmp_path / 'mono.wav', mono, RATE)
     localize.main([str(tmp_path / 'mono.wav'), '--array', str(array_file), '--json'])
     assert 'channels 0, 1 are identical' in capsys.readouterr().err
+
+
+def test_localize_leaves_own_rotors_out(array_file, tmp_path, capsys):
+    """A target at 10 degrees, own rotors 10 dB louder."""
+    sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 10.0)
+    soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)
+    errors = []
+    for rotors in ('0', '4'):
+        localize.main([str(tmp_path / 'flying.wav'), '--array', str(array_file), '--own-rotors', rotors, '--json'])
+        errors.append(abs(json.loads(capsys.readouterr().out)[0]['azimuth_deg'][0] - 10.0))
+    assert errors[0] > 5.0
+    assert errors[1] < 3.0
 
 
 def test_localize_gives_a_plane_of_microphones_one_direction(tmp_path, capsys):

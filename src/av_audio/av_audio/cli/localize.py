@@ -33,12 +33,15 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='band-pass in Hz (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
+    parser.add_argument('--own-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
+                        help='so many rotors of the rig itself are found in the sound and left out (default: %(default)s)')
 
 
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
     """Settings of the options that `add_localizer_arguments` made."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
-                             method=arguments.method, temperature_c=arguments.temperature)
+                             method=arguments.method, temperature_c=arguments.temperature,
+                             estimated_rotors=arguments.own_rotors)
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
