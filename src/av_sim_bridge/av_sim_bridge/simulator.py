@@ -49,6 +49,7 @@ class WireOptions:
     image_rate: float = 15.0
     truth_rate: int = 100
     jpeg_quality: int = 85
+    depth: bool = False        # beside every picture, on the next port
     renderer: str = 'auto'
     speed: float = 1.0         # of real time
 
@@ -110,7 +111,8 @@ class Simulator:
         self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
         if self.options.image_rate:
-            self._studio = Studio(self.world.stage, self.options.renderer, self.options.jpeg_quality, self.world.view(0, 0.0))
+            self._studio = Studio(self.world.stage, self.options.renderer, self.options.jpeg_quality,
+                                  self.world.view(0, 0.0), self.options.depth)
         try:
             if self._studio is not None:
                 self._studio.open(lambda: not self._stopped)
@@ -241,7 +243,8 @@ class Simulator:
     def _send_pictures(self, shots: list[Shot]) -> None:
         for shot in shots:
             frame_id = shot.view.index if self.options.image_frame_ids else None
-            for datagram in encode_image(EncodedImage(shot.view.time, shot.jpeg, frame_id)):
-                self._send(datagram, self.options.ports.image)
+            for data, port in ((shot.jpeg, self.options.ports.image), (shot.depth, self.options.ports.depth)):
+                for datagram in encode_image(EncodedImage(shot.view.time, data, frame_id)):
+                    self._send(datagram, port)
             self._send(encode_oracle(shot.boxes), self.options.ports.image)
             self.counts.images += 1

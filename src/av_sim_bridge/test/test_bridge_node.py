@@ -6,6 +6,7 @@ import socket
 import time
 from concurrent.futures import ProcessPoolExecutor
 
+import cv2
 import numpy as np
 import pytest
 
@@ -29,19 +30,21 @@ from av_sim_bridge.run import open_world  # noqa: E402
 from av_sim_bridge.scenario import load_scenario  # noqa: E402
 from av_sim_bridge.simulator import Simulator, WireOptions  # noqa: E402
 from av_sim_bridge.trajectories import Static  # noqa: E402
+from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
 
 pytestmark = pytest.mark.system
 TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
           'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT), 'truth/rig': (Odometry, RESULT),
           'truth/target': (Odometry, RESULT), 'truth/target_3': (Odometry, RESULT), 'imu': (Imu, STREAM),
-          'detections': (Detection2DArray, RESULT), '/diagnostics': (DiagnosticArray, RESULT)}
+          'detections': (Detection2DArray, RESULT), 'camera/depth/image_raw': (Image, PICTURE),
+          '/diagnostics': (DiagnosticArray, RESULT)}
 
 
 class Rig:
     """A bridge node and a listener to all that it says."""
 
-    def __init__(self, ports):
-        numbers = dataclasses.asdict(ports)
+    def __init__(self, ports, depth_port):
+        numbers = dataclasses.asdict(ports) | {'depth': depth_port}
         settings = {f'{name}_port': port for name, port in numbers.items()} | {
             'oracle_detections': True, 'stale_after': 0.5, 'targets': 2}
         arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
@@ -92,8 +95,8 @@ def simulate(scenario, options):
 @pytest.fixture(scope='module')
 def rig():
     """A bridge that has been spun without a simulator, with one for three seconds, and with garbage."""
-    ports = free_ports()
-    bridge = Rig(dataclasses.replace(ports, target_truth=ports.rig_truth + 2))
+    ports, depth_port = free_ports(), free_ports().image
+    bridge = Rig(dataclasses.replace(ports, target_truth=ports.rig_truth + 2), depth_port)
     scenario = load_scenario(find_config('two_drones', 'scenarios'))
     ahead = dataclasses.replace(scenario.targets[0], trajectory=Static((8.0, 0.5, 3.0)))
     scenario = dataclasses.replace(scenario, targets=(ahead, scenario.targets[1]))
@@ -109,6 +112,12 @@ def rig():
     bridge.fed = {name: list(messages) for name, messages in bridge.heard.items()}
     bridge.sent = simulator.result()
     source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    picture, depth = np.zeros((48, 64, 3), np.uint8), np.full((48, 64), 65_535, np.uint16)
+    depth[10, 20] = 1234
+    for port, layer in ((wire.image, picture), (depth_port, depth), (depth_port, picture)):
+        image = EncodedImage(5.0, cv2.imencode('.png', layer)[1].tobytes())
+        source.sendto(encode_image(image)[0], ('127.0.0.1', port))
+    bridge.spin(0.5)
     for port in dataclasses.astuple(wire):
         for size in (0, 3, 40, 168, 6000, 60_000):
             source.sendto(np.random.default_rng(size).bytes(size), ('127.0.0.1', port))
@@ -157,6 +166,15 @@ def test_commands_turn_the_rig(rig):
     assert rig.fed['odometry'][-20].twist.twist.angular.z == pytest.approx(0.3, abs=1e-3)
     assert rig.fed['imu'][-20].angular_velocity.z == pytest.approx(0.3, abs=1e-3)
     assert rig.fed['imu'][-20].linear_acceleration.z == pytest.approx(9.80665, abs=1e-3)
+
+
+def test_depth_carries_the_stamp_of_its_picture(rig):
+    """In mm, 0 where there is none (REP 118); a picture on its port is none."""
+    (depth,) = rig.heard['camera/depth/image_raw']
+    picture = next(message for message in rig.heard['camera/image_raw'] if message.height == 48)
+    assert depth.header == picture.header and depth.encoding == '16UC1' and depth.step == 128
+    values = np.frombuffer(depth.data, np.uint16).reshape(48, 64)
+    assert values[10, 20] == 1234 and np.count_nonzero(values) == 1
 
 
 def test_garbage_is_counted_and_the_node_lives(rig):

@@ -14,12 +14,12 @@ from av_sim_bridge.bridge.intake import AudioIntake, ImageIntake, TruthIntake
 from av_sim_bridge.bridge.receiver import Receiver, open_port
 from av_sim_bridge.clock import SenderClock
 from av_sim_bridge.config_files import find_config
-from av_sim_bridge.picture.scenes import Woodland
+from av_sim_bridge.picture.scenes import Field, Woodland
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import Scenario, Target, Weather
 from av_sim_bridge.simulator import Simulator, WireOptions
 from av_sim_bridge.sound import FormulaVoice, Noise
-from av_sim_bridge.trajectories import Line
+from av_sim_bridge.trajectories import Line, Static
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.ports import Ports
@@ -231,3 +231,35 @@ def test_a_busy_port_names_the_parameter():
     with pytest.raises(OSError, match='image_port: cannot receive on UDP port .*another program'):
         open_port('image_port', blocker.getsockname()[1], 65_536)
     blocker.close()
+
+
+def test_depth_of_the_same_instant_goes_to_the_next_port():
+    """A drone 8 m ahead is 8 m away there, where it is in the picture, and nothing else is."""
+    drone = Target(Static((8.0, 0.0, 1.5)))
+    ports = free_ports()
+    depths, listener = [], Listener(ports)
+    receiver = Receiver('depth', open_port('depth', ports.depth, 4 << 20),
+                        ImageIntake(SenderClock(), depths.append, lambda *_: None).take)
+    scenario = dataclasses.replace(SCENARIO, targets=(drone,), scene=Field(), duration=0.5)
+    world = World(scenario, load_rig(find_config('rig')))
+    simulator = Simulator(world, WireOptions(ports=ports, image_rate=4.0, depth=True, renderer='scene'))
+    simulator.run(0.5)
+    simulator.close()
+    wait_for_rest(listener)
+    receiver.stop()
+    listener.stop()
+    assert [image.image.time for image in depths] == [image.image.time for image in listener.images] == [0.25, 0.5]
+    depth = cv2.imdecode(np.frombuffer(depths[0].image.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    view = world.view(0, 0.5)
+    (x, y), = world.rig.camera.model.project(view.to_optical(np.array([[8.0, 0.0, 1.5]])))
+    assert depth.dtype == np.uint16 and depth.shape == (480, 640)
+    assert depth[round(y), round(x)] == pytest.approx(8000.0 - 1000.0 * world.rig.camera.mount.position[0], abs=250.0)
+    assert depth[5].min() == 65_535    # the sky
+
+
+def test_a_renderer_without_depth_says_so():
+    world = World(SCENARIO, load_rig(find_config('rig')))
+    simulator = Simulator(world, WireOptions(ports=free_ports(), depth=True, renderer='painter'))
+    with pytest.raises(RuntimeError, match='depth needs the 3D scene'):
+        simulator.run(0.5)
+    simulator.close()

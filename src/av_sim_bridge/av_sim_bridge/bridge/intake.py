@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -77,15 +78,32 @@ class StampedImage:
     stamp: float
 
 
+class CaptureStamps:
+    """The ROS time of each capture, fixed once: what was taken at one instant carries the very same stamp."""
+
+    def __init__(self, clock: SenderClock):
+        self._clock, self._lock = clock, threading.Lock()
+        self._known: OrderedDict[float, float] = OrderedDict()
+
+    def of(self, time: float) -> float:
+        """The stamp in s of a capture at the sender's `time` in s; from any thread."""
+        with self._lock:
+            if time not in self._known:
+                self._known[time] = self._clock.to_ros(time)
+                if len(self._known) > 32:
+                    self._known.popitem(last=False)
+            return self._known[time]
+
+
 class ImageIntake:
     """Fragments to images; the oracle's reports belong to the image whose fragments came last."""
 
     def __init__(self, clock: SenderClock, on_image: Callable[[StampedImage], None],
-                 on_boxes: Callable[[list[OracleBox], float], None]):
-        """on_boxes(boxes, stamp of the image in ROS time)."""
+                 on_boxes: Callable[[list[OracleBox], float], None], stamps: CaptureStamps | None = None):
+        """on_boxes(boxes, stamp of the image in ROS time).  stamps: shared with the other sensors of one camera."""
         self.assembler = ImageAssembler()
         self._clock, self._on_image, self._on_boxes = clock, on_image, on_boxes
-        self._stamps: OrderedDict[tuple, float] = OrderedDict()
+        self._stamps = stamps or CaptureStamps(clock)
         self._newest: float | None = None
 
     def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
@@ -97,13 +115,7 @@ class ImageIntake:
             return
         fragment = decode_fragment(datagram)
         _observe(self._clock, fragment.time, arrival, 'image')
-        # The stamp is fixed once for each image: image and boxes must carry the very same.
-        key = (fragment.frame_id, fragment.time)
-        if key not in self._stamps:
-            self._stamps[key] = self._clock.to_ros(fragment.time)
-            if len(self._stamps) > 32:
-                self._stamps.popitem(last=False)
-        self._newest = self._stamps[key]
+        self._newest = self._stamps.of(fragment.time)
         image = self.assembler.add(fragment)
         if image is not None:
             self._on_image(StampedImage(image, self._newest))

@@ -33,6 +33,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
     parser.add_argument('--image-rate', type=not_negative, default=15.0,
                         help='pictures a second, 0 for none (default: %(default)s)')
+    parser.add_argument('--depth', action='store_true', help='send depth, too, as the next image sensor')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='auto',
                         help='3D scene, flat painting (cheaper), or what this machine can do')
     parser.add_argument('--speed', type=positive, default=1.0, help='of real time (default: %(default)s)')
@@ -59,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
             host=options.host, ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
             audio_header=options.audio_header, image_frame_ids=options.image_header == 'new',
             short_truth=options.truth_layout == 'short', image_rate=options.image_rate,
-            renderer=options.renderer, speed=options.speed))
+            renderer=options.renderer, speed=options.speed, depth=options.depth))
     except (ValueError, OSError) as error:
         log.error('%s', error)
         return 2

@@ -26,11 +26,12 @@ def audio_message(header: Header, sample_rate: int, first_sample: int, samples: 
     return message
 
 
-def image_message(header: Header, bgr: NDArray) -> Image:
-    """A picture (height, width, 3) uint8."""
-    height, width, channels = bgr.shape
-    message = Image(header=header, height=height, width=width, encoding='bgr8', step=width * channels)
-    message.data = array.array('B', bgr.tobytes())
+def image_message(header: Header, picture: NDArray) -> Image:
+    """A picture (height, width, 3) uint8, BGR, or depth (height, width) uint16 in mm."""
+    height, width = picture.shape[:2]
+    message = Image(header=header, height=height, width=width, encoding='bgr8' if picture.ndim == 3 else '16UC1',
+                    step=picture.nbytes // height)
+    message.data = array.array('B', picture.tobytes())
     return message
 
 

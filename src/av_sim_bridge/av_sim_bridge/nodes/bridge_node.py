@@ -25,6 +25,7 @@ from av_sim_bridge.bridge.consumer import Consumer
 from av_sim_bridge.bridge.direction_check import DirectionCheck
 from av_sim_bridge.bridge.intake import (
     AudioIntake,
+    CaptureStamps,
     ImageIntake,
     ImuIntake,
     StampedImage,
@@ -66,6 +67,8 @@ class BridgeNode(RigNode):
                   'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT),
                   'truth/rig': (Odometry, RESULT), 'truth/target': (Odometry, RESULT), 'imu': (Imu, STREAM)}
         topics |= {f'truth/target_{number}': (Odometry, RESULT) for number in self._more_targets}
+        if self._settings.depth_port:
+            topics['camera/depth/image_raw'] = (Image, PICTURE)
         if self._settings.oracle_detections:
             topics['detections'] = (Detection2DArray, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}
@@ -81,11 +84,16 @@ class BridgeNode(RigNode):
         with ExitStack() as opened:
             self._images = Consumer[StampedImage]('decode images', self._publish_image)
             opened.callback(self._images.stop)
-            self._pictures = ImageIntake(self._sender_clock, self._images.put, self._publish_boxes)
+            stamps = CaptureStamps(self._sender_clock)
+            self._pictures = ImageIntake(self._sender_clock, self._images.put, self._publish_boxes, stamps)
             truth = TruthIntake(self._sender_clock, self._publish_state)
             self._imu, self._time_sync = ImuIntake(self._sender_clock, self._publish_imu), TimeSyncIntake()
             self._receive(opened, 'audio', self._audio.take)
             self._receive(opened, 'image', self._pictures.take)
+            if self._settings.depth_port:
+                depths = Consumer[StampedImage]('decode depth', self._publish_depth)
+                opened.callback(depths.stop)
+                self._receive(opened, 'depth', ImageIntake(self._sender_clock, depths.put, lambda *_: None, stamps).take)
             self._receive(opened, 'rig_truth', truth.take)
             self._receive(opened, 'target_truth', truth.take)
             for number in self._more_targets:
@@ -139,6 +147,10 @@ class BridgeNode(RigNode):
         height, width = bgr.shape[:2]
         self._outputs['camera/camera_info'].publish(
             messages.camera_info_message(header, camera.model.scaled(width, height)))
+
+    def _publish_depth(self, stamped: StampedImage) -> None:
+        header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
+        self._outputs['camera/depth/image_raw'].publish(messages.image_message(header, decode_depth(stamped.image.data)))
 
     def _publish_boxes(self, boxes: list[OracleBox], stamp: float) -> None:
         if self._settings.oracle_detections:
@@ -205,15 +217,23 @@ class BridgeNode(RigNode):
                 'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1)}
 
 
-def decode_picture(data: bytes) -> NDArray:
+def decode_picture(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray:
     """Picture (height, width, 3) uint8, BGR. Raises ValueError for what is no picture."""
     try:
-        bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise ValueError(f'image: {error.err}') from error
-    if bgr is None:
+    if picture is None:
         raise ValueError('image: neither JPEG nor PNG')
-    return bgr
+    return picture
+
+
+def decode_depth(data: bytes) -> NDArray:
+    """Depth (height, width) uint16 in mm, 0 where there is none (REP 118). Raises ValueError for what is no depth."""
+    depth = decode_picture(data, cv2.IMREAD_UNCHANGED)
+    if depth.dtype != np.uint16 or depth.ndim != 2:
+        raise ValueError(f'depth: {depth.dtype} in {depth.ndim} dimensions, a PNG of 16 bit and one channel expected')
+    return np.where(depth == 65_535, 0, depth).astype(np.uint16)
 
 
 def main() -> None:

@@ -23,8 +23,8 @@ class FileRecorder:
 
     `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and elevation in the
     rig's frame), `boxes.csv` (one row for each target of each picture, px). With `everything` also
-    `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky), segmentation in target ids, thermal
-    in hundredths of a kelvin.
+    `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
+    ids, thermal in hundredths of a kelvin.
     """
 
     def __init__(self, folder: Path, world: World, image_rate: float, everything: bool = False):
@@ -68,9 +68,7 @@ class FileRecorder:
             file.close()
 
     def _write_frames(self, view: View, picture: Picture) -> None:
-        layers = {'rgb': picture.bgr, 'segmentation': picture.segmentation, 'depth': None, 'thermal': None}
-        if picture.depth is not None:
-            layers['depth'] = np.where(np.isfinite(picture.depth), picture.depth * 1000.0, 65_535.0)
+        layers = {'rgb': picture.bgr, 'segmentation': picture.segmentation, 'depth': picture.depth_mm, 'thermal': None}
         if picture.thermal is not None:
             layers['thermal'] = (picture.thermal + 273.15) * 100.0
         for name, layer in layers.items():

@@ -19,27 +19,29 @@ from av_sim_bridge.wire.oracle import OracleBox
 
 MOST_WAITING = 2       # views; more would only be late
 PATIENCE = 60.0        # s that the first picture may take: a slow machine loads libraries and compiles shaders meanwhile
+FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A finished picture: encoded as JPEG, with what the visual oracle reports."""
+    """A finished picture: encoded as JPEG, with what the visual oracle reports, and its depth (mm) as PNG of 16 bit."""
 
     view: View
     jpeg: bytes
     boxes: list[OracleBox]
+    depth: bytes = b''
 
 
 class Studio:
     """Takes views, gives shots, in order, whenever they are ready. To be used by one thread."""
 
-    def __init__(self, stage: Stage, kind: str, jpeg_quality: int, first: View):
-        """Begin to make ready with the view `first`, of which no shot comes."""
+    def __init__(self, stage: Stage, kind: str, jpeg_quality: int, first: View, depth: bool = False):
+        """Begin to make ready with the view `first`, of which no shot comes; `depth`: with every shot."""
         self._waiting, self._opened = 0, False
         context = multiprocessing.get_context('spawn')    # a fork would take threads' locks along
         self._connection, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, stage, kind, jpeg_quality, first), name='camera',
-                                        daemon=True)
+        self._process = context.Process(target=_work, args=(other, stage, kind, jpeg_quality, first, depth),
+                                        name='camera', daemon=True)
         self._process.start()
         other.close()
 
@@ -103,7 +105,7 @@ class Studio:
         return result
 
 
-def _work(connection: Connection, stage: Stage, kind: str, jpeg_quality: int, first: View) -> None:
+def _work(connection: Connection, stage: Stage, kind: str, jpeg_quality: int, first: View, depth: bool) -> None:
     """Of the process: make shots of the views that come until nobody is there any more."""
     for number in (signal.SIGINT, signal.SIGTERM):    # may go to the whole group; the simulator says when it ends
         signal.signal(number, signal.SIG_IGN)
@@ -113,13 +115,15 @@ def _work(connection: Connection, stage: Stage, kind: str, jpeg_quality: int, fi
     os.environ.setdefault('LP_NUM_THREADS', '0')
     try:
         renderer = stage.renderer(kind)
-        renderer.render(first)
+        if renderer.render(first).depth is None and depth:
+            raise RuntimeError('camera: depth needs the 3D scene, which this renderer does not have')
         connection.send(None)
         while True:
             view = connection.recv()
             picture = renderer.render(view)
             jpeg = cv2.imencode('.jpg', picture.bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1].tobytes()
-            connection.send(Shot(view, jpeg, picture.boxes))
+            png = cv2.imencode('.png', picture.depth_mm, FAST_PNG)[1].tobytes() if depth else b''
+            connection.send(Shot(view, jpeg, picture.boxes, png))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except Exception as error:    # noqa: BLE001 (whatever it is, the simulator has to know)

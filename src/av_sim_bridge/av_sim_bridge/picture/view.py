@@ -86,6 +86,13 @@ class Picture:
     segmentation: NDArray | None = None
     thermal: NDArray | None = None
 
+    @property
+    def depth_mm(self) -> NDArray | None:
+        """The depth as (height, width) uint16 in mm, 65535 for the sky and what is farther than 65.5 m."""
+        if self.depth is None:
+            return None
+        return np.where(self.depth < 65.535, 1000.0 * self.depth, 65_535.0).astype(np.uint16)
+
 
 class Renderer(Protocol):
     """Makes pictures of views."""

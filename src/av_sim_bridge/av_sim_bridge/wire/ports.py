@@ -21,6 +21,11 @@ class Ports:
     time_sync: int = 20005
     control: int = 30100
 
+    @property
+    def depth(self) -> int:
+        """Where depth goes, as the image of the next sensor."""
+        return self.image + 1
+
     def shifted(self, offset: int) -> 'Ports':
         """The same ports moved by `offset`, for another rig on the same machine."""
         return Ports(**{name: port + offset for name, port in vars(self).items()})
