@@ -7,15 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from av_common.angles import wrap
+from av_fusion.agility import Agility
 from av_fusion.machine import MachineSettings, StateMachine
-from av_fusion.measurements import Detection, Look, Sound, Source, State, Track, sensible_look, sensible_sound
+from av_fusion.measurements import Look, Sound, Source, State, Track, sensible_look, sensible_sound
+from av_fusion.mixture import Mixture, Newborn
 from av_fusion.mode import Mode, Motion, gaussian, share_within
 from av_fusion.refinement import Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
 UNIFORM = 1.0 / (2.0 * math.pi)
-AGREE = math.radians(10.0)  # modes closer together than this are one bearing
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
 
 
@@ -31,7 +32,7 @@ class BayesSettings:
     it falls below `doubt`.
     """
 
-    acceleration_density: float = 0.005
+    acceleration_density: float = 0.02
     elevation_density: float = 0.001
     usual_elevation: float = math.radians(10.0)
     usual_elevation_sigma: float = math.radians(10.0)
@@ -51,16 +52,6 @@ class BayesSettings:
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
 
 
-@dataclass(frozen=True)
-class Newborn:
-    """A direction in the world that may start a mode: `ratio` of the background's weight belongs to it."""
-
-    azimuth: float
-    variance: float
-    ratio: float
-    detection: Detection | None = None
-
-
 class BayesTracker:
     """Mixture of `Mode`s plus a uniform background ("the target is elsewhere, or there is none").
 
@@ -73,18 +64,15 @@ class BayesTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
-        self._target_motion = Motion(self.settings.acceleration_density, self.settings.elevation_density,
-                                     self.settings.usual_elevation, self.settings.usual_elevation_sigma**2)
         self.refinement = Refinement(self.settings.refinement)
         self.reset()
 
     def reset(self) -> None:
         """Forget the target, not the rig."""
         self._time: float | None = None
-        self._modes: list[Mode] = []
-        self._background = 1.0
+        self._mixture = Mixture(self.settings.rate_sigma**2, self.settings.lost_sigma**2)
+        self._agility = Agility()
         self._newest_sound = self._newest_look = -math.inf
-        self._primary: Mode | None = None
         self._seen = SeenCourse()
         self._resolved = False
         self._visibility = math.nan
@@ -115,16 +103,16 @@ class BayesTracker:
         sharpness = prior / math.sqrt(2.0 * math.pi * min(variances) * fresh) / UNIFORM
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
         if len(heard) == 2 and (half := 0.5 * float(wrap(azimuths[1] - azimuths[0]))) ** 2 > 4.0 * fresh * variances[0]:
-            self._modes = [part for mode in self._modes for part in mode.split(azimuths[0] + half, lag)]
-        for mode in self._modes:
+            self._mixture.split(azimuths[0] + half, lag)
+        for mode in self._mixture.modes:
             row, variance, innovation, fit = _compare(mode, lag, azimuths, variances)
+            self._agility.note(mode.weight, innovation, variance)
             mode.weight *= clutter**fresh + fit * sharpness**fresh
-            mode.adapt(innovation, variance, fresh)
             mode.update(row, variance, [innovation], [fit * sharpness / (clutter + fit * sharpness)])
-        odds = prior / max(1.0 - sound.confidence, 0.01) * fresh
-        self._give_birth(lag, [Newborn(azimuth, variance * fresh, odds)
-                               for azimuth, variance in zip(azimuths, variances, strict=True)])
-        self._tidy()
+        self._agility.adapt(fresh)
+        self._mixture.give_birth(lag, self._target_motion(), [
+            Newborn(azimuth, variance * fresh, prior * fresh) for azimuth, variance in zip(azimuths, variances, strict=True)])
+        self._mixture.tidy()
         self.machine.hear(time, sound.confidence)
 
     def _refine(self, sound: Sound, time: float) -> Sound:
@@ -156,8 +144,8 @@ class BayesTracker:
         seen = look.detections
         azimuths = [float(wrap(yaw + d.azimuth)) for d in seen]
         odds = [min(d.confidence / max(1.0 - d.confidence, 0.01), 99.0) for d in seen]
-        confidence, best = 0.0, self._choose_primary()
-        for mode in self._modes:
+        confidence, best = 0.0, self._mixture.primary()
+        for mode in self._mixture.modes:
             offset = mode.innovation(yaw + look.view_azimuth, lag)
             in_view = share_within(look.half_view, offset, mode.expected_variance(lag))
             innovations = [mode.innovation(azimuth, lag) for azimuth in azimuths]
@@ -166,36 +154,37 @@ class BayesTracker:
             missed = mode.miss(time, visibility, in_view * settings.recall, fresh)
             total = missed + sum(found)
             shares = [f / total for f in found]
+            if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
+                innovation, detection = min(zip(innovations, seen, strict=True), key=lambda pair: abs(pair[0]))
+                self._agility.note(mode.weight * detection.confidence, innovation,
+                                   mode.expected_variance(lag) + detection.azimuth_variance)
             mode.weight *= max(total, 1e-3) ** fresh
             mode.hidden *= missed / total  # what was detected is not hidden
-            if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
-                near = min(range(len(seen)), key=lambda k: abs(innovations[k]))
-                mode.adapt(innovations[near], mode.expected_variance(lag) + seen[near].azimuth_variance,
-                           fresh * seen[near].confidence)
             mode.update_azimuth(lag, innovations, [d.azimuth_variance for d in seen], shares)
             for detection, share in zip(seen, shares, strict=True):
                 mode.update_elevation(detection.elevation, detection.elevation_variance, share)
                 if mode is best and share > 0.5:
                     confidence = max(confidence, detection.confidence)
+        self._agility.adapt(fresh)
         clear = look.best
         if clear is not None and clear.confidence >= settings.machine.tau:
             self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation)
         view_share = width * UNIFORM
-        self._background *= (1.0 - view_share * settings.recall * visibility) ** fresh
+        self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh
         # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
-        self._give_birth(lag, [Newborn(azimuth, d.azimuth_variance, o * fresh, d)
-                               for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
+        self._mixture.give_birth(lag, self._target_motion(), [
+            Newborn(azimuth, d.azimuth_variance, o * fresh, d) for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
         if best is None:
             confidence = max((d.confidence for d in seen), default=0.0)
-        self._tidy()
+        self._mixture.tidy()
         self.machine.see(time, confidence)
 
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may lie ahead of the newest measurement; the filter itself is not moved."""
-        machine, primary = self.machine, self._choose_primary()
+        machine, primary = self.machine, self._mixture.primary()
         ahead = 0.0 if self._time is None else time - self._time
         variance = math.inf if primary is None else primary.expected_variance(-ahead)
-        tracking = (primary is not None and self._background < 0.5 and variance < self.settings.lost_sigma**2
+        tracking = (primary is not None and self._mixture.background < 0.5 and variance < self.settings.lost_sigma**2
                     and ahead < MAX_GAP_S)
         state = machine.step(time, tracking)
         common = {'time': time, 'state': state, 'reason': machine.reason, 'changed': machine.changed,
@@ -207,8 +196,8 @@ class BayesTracker:
             return Track(**common)
         yaw = self.motion.yaw(time)
         azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
-        front = self._front_probability(yaw, ahead)
-        share = self._share_of(primary)
+        front = self._mixture.front_probability(yaw, ahead)
+        share = self._mixture.share_of(primary)
         decided = share >= self.settings.decide and max(front, 1.0 - front) >= self.settings.doubt
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
@@ -221,7 +210,7 @@ class BayesTracker:
             elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
             azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
             measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
-            requested_rotation=self._rotation(time, yaw), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
+            requested_rotation=self._rotation(time, yaw, primary), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
             sight_weight=sight_weight * (1.0 - 0.5 * sound_weight))
 
     def _advance(self, time: float) -> float:
@@ -234,74 +223,23 @@ class BayesTracker:
         if dt <= 0.0:
             return -dt
         kept = math.exp(-self.settings.loss_rate * dt)
-        for mode in self._modes:
-            mode.predict(dt, self._target_motion)
-            mode.weight *= kept
-        self._background += (1.0 - kept) * (1.0 - self._background)
+        self._mixture.predict(dt, self._target_motion(), kept)
         self._time = time
         return 0.0
 
-    def _give_birth(self, lag: float, newborns: Sequence[Newborn]) -> None:
-        """Move weight from the background to directions where something was heard or seen."""
-        known = tuple(self._modes)
-        for new in newborns:
-            weight = self._background * min(new.ratio, 50.0)
-            explaining = next((mode for mode in known if mode.innovation(new.azimuth, lag) ** 2
-                               < 9.0 * (mode.expected_variance(lag) + new.variance)), None)
-            if explaining is not None:
-                explaining.weight += weight
-                continue
-            mode = Mode(weight, new.azimuth, new.variance, 0.0, self.settings.rate_sigma**2,
-                        self._target_motion.usual_elevation, self._target_motion.usual_elevation_variance)
-            if new.detection is not None:
-                mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
-            mode.predict(lag, self._target_motion)
-            self._modes.append(mode)
+    def _target_motion(self) -> Motion:
+        settings = self.settings
+        return Motion(self._agility.value * settings.acceleration_density, settings.elevation_density,
+                      settings.usual_elevation, settings.usual_elevation_sigma**2)
 
-    def _tidy(self) -> None:
-        """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
-        modes = sorted(self._modes, key=lambda mode: -mode.weight)
-        total = self._background + sum(mode.weight for mode in modes)
-        self._modes = []
-        self._background /= total
-        for mode in modes:
-            mode.weight /= total
-            twin = next((kept for kept in self._modes if kept.resembles(mode)), None)
-            if twin is not None:
-                twin.absorb(mode)
-            elif mode.weight < 1e-6 or mode.azimuth_variance > self.settings.lost_sigma**2:
-                self._background += mode.weight
-            else:
-                self._modes.append(mode)
-        self._background = max(self._background, 1e-9)
-
-    def _choose_primary(self) -> Mode | None:
-        """The heaviest mode; the one chosen before stays until another is clearly heavier."""
-        heaviest = max(self._modes, key=lambda mode: mode.weight, default=None)
-        incumbent = self._primary
-        if not any(mode is incumbent for mode in self._modes) or heaviest.weight > 1.5 * incumbent.weight:
-            self._primary = heaviest
-        return self._primary
-
-    def _share_of(self, primary: Mode) -> float:
-        """Probability, given that there is a target, of the bearing of `primary`: modes that agree with it count."""
-        agreeing = sum(mode.weight for mode in self._modes if abs(mode.innovation(primary.azimuth, 0.0)) < AGREE)
-        return agreeing / sum(mode.weight for mode in self._modes)
-
-    def _front_probability(self, yaw: float, ahead: float) -> float:
-        total = sum(mode.weight for mode in self._modes)
-        front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
-                    for mode in self._modes)
-        return front / total
-
-    def _rotation(self, time: float, yaw: float) -> float:
+    def _rotation(self, time: float, yaw: float, primary: Mode) -> float:
         if self._resolved:
             self.planner.cancel()
             return 0.0
         images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
-                  for mode in self._modes]
+                  for mode in self._mixture.modes]
         first = max(images, key=lambda image: image.weight)
-        if self._share_of(self._primary) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
+        if self._mixture.share_of(primary) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
             images = [first, replace(first, azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 

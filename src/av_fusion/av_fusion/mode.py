@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 from av_common.angles import wrap
 
 PASSING_S = 0.5  # for so long a passing target accelerates
-LEAST_AGILITY, MOST_AGILITY = 0.2, 40.0
 HIDING_S = 5.0  # fog changes in
-USUAL_SURPRISE, ALERT, CALM = 1.0, 3.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -56,7 +54,6 @@ class Mode:
     ae: float = 0.0
     re: float = 0.0
     seen: bool = False
-    agility: float = 1.0  # times the usual acceleration
     hidden: float = 0.0  # probability that fog hides the target where it is
     looked: float = -math.inf  # when that was last reckoned
 
@@ -69,7 +66,7 @@ class Mode:
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
         """
         passing = min(self.rate * self.rate, 0.5)
-        q = self.agility * motion.acceleration_density + PASSING_S * passing * passing
+        q = motion.acceleration_density + PASSING_S * passing * passing
         wander = motion.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
         kept = math.exp(-0.5 * dt * motion.elevation_density / motion.usual_elevation_variance)
         self.azimuth = float(wrap(self.azimuth + dt * self.rate))
@@ -155,16 +152,6 @@ class Mode:
         overlooked = max(1.0 - chance, 1e-3) ** fresh
         self.hidden /= max(self.hidden + (1.0 - self.hidden) * overlooked, 1e-9)
         return missed
-
-    def adapt(self, innovation: float, total: float, fresh: float) -> None:
-        """Believe in more acceleration after surprises, in less without (Bar-Shalom, Li, Kirubarajan 2001, section 11.2.2).
-
-        `fresh` is the share of the measurement that is new evidence: errors of overlapping windows are alike, and surprise
-        less than their variance says.
-        """
-        surprise = min(innovation * innovation / total, 9.0) - USUAL_SURPRISE
-        change = (ALERT if surprise > 0.0 else CALM) * fresh * surprise
-        self.agility = min(max(self.agility * math.exp(change), LEAST_AGILITY), MOST_AGILITY)
 
     def split(self, axis: float, lag: float) -> list[Mode]:
         """The mode cut in two where it lies on both sides of an axis (world azimuth) `lag` s ago, else alone.

@@ -17,7 +17,8 @@ from av_common.angles import wrap
 
 HORIZON = np.arange(0.1, 6.05, 0.1)  # s ahead, in which a decision is looked for
 MADE = math.radians(2.0)  # a turn is made when less than this is left
-SOONER_S = 0.8  # the other way must promise this much before the rig turns back
+SOONER_S = 2.0  # the other way must promise this much before the rig turns back
+RETHINK_S = 0.1  # between reckonings
 SIGHT_NATS = 6.0  # what a look at one of the images tells in clear air
 
 
@@ -60,6 +61,7 @@ class RotationPlanner:
         self._since: float | None = None
         self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
+        self._reckoned = -math.inf
         self._centre: float | None = None
 
     def cancel(self) -> None:
@@ -87,6 +89,9 @@ class RotationPlanner:
         left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > MADE}
         if not left:
             return 0.0
+        if self._direction in left and abs(time - self._reckoned) < RETHINK_S:
+            return self._direction * left[self._direction]
+        self._reckoned = time
         visibility = visibility if math.isfinite(visibility) else 0.0
         first, second = sorted(images, key=lambda image: -image.weight)[:2]
         expected = {direction: expected_time(direction * room, first, second, axis, visibility, settings)

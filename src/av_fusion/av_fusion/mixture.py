@@ -1,0 +1,98 @@
+"""The posterior: modes where the target may be, and a uniform background that says it is elsewhere, or that there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from av_fusion.measurements import Detection
+from av_fusion.mode import Mode, Motion, share_within
+
+AGREE = math.radians(10.0)  # modes closer together than this are one bearing
+HEAVIER = 1.5  # another mode must weigh so many times as much to become the primary one
+LIGHTEST = 1e-6  # what weighs less is no mode
+
+
+@dataclass(frozen=True)
+class Newborn:
+    """A direction in the world that may start a mode: `ratio` of the background's weight belongs to it."""
+
+    azimuth: float
+    variance: float
+    ratio: float
+    detection: Detection | None = None
+
+
+class Mixture:
+    """Weights of modes and background sum to one after `tidy`. Azimuths in rad, in the world; `lag` in s before now."""
+
+    def __init__(self, rate_variance: float, lost_variance: float) -> None:
+        self.modes: list[Mode] = []
+        self.background = 1.0
+        self._rate_variance, self._lost_variance = rate_variance, lost_variance
+        self._primary: Mode | None = None
+
+    def predict(self, dt: float, motion: Motion, kept: float) -> None:
+        """Move every mode by `dt` s; all but the share `kept` of what is known is forgotten."""
+        for mode in self.modes:
+            mode.predict(dt, motion)
+            mode.weight *= kept
+        self.background += (1.0 - kept) * (1.0 - self.background)
+
+    def split(self, axis: float, lag: float) -> None:
+        """Cut modes that lie on both sides of an axis."""
+        self.modes = [part for mode in self.modes for part in mode.split(axis, lag)]
+
+    def give_birth(self, lag: float, motion: Motion, newborns: Sequence[Newborn]) -> None:
+        """Move weight from the background to directions where something was heard or seen."""
+        known = tuple(self.modes)
+        for new in newborns:
+            weight = self.background * min(new.ratio, 50.0)
+            explaining = next((mode for mode in known if mode.innovation(new.azimuth, lag) ** 2
+                               < 9.0 * (mode.expected_variance(lag) + new.variance)), None)
+            if explaining is not None:
+                explaining.weight += weight
+                continue
+            mode = Mode(weight, new.azimuth, new.variance, 0.0, self._rate_variance, motion.usual_elevation,
+                        motion.usual_elevation_variance)
+            if new.detection is not None:
+                mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
+            mode.predict(lag, motion)
+            self.modes.append(mode)
+
+    def tidy(self) -> None:
+        """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
+        modes = sorted(self.modes, key=lambda mode: -mode.weight)
+        total = self.background + sum(mode.weight for mode in modes)
+        self.modes = []
+        self.background /= total
+        for mode in modes:
+            mode.weight /= total
+            twin = next((kept for kept in self.modes if kept.resembles(mode)), None)
+            if twin is not None:
+                twin.absorb(mode)
+            elif mode.weight < LIGHTEST or mode.azimuth_variance > self._lost_variance:
+                self.background += mode.weight
+            else:
+                self.modes.append(mode)
+        self.background = max(self.background, 1e-9)
+
+    def primary(self) -> Mode | None:
+        """The heaviest mode; the one chosen before stays until another is clearly heavier."""
+        heaviest = max(self.modes, key=lambda mode: mode.weight, default=None)
+        incumbent = self._primary
+        if not any(mode is incumbent for mode in self.modes) or heaviest.weight > HEAVIER * incumbent.weight:
+            self._primary = heaviest
+        return self._primary
+
+    def share_of(self, primary: Mode) -> float:
+        """Probability, given that there is a target, of the bearing of `primary`: modes that agree with it count."""
+        agreeing = sum(mode.weight for mode in self.modes if abs(mode.innovation(primary.azimuth, 0.0)) < AGREE)
+        return agreeing / sum(mode.weight for mode in self.modes)
+
+    def front_probability(self, yaw: float, ahead: float) -> float:
+        """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s."""
+        front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
+                    for mode in self.modes)
+        return front / sum(mode.weight for mode in self.modes)
