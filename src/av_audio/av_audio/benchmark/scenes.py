@@ -142,7 +142,7 @@ def pyroomacoustics_finder(method: str, band_hz: tuple[float, float] = SETTINGS.
 
     def azimuth(window: NDArray) -> float:
         frames = pyroomacoustics.transform.stft.analysis(window.astype(float), 1024, 512)
-        finder.locate_sources(frames.transpose(2, 1, 0), freq_range=list(band_hz))
+        finder.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=list(band_hz))
         return float(finder.azimuth_recon[0])
 
     return azimuth

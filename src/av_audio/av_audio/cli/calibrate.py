@@ -62,7 +62,3 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(f'calibrate: {error}')
     print(calibration.report())
     print(f'written to {options.output}')
-
-
-if __name__ == '__main__':
-    main()
