@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -23,11 +24,14 @@ class Chain:
         self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing
         self._state: Any = None
 
+    @property
+    def due(self) -> float:
+        """When something is said next, even if nothing comes."""
+        return math.inf if self._fusing is None else self._fusing.due
+
     def wait(self, now: float) -> Iterable[Output]:
         """What is said until `now` though nothing came."""
-        if self._fusing is None or now < self._fusing.due:
-            return ()
-        return self._point(self._fusing.wait(now))
+        return () if self._fusing is None else self._point(self._fusing.wait(now))
 
     def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
         """What a message leads to."""

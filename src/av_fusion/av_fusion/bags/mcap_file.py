@@ -7,7 +7,6 @@ replay.
 from __future__ import annotations
 
 import struct
-from array import array
 from typing import Protocol
 from zlib import crc32
 
@@ -35,6 +34,7 @@ LIBRARY = 'av_fusion'
 # Opcode, length of the rest, channel, sequence, log time, publish time; the data follow.
 _MESSAGE = struct.Struct('<BQHIQQ')
 _MESSAGE_HEAD = _MESSAGE.size - 9
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)
 # Opcode, length of the rest, channel, length of what follows.
 _INDEX = struct.Struct('<BQHI')
 COMPRESSORS = {'': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
@@ -88,15 +88,17 @@ class McapFile:
         self._content += _bytes_of(self._channels[-1])
         return self._channels[-1].id
 
-    def add_message(self, channel: int, time_ns: int, data: bytes | memoryview) -> None:
-        """Append a message."""
-        self._index.setdefault(channel, array('Q')).extend((time_ns, len(self._content)))
-        self._content += _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_HEAD + len(data), channel, self._counts[channel - 1],
-                                       time_ns, time_ns)
-        self._content += data
-        self._counts[channel - 1] += 1
-        if len(self._content) > self._chunk_bytes:
-            self.end_chunk()
+    def add_message(self, channel: int, time_ns: int, data: bytes | memoryview) -> bool:
+        """Append a message; whether it filled a chunk, which is then written."""
+        content, count = self._content, self._counts[channel - 1]
+        self._counts[channel - 1] = count + 1
+        self._index.setdefault(channel, []).extend((time_ns, len(content)))
+        content += _MESSAGE.pack(_MESSAGE_OPCODE, _MESSAGE_HEAD + len(data), channel, count, time_ns, time_ns)
+        content += data
+        if len(content) <= self._chunk_bytes:
+            return False
+        self.end_chunk()
+        return True
 
     def end_chunk(self) -> None:
         """Write what came so far, so that it can be read from the stream."""
@@ -150,13 +152,13 @@ class McapFile:
 
     def _start_chunk(self) -> None:
         self._content = bytearray()
-        self._index: dict[int, array] = {}  # time and offset, in turns, of the messages of each channel
+        self._index: dict[int, list[int]] = {}  # time and offset, in turns, of the messages of each channel
 
     def _write(self, record: McapRecord) -> None:
         self._stream.write(_bytes_of(record))
 
 
-def _message_index(channel: int, entries: array) -> bytes:
+def _message_index(channel: int, entries: list[int]) -> bytes:
     content = np.asarray(entries, '<u8').tobytes()
     return _INDEX.pack(Opcode.MESSAGE_INDEX, len(content) + 6, channel, len(content)) + content
 

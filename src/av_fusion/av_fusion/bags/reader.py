@@ -103,11 +103,13 @@ class Bag:
             with suppress(Exception):  # a definition that rosbags cannot parse is taken from here
                 defined.update(_parse(name, text))
         for topic in self.topics.values():
-            if topic.kind not in defined:
-                with suppress(ValueError):
-                    learn(topic.kind)
+            with suppress(ValueError):
+                learn(topic.kind)
+        installed = rig_types()
+        if all(installed.fielddefs.get(name) == fields for name, fields in defined.items()):
+            return installed  # as of a bag made here: making the types again takes long
         types = get_typestore(Stores.EMPTY)
-        types.register({**rig_types().fielddefs, **defined})
+        types.register({**installed.fielddefs, **defined})
         return types
 
     def close(self) -> None:

@@ -124,10 +124,12 @@ class Replay:
                 self._put(out, piece.name, piece.now, piece.data)
                 continue
             for content, data in self._feed.contents(piece):
-                self._put_all(out, self._chain.wait(piece.now))
+                if piece.now >= self._chain.due:
+                    self._put_all(out, self._chain.wait(piece.now))
                 if piece.name not in (names.AUDIO, names.IMAGE):
                     self._put(out, piece.name, piece.now, data)
-                self._compare(piece.name, content, piece.now)
+                if self._others and piece.name == names.AUDIO:
+                    self._compare(content, piece.now)
                 if piece.name in (names.TRUE_TARGET, names.TRUE_RIG):
                     self._journal.know(piece.name, content)
                 else:
@@ -135,9 +137,9 @@ class Replay:
         self._conclude()
         return self.log
 
-    def _compare(self, name: str, content: Any, now: float) -> None:
+    def _compare(self, content: Any, now: float) -> None:
         """What the other estimators hear in the same sound."""
-        for estimator, hearing in self._others.items() if name == names.AUDIO else ():
+        for estimator, hearing in self._others.items():
             for _, _, message in hearing.take(content, now):
                 self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(message)[:1])
 

@@ -77,8 +77,7 @@ class BagWriter:
 
         Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
         """
-        self._mcap.add_message(self._channels[topic], time_ns, data)
-        if self._stream.waiting > CHUNK_BYTES:
+        if self._mcap.add_message(self._channels[topic], time_ns, data):
             self._stream.commit()
 
     def flush(self, sync: bool = False) -> None:

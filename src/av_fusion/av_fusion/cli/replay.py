@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import sys
 import time
@@ -24,6 +25,7 @@ from av_fusion.evaluation.table import format_table
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, or 1 when the bag cannot be replayed."""
     options = make_parser().parse_args(arguments)
+    gc.set_threshold(100_000)  # nearly nothing made here is cyclic: looking for it costs an eighth of the time
     try:
         return replay(options)
     except (ValueError, OSError) as error:
