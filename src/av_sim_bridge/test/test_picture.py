@@ -198,3 +198,13 @@ def test_the_painter_puts_the_drone_where_the_camera_model_does():
     dark = made.bgr[..., 1] < 60
     assert np.flatnonzero(dark.any(axis=0)).mean() == pytest.approx(centre[0], abs=2.0)
     assert [box.target_id for box in made.boxes] == [2]
+
+
+@pytest.mark.parametrize(('shift', 'fraction'), [(0.0, 0.0), (0.2, 0.5), (0.6, 1.0)])
+def test_the_painter_hides_a_drone_behind_what_stands_before_it(shift, fraction):
+    """A wall at half the distance, moved aside by no, half and more than half a drone's width, as seen there."""
+    board = Solid('box', (3.0, -shift, 2.0), (0.02, 0.5, 1.0), (0.9, 0.9, 0.9))
+    drone = dataclasses.replace(DRONE, position=np.array([6.0, 0.6, 2.5]))
+    made = Painter(CAMERA.model, EMPTY, 1, [board]).render(view(drones=[drone]))
+    assert made.truth[0].visible_fraction == pytest.approx(fraction, abs=0.15)
+    assert bool(made.boxes) == (fraction > 0.0)

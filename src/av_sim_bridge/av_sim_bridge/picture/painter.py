@@ -51,22 +51,36 @@ class Painter:
         solids = self._visible(view)
         drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
         for distance, thing in sorted([*solids, *drones], key=lambda item: -item[0]):
+            clear = float(np.exp(-view.atmosphere.fog * distance))
             if isinstance(thing, Drone):
-                self._draw_drone(bgr, view, thing, distance)
+                self._draw_drone(bgr, view, thing, _fogged(_DRONE, clear), _fogged(_ROTOR, clear))
             else:
-                self._draw_solid(bgr, view, thing, distance)
+                self._draw_solid(bgr, view, thing, _fogged(255.0 * np.array(thing.colour[::-1]), clear))
         bgr = cv2.addWeighted(bgr, 1.0, self._noise[view.index % _NOISES], 1.0, -128.0)
         truth, boxes = [], []
         for distance, drone in drones:
             seen = appearance(self._camera, view, drone)
-            truth.append(TruthBox(drone.target_id, seen and seen.box, float(seen is not None),
+            nearer = [solid for away, solid in solids if away < distance]
+            visible = 0.0 if seen is None else self._visible_share(view, drone, nearer)
+            truth.append(TruthBox(drone.target_id, seen.box if visible else None, visible,
                                   view.atmosphere.transmission(view.position, drone.position), distance))
-            if seen is not None and (box := oracle_box(seen, truth[-1])) is not None:
+            if visible and (box := oracle_box(seen, truth[-1])) is not None:
                 boxes.append(box)
         return Picture(bgr, boxes, truth)
 
     def close(self) -> None:
         """Nothing to give back."""
+
+    def _visible_share(self, view: View, drone: Drone, nearer: list[Solid]) -> float:
+        """Share of the drone's pixels that no nearer solid is painted over."""
+        if not nearer:
+            return 1.0
+        mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
+        self._draw_drone(mask, view, drone, (255.0,), (255.0,))
+        before = np.count_nonzero(mask)
+        for solid in nearer:
+            self._draw_solid(mask, view, solid, (0.0,))
+        return float(np.count_nonzero(mask) / before) if before else 1.0
 
     def _background(self, view: View) -> NDArray:
         upward = self._rays @ view.rotation[2].astype(np.float32)
@@ -91,7 +105,7 @@ class Painter:
         distance = np.linalg.norm(self._places - view.position, axis=1)
         return [(float(distance[n]), self._solids[n]) for n in np.flatnonzero(depth > 0.5 * distance)]
 
-    def _draw_solid(self, bgr: NDArray, view: View, solid: Solid, distance: float) -> None:
+    def _draw_solid(self, image: NDArray, view: View, solid: Solid, colour: tuple[float, ...]) -> None:
         """The outline of its box, or for round ones an ellipse or a triangle of that size."""
         c, s = np.cos(solid.yaw), np.sin(solid.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -99,18 +113,18 @@ class Painter:
         if (corners[:, 2] < 0.1).any():
             return
         pixels = self._camera.project(corners)
-        colour = _fogged(255.0 * np.array(solid.colour[::-1]), float(np.exp(-view.atmosphere.fog * distance)))
         low, high = pixels.min(axis=0), pixels.max(axis=0)
         middle = (low + high) / 2
         if solid.shape == 'ellipsoid':
-            cv2.ellipse(bgr, _fixed(middle), _fixed((high - low) / 2), 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
+            cv2.ellipse(image, _fixed(middle), _fixed((high - low) / 2), 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
             return
         if solid.shape == 'cone':
             pixels = np.array([[low[0], high[1]], [high[0], high[1]], [middle[0], low[1]]])
         hull = cv2.convexHull(np.array([_fixed(pixel) for pixel in pixels], np.int32))
-        cv2.fillConvexPoly(bgr, hull, colour, cv2.LINE_AA, _SUBPIXEL)
+        cv2.fillConvexPoly(image, hull, colour, cv2.LINE_AA, _SUBPIXEL)
 
-    def _draw_drone(self, bgr: NDArray, view: View, drone: Drone, distance: float) -> None:
+    def _draw_drone(self, image: NDArray, view: View, drone: Drone, colour: tuple[float, ...],
+                    rotor_colour: tuple[float, ...]) -> None:
         optical = view.to_optical(np.concatenate([drone.position[np.newaxis], rotor_hubs(drone)]))
         if (optical[:, 2] < 0.1).any():
             return
@@ -118,16 +132,15 @@ class Painter:
         scale = self._camera.fx * drone.size / optical[0, 2]
         if not (-scale < body[0] < self._camera.width + scale and -scale < body[1] < self._camera.height + scale):
             return
-        clear = np.exp(-view.atmosphere.fog * distance)
         # Seen from the side, a rotor's disc is as flat as its axis is perpendicular to the line of sight.
-        flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position))) / distance
+        flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position)))
+        flat /= float(np.linalg.norm(drone.position - view.position))
         for hub in hubs:
-            cv2.line(bgr, _fixed(body), _fixed(hub), _fogged(_DRONE, clear), max(int(0.05 * scale), 1), cv2.LINE_AA,
-                     _SUBPIXEL)
+            cv2.line(image, _fixed(body), _fixed(hub), colour, max(int(0.05 * scale), 1), cv2.LINE_AA, _SUBPIXEL)
             axes = _fixed([0.15 * scale, max(0.15 * scale * flat, 0.6)])
-            cv2.ellipse(bgr, _fixed(hub), axes, 0, 0, 360, _fogged(_ROTOR, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+            cv2.ellipse(image, _fixed(hub), axes, 0, 0, 360, rotor_colour, -1, cv2.LINE_AA, _SUBPIXEL)
         axes = _fixed([max(0.16 * scale, 0.7), max(0.10 * scale, 0.6)])
-        cv2.ellipse(bgr, _fixed(body), axes, 0, 0, 360, _fogged(_DRONE, clear), -1, cv2.LINE_AA, _SUBPIXEL)
+        cv2.ellipse(image, _fixed(body), axes, 0, 0, 360, colour, -1, cv2.LINE_AA, _SUBPIXEL)
 
 
 def _fogged(colour: NDArray, clear: float) -> tuple[float, ...]:
