@@ -1,6 +1,6 @@
 """How long a bearing takes to become a command to the vehicle: pointing_node and px4_node, each a process, timed from outside.
 
-ros2 run av_px4 benchmark [--seconds 20] [--rate 50]
+ros2 run av_px4 benchmark [--seconds 20] [--rate 50]        needs px4_msgs; without them see docs/px4.md
 """
 
 from __future__ import annotations
@@ -128,3 +128,7 @@ def main() -> None:
         print(f'{name:34}' + ''.join(f'{value:8.2f}' for value in figures) + f'      {len(took)} of {timer.bearings}')
         worst = max(worst, float(figures[1]))
     sys.exit(worst >= LATEST)
+
+
+if __name__ == '__main__':
+    main()
