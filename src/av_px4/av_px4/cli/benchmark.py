@@ -18,6 +18,7 @@ import numpy as np
 import rclpy
 from std_msgs.msg import Header
 
+from av_common.node import Executor
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing
@@ -48,11 +49,13 @@ class Timer:
 
     def run(self, seconds: float, rate: float) -> None:
         """Send bearings at `rate` Hz for a time, counted from the first command to the gimbal."""
+        executor = Executor()
+        executor.add_node(self._node)
         begin, ready, due, ticks = time.monotonic(), None, time.monotonic(), 0
         while ready is None or time.monotonic() < ready + seconds:
             if ready is None and time.monotonic() > begin + 30.0:
                 raise RuntimeError('no command to the gimbal within 30 s')
-            rclpy.spin_once(self._node, timeout_sec=max(0.0, min(due - time.monotonic(), 0.002)))
+            executor.spin_once(timeout_sec=max(0.0, due - time.monotonic()))
             if time.monotonic() >= due:
                 self._send_vehicle(ticks)
                 if ticks % max(1, round(200.0 / rate)) == 0:
