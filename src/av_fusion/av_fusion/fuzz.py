@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-
-import numpy as np
+from random import Random
 
 from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
@@ -34,11 +33,11 @@ class Sequence:
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
-        self._random = np.random.default_rng(seed)
+        self._random = Random(seed)
         self._tracker = BayesTracker() if self._chance(0.8) else GatedTracker()
         self._pointing = PointingController()
-        self._now = float(self._random.choice([0.0, 1000.0, 1.7e9]))
-        self._absurd = float(self._random.choice([0.02, 0.2, 0.7]))
+        self._now = self._random.choice([0.0, 1000.0, 1.7e9])
+        self._absurd = self._random.choice([0.02, 0.2, 0.7])
         self._before: Command | None = None
         self._sent: list[Sound | Look] = []
 
@@ -56,18 +55,18 @@ class Sequence:
 
     def _step(self) -> float:
         """Send one message and let time pass; returns the seconds that count for the controller."""
-        kind = self._random.integers(4)
+        kind = self._random.randrange(4)
         if kind == 0:
             self._tracker.add_pose(self._stamp(), self._angle(), self._value(0.0, 1.0))
         elif kind == 1 and self._sent and self._chance(0.3):
-            self._send(self._sent[self._random.integers(len(self._sent))])
+            self._send(self._sent[self._random.randrange(len(self._sent))])
         elif kind == 2:
-            self._send(Look(self._stamp(), tuple(self._detection() for _ in range(self._random.integers(4))),
+            self._send(Look(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
                             self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
         else:
-            self._send(Sound(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.integers(4))),
+            self._send(Sound(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.randrange(4))),
                              self._value(0.7, 0.3), self._value(0.5, 0.1)))
-        passed = float(self._random.choice([0.0, STEP, 0.05, 0.5, -0.1, 30.0], p=[0.1, 0.5, 0.3, 0.06, 0.03, 0.01]))
+        passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
         self._now += passed
         self._pointing.enabled = self._chance(0.9)
         self._track = self._tracker.estimate(self._now)
@@ -107,22 +106,22 @@ class Sequence:
             self._tracker.add_look(message)
 
     def _chance(self, probability: float) -> bool:
-        return bool(self._random.random() < probability)
+        return self._random.random() < probability
 
     def _value(self, mean: float, sigma: float) -> float:
-        return float(self._random.choice(ABSURD)) if self._chance(self._absurd) else float(self._random.normal(mean, sigma))
+        return self._random.choice(ABSURD) if self._chance(self._absurd) else self._random.gauss(mean, sigma)
 
     def _angle(self) -> float:
         return self._value(0.0, 2.0)
 
     def _variance(self) -> float:
-        return float(self._random.choice(ABSURD)) if self._chance(self._absurd) else 10.0 ** self._random.uniform(-8, 2)
+        return self._random.choice(ABSURD) if self._chance(self._absurd) else 10.0 ** self._random.uniform(-8, 2)
 
     def _stamp(self) -> float:
         if self._chance(self._absurd):
-            return float(self._random.choice([math.nan, math.inf, 0.0, -5.0, self._now + 1e6, self._now - 1e6]))
-        late = self._random.choice([0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0], p=[0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05])
-        return self._now + float(late)
+            return self._random.choice([math.nan, math.inf, 0.0, -5.0, self._now + 1e6, self._now - 1e6])
+        late = self._random.choices((0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0), (0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05))
+        return self._now + late[0]
 
     def _hypothesis(self) -> Hypothesis:
         return Hypothesis(self._angle(), self._variance(), self._value(0.2, 0.3), self._variance())
@@ -131,7 +130,7 @@ class Sequence:
         return Detection(self._angle(), self._variance(), self._value(0.6, 0.3), self._value(0.2, 0.3), self._variance())
 
     def _wild_track(self) -> Track:
-        return Track(self._stamp(), State(int(self._random.integers(4))), azimuth=self._angle(), elevation=self._angle(),
+        return Track(self._stamp(), State(self._random.randrange(4)), azimuth=self._angle(), elevation=self._angle(),
                      azimuth_variance=self._variance(), elevation_variance=self._variance(),
                      azimuth_world_rate=self._value(0.0, 1.0), resolved=self._chance(0.5),
                      requested_rotation=self._value(0.0, 1.0))

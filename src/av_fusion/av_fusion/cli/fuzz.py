@@ -24,9 +24,13 @@ def main(arguments: list[str] | None = None) -> int:
     begun, broken = time.monotonic(), []
     starts = range(options.seed, options.seed + options.sequences, CHUNK)
     counts = [min(CHUNK, options.seed + options.sequences - start) for start in starts]
+    done = 0
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
-        for found in pool.map(fuzz, starts, counts, [options.messages] * len(starts)):
+        for found, count in zip(pool.map(fuzz, starts, counts, [options.messages] * len(starts)), counts, strict=True):
             broken += found
+            done += count
+            if sys.stderr.isatty():
+                print(f'\r{done} of {options.sequences} sequences, {len(broken)} broken', end='', file=sys.stderr, flush=True)
             for one in found[:max(0, 10 - len(broken) + len(found))]:
                 print(f'sequence {one.seed}: {one.what}', flush=True)
     print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: '
