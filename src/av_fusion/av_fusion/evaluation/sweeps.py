@@ -38,7 +38,7 @@ SWEEPS = {
                  lambda value: (('weather.fog', value),)),
     'distance': Sweep('Distance of the drone, 10 dB at 10 m', 'm', 'circle', (5.0, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0),
                       lambda value: (('targets.0.trajectory.radius', value),)),
-    'speed': Sweep('Angular speed of the drone', 'deg/s', 'fog_woodland', (5.0, 10.0, 20.0, 30.0, 45.0, 60.0),
+    'speed': Sweep('Angular speed of the drone, in clear air', 'deg/s', 'circle', (5.0, 10.0, 20.0, 30.0, 45.0, 60.0),
                    lambda value: (('targets.0.trajectory.period', 360.0 / value),)),
     'spacing': Sweep('Distance between the microphones', 'm', 'fog_woodland', (0.05, 0.1, 0.15, 0.2, 0.3, 0.5),
                      lambda value: (), array=True),
