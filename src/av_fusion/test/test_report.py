@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from av_fusion.cli.sweep import main as run_sweep
+from av_fusion.evaluation import program
 from av_fusion.evaluation.comparison import write_json
 from av_fusion.evaluation.measured import BEGIN, END, disagreement, measured_table, write_readme
 from av_fusion.evaluation.paper import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
@@ -84,6 +86,15 @@ def test_sweeps_lead_to_scenarios_that_can_be_flown(tmp_path):
         assert changed_scenario(cases[0]) is not None
     spacing = cases_of_sweep(SWEEPS['spacing'], 1, 10.0, tmp_path)[0.3][0]
     assert np.ptp(MicrophoneArray.load(spacing.array).positions[:, 1]) == pytest.approx(0.3)
+
+
+def test_programs_say_what_is_wrong_and_how_to_go_on(tmp_path, monkeypatch, capsys):
+    """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
+    assert run_sweep(['wind', '--out', str(tmp_path)]) == 2
+    assert "'wind' is no sweep, only snr" in capsys.readouterr().err
+    monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+    assert run_sweep(['snr', '--out', str(tmp_path)]) == 130
+    assert 'the same command goes on where it stopped' in capsys.readouterr().err
 
 
 def test_labels_become_azimuths(tmp_path):
