@@ -91,7 +91,7 @@ def test_dense_fog_never_flips_a_right_hemisphere():
     tracker = BayesTracker()
     run(tracker, Senses(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
     _, tracks, _ = run(tracker, Senses(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
-    assert all(track.front_probability > 0.9 for track in tracks)
+    assert all(track.front_probability > 0.99 for track in tracks)
 
 
 def test_tracks_a_moving_target_from_a_turning_rig():
@@ -102,7 +102,7 @@ def test_tracks_a_moving_target_from_a_turning_rig():
         folded = [math.asin(math.sin(track.azimuth)) - math.asin(math.sin(truth))  # nothing tells the hemisphere here
                   for track, truth in zip(tracks[480:], truths[480:], strict=True)]
         found.append(math.degrees(float(np.sqrt(np.mean(np.square(folded))))))
-    assert np.median(found) < 2.0 and max(found) < 6.0
+    assert max(found) < 2.0
 
 
 def test_late_measurements_count_at_their_own_time():
@@ -163,7 +163,7 @@ def test_nothing_seen_in_fog_never_flips_a_right_hemisphere(seed):
         tracker.add_sound(senses.hear(t, path(t)))
         tracker.add_look(senses.look(t, 3.0, 0.02))
         track = tracker.estimate(t)
-        assert track.front_probability > 0.8 and track.resolved
+        assert track.front_probability > 0.95 and track.resolved
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -185,7 +185,7 @@ def test_a_second_drone_does_not_break_the_track(seed):
 
 
 def test_order_of_arrival_hardly_matters():
-    """Looks that arrive 0.2 s late among sounds in time: as in order, within half a sigma; sigma within a factor of 1.7."""
+    """Looks that arrive 0.2 s late among sounds in time: as in order, within 0.3 of sigma; sigma within a factor of 1.6."""
     for seed in range(3):
         senses, messages = Senses(seed), []
         for step in range(120):
@@ -199,5 +199,5 @@ def test_order_of_arrival_hardly_matters():
             for _, message in sorted(messages, key=key):
                 (tracker.add_sound if isinstance(message, Sound) else tracker.add_look)(message)
         one, other = in_order.estimate(106.3), as_arrived.estimate(106.3)
-        assert abs(one.azimuth - other.azimuth) < math.sqrt(one.azimuth_variance) / 2.0
-        assert 0.3 < other.azimuth_variance / one.azimuth_variance < 3.0
+        assert abs(one.azimuth - other.azimuth) < 0.3 * math.sqrt(one.azimuth_variance)
+        assert 0.4 < other.azimuth_variance / one.azimuth_variance < 2.5
