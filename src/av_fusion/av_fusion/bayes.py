@@ -112,6 +112,7 @@ class BayesTracker:
         self._agility.adapt(fresh)
         self._mixture.give_birth(lag, self._target_motion(), [
             Newborn(azimuth, variance * fresh, prior * fresh) for azimuth, variance in zip(azimuths, variances, strict=True)])
+        self._mixture.background *= 1.0 - (1.0 - clutter) * fresh  # what went to the newborns
         self._mixture.tidy()
         self.machine.hear(time, sound.confidence)
 
@@ -197,8 +198,8 @@ class BayesTracker:
         yaw = self.motion.yaw(time)
         azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
         front = self._mixture.front_probability(yaw, ahead)
-        share = self._mixture.share_of(primary)
-        decided = share >= self.settings.decide and max(front, 1.0 - front) >= self.settings.doubt
+        share = self._share_of(primary, yaw)
+        decided = min(share, max(front, 1.0 - front)) >= self.settings.decide
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
@@ -232,6 +233,9 @@ class BayesTracker:
         return Motion(self._agility.value * settings.acceleration_density, settings.elevation_density,
                       settings.usual_elevation, settings.usual_elevation_sigma**2)
 
+    def _share_of(self, primary: Mode, yaw: float) -> float:
+        return self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
+
     def _rotation(self, time: float, yaw: float, primary: Mode) -> float:
         if self._resolved:
             self.planner.cancel()
@@ -239,7 +243,7 @@ class BayesTracker:
         images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
                   for mode in self._mixture.modes]
         first = max(images, key=lambda image: image.weight)
-        if self._mixture.share_of(primary) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
+        if self._share_of(primary, yaw) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
             images = [first, replace(first, azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from av_fusion.measurements import Detection
 from av_fusion.mode import Mode, Motion, share_within
 
-AGREE = math.radians(10.0)  # modes closer together than this are one bearing
+AGREE, NEAR = math.radians(10.0), math.radians(25.0)  # modes closer together than this are one bearing, on the same side
 HEAVIER = 1.5  # another mode must weigh so many times as much to become the primary one
 LIGHTEST = 1e-6  # what weighs less is no mode
 
@@ -86,9 +86,16 @@ class Mixture:
             self._primary = heaviest
         return self._primary
 
-    def share_of(self, primary: Mode) -> float:
-        """Probability, given that there is a target, of the bearing of `primary`: modes that agree with it count."""
-        agreeing = sum(mode.weight for mode in self.modes if abs(mode.innovation(primary.azimuth, 0.0)) < AGREE)
+    def share_of(self, primary: Mode, axis: float) -> float:
+        """Probability, given that there is a target, of the bearing of `primary`.
+
+        Modes that agree with it count, and what lies around it on its side of an axis (world azimuth) that sounds are mirrored
+        about; nan for none.
+        """
+        side, agreeing = math.sin(primary.azimuth - axis), 0.0
+        for mode in self.modes:
+            apart = abs(mode.innovation(primary.azimuth, 0.0))
+            agreeing += mode.weight * (apart < AGREE or (apart < NEAR and side * math.sin(mode.azimuth - axis) > 0.0))
         return agreeing / sum(mode.weight for mode in self.modes)
 
     def front_probability(self, yaw: float, ahead: float) -> float:

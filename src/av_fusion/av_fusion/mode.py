@@ -190,8 +190,8 @@ class Mode:
             self.seen = True
 
     def resembles(self, other: Mode) -> bool:
-        """Whether both say the same of azimuth and rate, as far as they know (half a standard deviation)."""
-        return (float(wrap(other.azimuth - self.azimuth)) ** 2 < 0.25 * (self.azimuth_variance + other.azimuth_variance)
+        """Whether both say the same of azimuth and rate, as far as they know: their sum has but one peak."""
+        return (float(wrap(other.azimuth - self.azimuth)) ** 2 < (self.azimuth_variance + other.azimuth_variance)
                 and (other.rate - self.rate) ** 2 < self.rate_variance + other.rate_variance)
 
     def absorb(self, other: Mode) -> None:
