@@ -5,10 +5,12 @@ Quaternions are (w, x, y, z) unless a name says otherwise, as in transforms3d; m
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from transforms3d.euler import euler2mat
-from transforms3d.quaternions import quat2mat
 
 from av_common.angles import wrap
 
@@ -44,10 +46,10 @@ def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
     return wrap(np.pi / 2.0 - np.asarray(yaw_rad, float))
 
 
-def yaw_of(quaternion: ArrayLike) -> float:
-    """Yaw in rad of an attitude (w, x, y, z): the direction of the body's x axis seen from above."""
-    forward = quat2mat(np.asarray(quaternion, float))[:, 0]
-    return float(np.arctan2(forward[1], forward[0]))
+def yaw_of(quaternion: Sequence[float]) -> float:
+    """Yaw in rad of an attitude (w, x, y, z) of any length: the direction of the body's x axis seen from above."""
+    w, x, y, z = quaternion
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray:

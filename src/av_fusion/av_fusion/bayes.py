@@ -198,20 +198,18 @@ class BayesTracker:
         yaw = self.motion.yaw(time)
         azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
         front = self._mixture.front_probability(yaw, ahead)
-        share = self._share_of(primary, yaw)
+        share = self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
         decided = min(share, max(front, 1.0 - front)) >= self.settings.decide
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
-        source = Source.NOTHING
-        for sense, weight in ((Source.SIGHT, sight_weight), (Source.SOUND, sound_weight)):
-            source |= sense if weight else Source.NOTHING
+        source = Source((Source.SIGHT.value if sight_weight else 0) | (Source.SOUND.value if sound_weight else 0))
         return Track(
             **common, source=source, azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
             elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
             azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
             measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
-            requested_rotation=self._rotation(time, yaw, primary), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
+            requested_rotation=self._rotation(time, yaw, share), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
             sight_weight=sight_weight * (1.0 - 0.5 * sound_weight))
 
     def _advance(self, time: float) -> float:
@@ -233,17 +231,14 @@ class BayesTracker:
         return Motion(self._agility.value * settings.acceleration_density, settings.elevation_density,
                       settings.usual_elevation, settings.usual_elevation_sigma**2)
 
-    def _share_of(self, primary: Mode, yaw: float) -> float:
-        return self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
-
-    def _rotation(self, time: float, yaw: float, primary: Mode) -> float:
+    def _rotation(self, time: float, yaw: float, share: float) -> float:
         if self._resolved:
             self.planner.cancel()
             return 0.0
         images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
                   for mode in self._mixture.modes]
         first = max(images, key=lambda image: image.weight)
-        if self._share_of(primary, yaw) >= self.settings.decide:  # one bearing, on the axis: front or back of it?
+        if share >= self.settings.decide:  # one bearing, on the axis: front or back of it?
             images = [first, replace(first, azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,12 +22,12 @@ def sounds_in_body(time: float, directions: ArrayLike, azimuth_variances: Sequen
 
     `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
     """
-    azimuths, elevations = direction_to_angles(np.asarray(directions, float).reshape(-1, 3) @ rotation.T)
+    turned = (np.asarray(directions, float).reshape(-1, 3) @ rotation.T).tolist()  # a handful: plain numbers are faster
     sounds = []
     for group in dict.fromkeys(groups):
         members = [k for k, g in enumerate(groups) if g == group]
-        hypotheses = tuple(Hypothesis(float(azimuths[k]), float(azimuth_variances[k]), float(elevations[k]),
-                                      float(elevation_variances[k])) for k in members)
+        hypotheses = tuple(Hypothesis(math.atan2(y, x), float(azimuth_variances[k]), math.atan2(z, math.hypot(x, y)),
+                                      float(elevation_variances[k])) for k in members for x, y, z in (turned[k],))
         sounds.append(Sound(time, hypotheses, max(float(confidences[k]) for k in members), window))
     return sorted(sounds, key=lambda sound: -sound.confidence)
 

@@ -60,29 +60,31 @@ class FusionNode(RigNode):
     def _now(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
 
-    def _is_foreign(self, header: Header) -> bool:
+    def _is_foreign(self, header: Header, now: float) -> bool:
         """Whether a stamp stems from another clock than this node's."""
-        foreign = abs(to_seconds(header.stamp) - self._now()) > CLOCK_TOLERANCE_S
+        foreign = abs(to_seconds(header.stamp) - now) > CLOCK_TOLERANCE_S
         self._foreign += foreign
         return foreign
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        if self._is_foreign(message.header):
+        now = self._now()
+        if self._is_foreign(message.header, now):
             return
         for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
             self._tracker.add_sound(sound)
-        self._publish()
+        self._publish(now)
 
     def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
         stamp, visibility = self._visibility
-        if self._is_foreign(message.header):
+        now = self._now()
+        if self._is_foreign(message.header, now):
             return
         look = self._senses.look(message, visibility if abs(to_seconds(message.header.stamp) - stamp) < 1.0 else math.nan)
         if look is not None:
             self._tracker.add_look(look)
-            self._publish()
+            self._publish(now)
 
     def _on_visibility(self, message: Visibility) -> None:
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
@@ -90,19 +92,19 @@ class FusionNode(RigNode):
     def _on_odometry(self, message: Odometry) -> None:
         self._meters['odometry'].tick()
         q = message.pose.pose.orientation
-        if not self._is_foreign(message.header) and q.w**2 + q.x**2 + q.y**2 + q.z**2 > 0.5:
+        if not self._is_foreign(message.header, self._now()) and q.w**2 + q.x**2 + q.y**2 + q.z**2 > 0.5:
             yaw = yaw_of([q.w, q.x, q.y, q.z])
             self._tracker.add_pose(to_seconds(message.header.stamp), yaw, message.twist.twist.angular.z)
 
     def _on_timer(self) -> None:
-        if self._now() - self._last_published > 0.9 / self._settings.rate:
-            self._publish()
+        now = self._now()
+        if now - self._last_published > 0.9 / self._settings.rate:
+            self._publish(now)
 
     def _missing(self) -> list[str]:
         return [name for name, meter in self._meters.items() if meter.age > 1.0]
 
-    def _publish(self) -> None:
-        now = self._now()
+    def _publish(self, now: float) -> None:
         self._last_published = now
         track = self._tracker.estimate(now)
         header = Header(stamp=to_stamp(now), frame_id=self._settings.base_frame)
