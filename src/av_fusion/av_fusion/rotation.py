@@ -18,7 +18,7 @@ from av_common.angles import wrap
 HORIZON = np.arange(0.1, 6.05, 0.1)  # s ahead, in which a decision is looked for
 MADE = math.radians(2.0)  # a turn is made when less than this is left
 SOONER_S = 2.0  # the other way must promise this much before the rig turns back
-RETHINK_S = 0.2  # between reckonings
+RETHINK_S = 0.1  # between reckonings
 SIGHT_NATS = 6.0  # what a look at one of the images tells in clear air
 
 

@@ -15,14 +15,15 @@ from av_vision.bearing import BearingModel, bearings_of_boxes
 from av_vision.camera import PinholeCamera
 
 
-def sounds_in_body(time: float, directions: ArrayLike, azimuth_variances: Sequence[float],
+def sounds_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_variances: Sequence[float],
                    elevation_variances: Sequence[float], confidences: Sequence[float], groups: Sequence[int],
                    rotation: NDArray, window: float) -> list[Sound]:
     """One `Sound` for each ambiguity group, strongest first.
 
     `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
     """
-    turned = (np.asarray(directions, float).reshape(-1, 3) @ rotation.T).tolist()  # a handful: plain numbers are faster
+    rows = rotation.tolist()  # for a handful of directions plain numbers are faster
+    turned = [tuple(a * x + b * y + c * z for a, b, c in rows) for x, y, z in directions]
     sounds = []
     for group in dict.fromkeys(groups):
         members = [k for k, g in enumerate(groups) if g == group]

@@ -17,10 +17,10 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import TransformStamped, Vector3
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from tf2_ros import StaticTransformBroadcaster
 
+from av_common.node import Executor
 from av_common.qos import RESULT, STREAM
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Doa, DoaArray, PointingCommand
@@ -75,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
     processes = {name: start_node(name) for name in ('fusion_node', 'pointing_node')}
     rclpy.init()
     feed = Feed(options.rate)
-    executor = SingleThreadedExecutor()
+    executor = Executor()
     executor.add_node(feed)
     try:
         _spin(executor, 8.0)
@@ -111,7 +111,7 @@ def cpu_seconds(process_id: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def _spin(executor: SingleThreadedExecutor, seconds: float) -> None:
+def _spin(executor: Executor, seconds: float) -> None:
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         executor.spin_once(timeout_sec=0.1)

@@ -35,7 +35,7 @@ class PointingNode(RigNode):
         self._resolved, self._rotation = False, 0.0
         self._command: Command | None = None
         self._meter = RateMeter()
-        self._last_step = -math.inf
+        self._last_bearing = -math.inf
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
     def activate(self) -> None:
@@ -48,7 +48,7 @@ class PointingNode(RigNode):
     def deactivate(self) -> None:
         """Leave with a command that moves nothing."""
         self._controller.enabled = False
-        self._step()
+        self._step(self._now())
 
     def cleanup(self) -> None:
         """Close the publisher."""
@@ -67,7 +67,8 @@ class PointingNode(RigNode):
             elevation=message.elevation, azimuth_variance=message.azimuth_variance,
             elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
             azimuth_world_rate=message.azimuth_world_rate, resolved=self._resolved, requested_rotation=self._rotation)
-        self._step()
+        self._last_bearing = self._now()
+        self._step(self._last_bearing)
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._controller.enabled = request.data
@@ -75,12 +76,11 @@ class PointingNode(RigNode):
         return response
 
     def _on_timer(self) -> None:
-        if self._now() - self._last_step > 0.9 / self._settings.rate:
-            self._step()
-
-    def _step(self) -> None:
         now = self._now()
-        self._last_step = now
+        if now - self._last_bearing > 1.2 / self._settings.rate:  # bearings that keep the rate need no filling in
+            self._step(now)
+
+    def _step(self, now: float) -> None:
         self._command = command = self._controller.step(now, self._track)
         self._publisher.publish(PointingCommand(
             header=Header(stamp=to_stamp(now), frame_id=self._settings.base_frame), mode=int(command.mode),
