@@ -12,7 +12,7 @@ from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Look, Sound, Source, State, Track, sensible_look, sensible_sound
 from av_fusion.mixture import Mixture, Newborn
 from av_fusion.mode import Mode, Motion, gaussian, share_within
-from av_fusion.refinement import Pair, Refinement, RefinementSettings, SeenCourse
+from av_fusion.refinement import LEAST_CONFIDENCE, Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
@@ -122,7 +122,7 @@ class BayesTracker:
         if pair is None:
             return sound
         seen = self._seen.at(time)
-        if seen is not None and sound.confidence >= self.settings.machine.tau:
+        if seen is not None and sound.confidence >= LEAST_CONFIDENCE:
             fresh = _fresh(time, self._newest_sound, sound.window)
             variance = (sound.hypotheses[0].azimuth_variance + self.settings.sound_floor_sigma**2) * math.sin(pair.half) ** 2
             self.refinement.compare(time, math.cos(pair.half), float(wrap(seen[0] - self.motion.yaw(time) - pair.axis)),
@@ -168,7 +168,7 @@ class BayesTracker:
                     confidence = max(confidence, detection.confidence)
         self._agility.adapt(fresh)
         clear = look.best
-        if clear is not None and clear.confidence >= settings.machine.tau:
+        if clear is not None and clear.confidence >= LEAST_CONFIDENCE:
             self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation)
         view_share = width * UNIFORM
         self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_fusion.measurements import Sound
 
+LEAST_CONFIDENCE = 0.5  # of what is seen and of what is heard, for a comparison
 NAMES = ('offset', 'scale', 'delay', 'curve 2', 'curve 3')
 
 
