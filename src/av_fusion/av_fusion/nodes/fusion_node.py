@@ -39,7 +39,7 @@ class FusionNode(RigNode):
         self._visibility = (-math.inf, math.nan)
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._foreign = 0
-        self._last_sensed = -math.inf
+        self._last_published = -math.inf
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
 
@@ -73,7 +73,6 @@ class FusionNode(RigNode):
             return
         for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
             self._tracker.add_sound(sound)
-        self._last_sensed = now
         self._publish(now)
 
     def _on_detections(self, message: Detection2DArray) -> None:
@@ -85,7 +84,6 @@ class FusionNode(RigNode):
         look = self._senses.look(message, visibility if abs(to_seconds(message.header.stamp) - stamp) < 1.0 else math.nan)
         if look is not None:
             self._tracker.add_look(look)
-            self._last_sensed = now
             self._publish(now)
 
     def _on_visibility(self, message: Visibility) -> None:
@@ -100,13 +98,14 @@ class FusionNode(RigNode):
 
     def _on_timer(self) -> None:
         now = self._now()
-        if now - self._last_sensed > 1.2 / self._settings.rate:  # senses that keep the rate need no filling in
+        if now - self._last_published > 0.9 / self._settings.rate:
             self._publish(now)
 
     def _missing(self) -> list[str]:
         return [name for name, meter in self._meters.items() if meter.age > 1.0]
 
     def _publish(self, now: float) -> None:
+        self._last_published = now
         track = self._tracker.estimate(now)
         header = Header(stamp=to_stamp(now), frame_id=self._settings.base_frame)
         self._state_publisher.publish(state_message(track, header, self._missing()))

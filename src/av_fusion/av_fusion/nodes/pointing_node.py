@@ -35,7 +35,7 @@ class PointingNode(RigNode):
         self._resolved, self._rotation = False, 0.0
         self._command: Command | None = None
         self._meter = RateMeter()
-        self._last_bearing = -math.inf
+        self._last_step = -math.inf
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
     def activate(self) -> None:
@@ -67,8 +67,7 @@ class PointingNode(RigNode):
             elevation=message.elevation, azimuth_variance=message.azimuth_variance,
             elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
             azimuth_world_rate=message.azimuth_world_rate, resolved=self._resolved, requested_rotation=self._rotation)
-        self._last_bearing = self._now()
-        self._step(self._last_bearing)
+        self._step(self._now())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._controller.enabled = request.data
@@ -77,10 +76,11 @@ class PointingNode(RigNode):
 
     def _on_timer(self) -> None:
         now = self._now()
-        if now - self._last_bearing > 1.2 / self._settings.rate:  # bearings that keep the rate need no filling in
+        if now - self._last_step > 0.9 / self._settings.rate:
             self._step(now)
 
     def _step(self, now: float) -> None:
+        self._last_step = now
         self._command = command = self._controller.step(now, self._track)
         self._publisher.publish(PointingCommand(
             header=Header(stamp=to_stamp(now), frame_id=self._settings.base_frame), mode=int(command.mode),
