@@ -17,6 +17,8 @@ from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 
 UNIFORM = 1.0 / (2.0 * math.pi)
+SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
+           (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are fresh
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
 
 
@@ -203,7 +205,7 @@ class BayesTracker:
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
-        source = Source((Source.SIGHT.value if sight_weight else 0) | (Source.SOUND.value if sound_weight else 0))
+        source = SOURCES[bool(sight_weight), bool(sound_weight)]
         return Track(
             **common, source=source, azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
             elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
