@@ -45,7 +45,10 @@ class Mixture:
         self.modes = [part for mode in self.modes for part in mode.split(axis, lag)]
 
     def give_birth(self, lag: float, motion: Motion, newborns: Sequence[Newborn]) -> None:
-        """Move weight from the background to directions where something was heard or seen."""
+        """Give directions where something was heard or seen their weight, by that of the background.
+
+        What of the background is used up by it is the caller's to take off, who knows what else the measurement says of it.
+        """
         known = tuple(self.modes)
         for new in newborns:
             weight = self.background * min(new.ratio, 50.0)

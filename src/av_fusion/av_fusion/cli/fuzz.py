@@ -8,6 +8,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 
+from av_fusion.evaluation.progress import RunProgress
 from av_fusion.fuzz import fuzz
 
 CHUNK = 250
@@ -24,13 +25,13 @@ def main(arguments: list[str] | None = None) -> int:
     begun, broken = time.monotonic(), []
     starts = range(options.seed, options.seed + options.sequences, CHUNK)
     counts = [min(CHUNK, options.seed + options.sequences - start) for start in starts]
-    done = 0
+    done, progress = 0, RunProgress(quiet=not sys.stderr.isatty())
+    progress.show(done, options.sequences)
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         for found, count in zip(pool.map(fuzz, starts, counts, [options.messages] * len(starts)), counts, strict=True):
             broken += found
             done += count
-            if sys.stderr.isatty():
-                print(f'\r{done} of {options.sequences} sequences, {len(broken)} broken', end='', file=sys.stderr, flush=True)
+            progress.show(done, options.sequences, f'{len(broken)} broken')
             for one in found[:max(0, 10 - len(broken) + len(found))]:
                 print(f'sequence {one.seed}: {one.what}', flush=True)
     print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: '

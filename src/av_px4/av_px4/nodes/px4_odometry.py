@@ -22,9 +22,9 @@ class OdometryRelay:
 
     def __init__(self, node: Node, odom_frame: str, base_frame: str, simulator: tuple[str, int] | None) -> None:
         self._node, self._frames, self._simulator = node, (odom_frame, base_frame), simulator
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM) if simulator else None
         self._pose, self._px4_time = ContinuousPose(), SenderClock()
         self._publisher = node.create_publisher(Odometry, 'odometry', RESULT)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     @property
     def resets(self) -> int:
@@ -41,7 +41,7 @@ class OdometryRelay:
         stamp = self._px4_time.to_ros(time)
         pose = self._pose.add(time, pose, counter)
         self._publisher.publish(odometry_message(stamp, *self._frames, pose))
-        if self._simulator:
+        if self._socket:
             state = VehicleState(stamp, pose.position, quat2mat(pose.attitude_wxyz) @ pose.velocity_flu,
                                  attitude_wxyz=pose.attitude_wxyz, rate_flu=pose.rate_flu)
             self._socket.sendto(encode_truth(to_truth(state, 1)), self._simulator)
@@ -49,4 +49,5 @@ class OdometryRelay:
     def close(self) -> None:
         """Close publisher and socket."""
         self._node.destroy_publisher(self._publisher)
-        self._socket.close()
+        if self._socket:
+            self._socket.close()
