@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from av_common.angles import wrap
 from av_fusion.agility import Agility
@@ -241,7 +241,7 @@ class BayesTracker:
                   for mode in self._mixture.modes]
         first = max(images, key=lambda image: image.weight)
         if share >= self.settings.decide:  # one bearing, on the axis: front or back of it?
-            images = [first, replace(first, azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
+            images = [first, first._replace(azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
         return self.planner.plan(time, yaw, images, self._axis, self._visibility)
 
 

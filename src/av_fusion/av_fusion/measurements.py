@@ -1,4 +1,4 @@
-"""What the trackers are told and what they tell, as plain data.
+"""What the trackers are told and what they tell, as plain data: tuples with names, which are made thousands of times a second.
 
 Azimuths are in rad, counter-clockwise; "body" is the rig's levelled frame (x forward), "world" is ENU. Times are capture
 times in seconds.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 
 class State(enum.IntEnum):
@@ -28,8 +28,7 @@ class Source(enum.IntFlag):
     SIGHT = 2
 
 
-@dataclass(frozen=True)
-class Hypothesis:
+class Hypothesis(NamedTuple):
     """One direction (body frame, rad, rad^2) that a sound may have come from."""
 
     azimuth: float
@@ -38,8 +37,7 @@ class Hypothesis:
     elevation_variance: float = math.inf
 
 
-@dataclass(frozen=True)
-class Sound:
+class Sound(NamedTuple):
     """One sound heard: its hypotheses are mirror images, of which exactly one is true.
 
     `window` in s is the length of sound that the estimate rests on: estimates that overlap are not independent.
@@ -51,8 +49,7 @@ class Sound:
     window: float = 0.5
 
 
-@dataclass(frozen=True)
-class Detection:
+class Detection(NamedTuple):
     """One thing seen (body frame, rad, rad^2), with the detector's calibrated confidence 0..1."""
 
     azimuth: float
@@ -62,8 +59,7 @@ class Detection:
     elevation_variance: float = math.inf
 
 
-@dataclass(frozen=True)
-class Look:
+class Look(NamedTuple):
     """One picture looked at, with all that was detected in it, be it nothing.
 
     The view is centred at `view_azimuth` (body, rad) and reaches `half_view` (rad) to both sides. `visibility` (0..1) is
@@ -90,7 +86,7 @@ def sensible_sound(sound: Sound) -> Sound | None:
     if not (math.isfinite(sound.time) and 0.0 < sound.confidence <= 1.0 and 0.0 < sound.window <= 60.0):
         return None
     kept = _sensible(sound.hypotheses)
-    return replace(sound, hypotheses=kept) if kept else None
+    return sound._replace(hypotheses=kept) if kept else None
 
 
 def sensible_look(look: Look) -> Look | None:
@@ -99,18 +95,17 @@ def sensible_look(look: Look) -> Look | None:
         return None
     kept = tuple(d for d in _sensible(look.detections) if 0.0 <= d.confidence <= 1.0)
     visibility = look.visibility if 0.0 <= look.visibility <= 1.0 else math.nan
-    return replace(look, detections=kept, visibility=visibility)
+    return look._replace(detections=kept, visibility=visibility)
 
 
 def _sensible(directions: tuple) -> tuple:
     """Those with an azimuth; an elevation that cannot be counts as unknown."""
     return tuple(d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= SHARPEST
-                 else replace(d, elevation=0.0, elevation_variance=math.inf)
+                 else d._replace(elevation=0.0, elevation_variance=math.inf)
                  for d in directions if abs(d.azimuth) <= 10.0 and SHARPEST <= d.azimuth_variance <= BLUNTEST)
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """The target as known at `time`; angles mean nothing in `State.NONE`."""
 
     time: float
@@ -133,7 +128,7 @@ class Track:
     sound_weight: float = 0.0
     sight_weight: float = 0.0
     visibility: float = math.nan
-    missing: tuple[str, ...] = field(default=())
+    missing: tuple[str, ...] = ()
 
     @property
     def hemisphere_probability(self) -> float:

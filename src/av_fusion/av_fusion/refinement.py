@@ -15,7 +15,7 @@ Zarrop 1993), so that directions that were never heard keep their prior.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,7 +146,7 @@ class Pair:
         if not refinement.compared:
             return sound
         measured = math.cos(self.half)
-        moved = [replace(hypothesis, azimuth=float(wrap(self.axis + math.copysign(
+        moved = [hypothesis._replace(azimuth=float(wrap(self.axis + math.copysign(
             math.acos(refinement.correct(measured, angle)), angle))))
             for hypothesis, angle in zip(sound.hypotheses, (self.half, -self.half), strict=True)]
-        return replace(sound, hypotheses=tuple(moved))
+        return sound._replace(hypotheses=tuple(moved))

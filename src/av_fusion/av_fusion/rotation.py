@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,7 @@ class RotationSettings:
     needed_odds: float = 19.0
 
 
-@dataclass(frozen=True)
-class Image:
+class Image(NamedTuple):
     """Where the target may be: body azimuth (rad), its rate in the world (rad/s), their variances, and weight."""
 
     azimuth: float
@@ -94,9 +94,10 @@ class RotationPlanner:
         self._reckoned = time
         visibility = visibility if math.isfinite(visibility) else 0.0
         first, second = sorted(images, key=lambda image: -image.weight)[:2]
-        expected = {direction: expected_time(direction * room, first, second, axis, visibility, settings)
-                    - SOONER_S * (direction == self._direction) for direction, room in left.items()}
-        self._direction = min(expected, key=expected.get)
+        expected = expected_times([direction * room for direction, room in left.items()], first, second, axis, visibility,
+                                  settings)
+        expected -= [SOONER_S * (direction == self._direction) for direction in left]
+        self._direction = list(left)[int(np.argmin(expected))]
         return self._direction * left[self._direction]
 
     def _fixed_turn(self, yaw: float, offset: float) -> float:
@@ -112,17 +113,9 @@ class RotationPlanner:
         return 0.0
 
 
-def expected_time(turn: float, first: Image, second: Image, axis: float, visibility: float,
-                  settings: RotationSettings) -> float:
-    """Seconds until a turn (rad) is expected to have decided between two images, over which of them is the true one."""
-    total = first.weight + second.weight
-    return sum(true.weight / total * time_to_decide(turn, true, false, axis, visibility, settings)
-               for true, false in ((first, second), (second, first)))
-
-
-def time_to_decide(turn: float, true: Image, false: Image, axis: float, visibility: float,
-                   settings: RotationSettings) -> float:
-    """Seconds until a turn (rad) has told the true image from the false one, were `true` true.
+def expected_times(turns: Sequence[float], first: Image, second: Image, axis: float, visibility: float,
+                   settings: RotationSettings) -> NDArray[np.float64]:
+    """Seconds until each of the turns (rad) is expected to have decided between two images, over which is the true one.
 
     What is heard is the cosine of the angle from the array's axis. The false image explains it the worse the further its own
     course leads from the true one's, d^2 / (2 s^2) nats; s^2 holds what its unknown rate may make up for, and the array's
@@ -130,20 +123,22 @@ def time_to_decide(turn: float, true: Image, false: Image, axis: float, visibili
     is what has the odds, and the true image clear of end-fire, where front and back are one. A turn that decides nothing
     within the horizon costs more the less it tells.
     """
-    turned = math.copysign(1.0, turn) * np.minimum(abs(turn), settings.rate * HORIZON)
-    after, stale = (wrap(image.azimuth + image.rate * HORIZON - turned) for image in (true, false))
-    spread = false.variance + false.rate_variance * HORIZON**2
-    unexplained = np.cos(after - axis) - np.cos(stale - axis)
-    variance = (np.sin(stale - axis) ** 2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
-                + settings.broadside_sigma**2 * settings.window / HORIZON)
-    heard = np.maximum.accumulate(0.5 * unexplained**2 / variance)
-    in_view = (np.abs(after) < settings.half_view) | (np.abs(stale) < settings.half_view)
-    information = heard + np.where(np.logical_or.accumulate(in_view), SIGHT_NATS * visibility, 0.0)
-    needed = math.log(settings.needed_odds) - math.log(max(true.weight, 1e-9) / max(false.weight, 1e-9))
-    clear = np.abs(np.sin(after - axis)) > min(2.0 * math.sqrt(true.variance), 0.35)
-    return _first((information >= needed) & clear, needed - information[-1])
-
-
-def _first(decided: NDArray[np.bool_], missing: float) -> float:
-    """When it is decided, or how far beyond the horizon."""
-    return float(HORIZON[np.argmax(decided)]) if decided.any() else float(HORIZON[-1]) + max(missing, 0.0)
+    images = (first, second)
+    azimuth, rate, variance, rate_variance, weight = np.array(
+        [(image.azimuth, image.rate, image.variance, image.rate_variance, max(image.weight, 1e-9)) for image in images]).T
+    made = np.copysign(np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON), np.asarray(turns)[:, None])
+    course = (azimuth[:, None] + rate[:, None] * HORIZON) - made[:, None]  # (turns, images, times), in the body frame
+    cosine, sine = np.cos(course - axis), np.sin(course - axis)
+    unexplained = cosine[:, :1] - cosine[:, 1:]
+    spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
+    doubt = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
+             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false one, by which one is true
+    heard = np.maximum.accumulate(0.5 * unexplained**2 / doubt, axis=-1)
+    in_view = (np.cos(course) > math.cos(settings.half_view)).any(axis=1, keepdims=True)
+    information = heard + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
+    needed = math.log(settings.needed_odds) - np.log(weight / weight[::-1])
+    clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
+    decided = (information >= needed[:, None]) & clear
+    late = HORIZON[-1] + np.maximum(needed - information[..., -1], 0.0)
+    times = np.where(decided.any(axis=-1), HORIZON[np.argmax(decided, axis=-1)], late)
+    return times @ (weight / weight.sum())

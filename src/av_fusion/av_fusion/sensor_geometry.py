@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.frames import FLU_TO_OPTICAL
 from av_fusion.measurements import Detection, Hypothesis, Look, Sound
 from av_vision.bearing import BearingModel, bearings_of_boxes
@@ -22,8 +21,8 @@ def sounds_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_v
 
     `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
     """
-    rows = rotation.tolist()  # for a handful of directions plain numbers are faster
-    turned = [tuple(a * x + b * y + c * z for a, b, c in rows) for x, y, z in directions]
+    rows = rotation.tolist()
+    turned = [_turned(rows, direction) for direction in directions]
     sounds = []
     for group in dict.fromkeys(groups):
         members = [k for k, g in enumerate(groups) if g == group]
@@ -40,9 +39,19 @@ def look_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: 
     `rotation` (3, 3) turns vectors of the camera's optical frame into the body frame.
     """
     bearings = bearings_of_boxes(camera, centres, sizes, scores, model or BearingModel())
-    in_optical = angles_to_direction(bearings.azimuth, bearings.elevation) @ FLU_TO_OPTICAL.T
-    azimuths, elevations = direction_to_angles(in_optical @ rotation.T)
-    axis, _ = direction_to_angles(rotation[:, 2])
-    detections = tuple(Detection(*map(float, values)) for values in zip(
-        azimuths, bearings.azimuth_variance, np.ravel(scores), elevations, bearings.elevation_variance, strict=True))
-    return Look(time, detections, float(axis), 0.5 * camera.horizontal_fov_rad, visibility)
+    rows = (rotation @ FLU_TO_OPTICAL).tolist()
+    columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
+    detections = []
+    for azimuth, elevation, variance, elevation_variance, score in zip(*(column.tolist() for column in columns), strict=True):
+        level = math.cos(elevation)
+        direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
+        x, y, z = _turned(rows, direction)
+        detections.append(Detection(math.atan2(y, x), variance, score, math.atan2(z, math.hypot(x, y)), elevation_variance))
+    axis = math.atan2(rotation[1, 2], rotation[0, 2])
+    return Look(time, tuple(detections), axis, 0.5 * camera.horizontal_fov_rad, visibility)
+
+
+def _turned(rows: list[list[float]], vector: Sequence[float]) -> tuple[float, float, float]:
+    """A rotation (3, 3) of one vector: for a handful of directions plain numbers are faster than arrays."""
+    x, y, z = vector
+    return tuple(a * x + b * y + c * z for a, b, c in rows)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -176,7 +175,7 @@ def test_a_second_drone_does_not_break_the_track(seed):
         t = step / 20.0
         tracker.add_sound(senses.hear(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
         looks = [senses.look(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
-        tracker.add_look(replace(looks[0], detections=tuple(d for look in looks for d in look.detections)))
+        tracker.add_look(looks[0]._replace(detections=tuple(d for look in looks for d in look.detections)))
         track = tracker.estimate(100.0 + t)
         errors.append(min(abs(track.azimuth - first(t)), abs(track.azimuth - second(t))))
         if t < 3.0:

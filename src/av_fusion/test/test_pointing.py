@@ -65,7 +65,7 @@ def simulate(controller: PointingController, azimuth_world, seconds: float, **fi
         rate = (azimuth_world(time + dt) - azimuth_world(time)) / dt
         track = Track(time, State.ACOUSTIC_ACTIVE, azimuth=float(wrap(azimuth_world(time) - yaw)), azimuth_world_rate=rate,
                       resolved=True)
-        command = controller.step(time, replace(track, **fields))
+        command = controller.step(time, track._replace(**fields))
         yaw += command.yaw_rate * dt
         yield time, yaw, command
 
@@ -108,10 +108,10 @@ def test_searches_only_while_front_and_back_are_open():
     controller = PointingController(BODY)
     open_question = Track(0.0, State.ACOUSTIC_ACTIVE, azimuth=2.0, requested_rotation=-0.8)
     controller.step(0.0, open_question)
-    command = controller.step(0.1, replace(open_question, time=0.1))
+    command = controller.step(0.1, open_question._replace(time=0.1))
     assert command.mode == Mode.SEARCH and command.yaw_rate < 0.0
-    assert controller.step(0.2, replace(open_question, time=0.2, requested_rotation=0.0)).mode == Mode.HOLD
-    assert controller.step(0.3, replace(open_question, time=0.3, resolved=True)).mode == Mode.TRACK
+    assert controller.step(0.2, open_question._replace(time=0.2, requested_rotation=0.0)).mode == Mode.HOLD
+    assert controller.step(0.3, open_question._replace(time=0.3, resolved=True)).mode == Mode.TRACK
 
 
 def test_neutral_on_stale_brings_the_gimbal_back():
@@ -119,7 +119,7 @@ def test_neutral_on_stale_brings_the_gimbal_back():
     controller = PointingController(PointingSettings(on_stale='neutral', move_body=False))
     track = Track(0.0, State.VISUAL_ACTIVE, azimuth=1.0, elevation=0.4, elevation_variance=0.01)
     for k in range(100):
-        command = controller.step(0.02 * k, replace(track, time=0.02 * k))
+        command = controller.step(0.02 * k, track._replace(time=0.02 * k))
     assert command.pan == pytest.approx(1.0, abs=0.02) and command.tilt == pytest.approx(0.4, abs=0.02)
     for k in range(200):
         command = controller.step(2.0 + 0.02 * k, track)

@@ -35,7 +35,7 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
         if t < 120.0:
             look = senses.look(t, truth)
             if random.random() < wrong_share:
-                look = replace(look, detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
+                look = look._replace(detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
             tracker.add_look(look)
         tracker.add_sound(biased_sound(t, truth, math.radians(offset_deg), scale, random))
         track = tracker.estimate(t)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_common.angles import direction_to_angles
-from av_common.frames import FLU_TO_OPTICAL
 from av_vision.camera import PinholeCamera
+
+STEPS = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])  # pixels, of the numeric Jacobian
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,10 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
     and the stretch of the pinhole towards the edges are in it), and the calibration's variance is added.
     """
     centres = np.asarray(centres, float).reshape(-1, 2)
-    steps = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
-    rays = camera.rays((centres[None] + steps[:, None]).reshape(-1, 2)).reshape(5, -1, 3)
-    azimuth, elevation = direction_to_angles(rays @ FLU_TO_OPTICAL)
-    across = np.stack([azimuth[1] - azimuth[2], azimuth[3] - azimuth[4]], -1)
-    across = (across + np.pi) % (2.0 * np.pi) - np.pi
-    along = np.stack([elevation[1] - elevation[2], elevation[3] - elevation[4]], -1)
-    variance = model.pixel_variance(sizes, scores)
-    calibration = model.calibration_sigma_rad**2
-    return Bearings(azimuth[0], elevation[0],
-                    np.sum(across**2 * variance, -1) + calibration, np.sum(along**2 * variance, -1) + calibration)
+    x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).reshape(len(STEPS), -1, 2).transpose(2, 0, 1)
+    azimuth, elevation = -np.arctan(x), -np.arctan(y / np.sqrt(1.0 + x * x))
+    in_x, in_y = model.pixel_variance(sizes, scores).T
+    azimuth_variance, elevation_variance = (
+        (angle[1] - angle[2]) ** 2 * in_x + (angle[3] - angle[4]) ** 2 * in_y + model.calibration_sigma_rad**2
+        for angle in (azimuth, elevation))
+    return Bearings(azimuth[0], elevation[0], azimuth_variance, elevation_variance)

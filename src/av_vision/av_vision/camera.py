@@ -92,11 +92,15 @@ class PinholeCamera:
             pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, np.array(self.distortion))[0][:, 0]
         return pixels
 
+    def on_plane(self, pixels: ArrayLike) -> NDArray[np.float64]:
+        """Where the lines of sight of pixels (n, 2) meet the plane z = 1 of the optical frame (n, 2), distortion taken out."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        if not len(pixels) or not self.distortion:
+            return (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        return UNDISTORT(pixels[:, None], self.matrix, np.array(self.distortion), R=None, P=None, criteria=PRECISE)[:, 0]
+
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Unit vectors (n, 3) in the optical frame towards pixels (n, 2), with the distortion taken out."""
-        pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
-        if not len(pixels):
-            return np.empty((0, 3))
-        plane = UNDISTORT(pixels, self.matrix, np.array(self.distortion), R=None, P=None, criteria=PRECISE)[:, 0]
+        plane = self.on_plane(pixels)
         rays = np.column_stack([plane, np.ones(len(plane))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from av_fusion.bags import topics as names
 from av_fusion.bags.journal import Journal, track_of
+from av_fusion.bags.poses import Pose
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
 from av_fusion.senses import Senses
 
@@ -32,6 +33,11 @@ class Chain:
     def wait(self, now: float) -> Iterable[Output]:
         """What is said until `now` though nothing came."""
         return () if self._fusing is None else self._point(self._fusing.wait(now))
+
+    def move(self, pose: Pose, now: float) -> None:
+        """The rig's own motion."""
+        if self._fusing is not None:
+            self._fusing.move(pose, now)
 
     def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
         """What a message leads to."""

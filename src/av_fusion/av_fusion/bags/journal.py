@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from av_common.stamps import to_seconds
 from av_fusion.bags import topics as names
 from av_fusion.bags.poses import Pose
@@ -44,12 +46,12 @@ class Journal:
         self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
                            now - track.measured if known else math.nan)
 
-    def know(self, name: str, pose: Pose) -> None:
-        """The truth of target or rig."""
+    def know(self, name: str, poses: Pose) -> None:
+        """The truth of target or rig, one pose or columns of them."""
         if name == names.TRUE_TARGET:
-            self.log.target.add(pose.time, pose.x, pose.y, pose.z)
+            self.log.target.extend(poses.time, poses.x, poses.y, poses.z)
         else:
-            self.log.rig.add(pose.time, pose.x, pose.y, pose.z, pose.yaw)
+            self.log.rig.extend(poses.time, poses.x, poses.y, poses.z, np.arctan2(*poses.heading))
 
 
 def track_of(bearing: Any, state: Any | None) -> Track:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from av_common.stamps import to_seconds
 
@@ -15,7 +18,7 @@ _FORMATS = [(struct.Struct(f'{order}iII').unpack_from, struct.Struct(f'{order}I'
 
 
 class Pose(NamedTuple):
-    """Time in s, position in m in the world, attitude, and the body's yaw rate in rad/s."""
+    """Time in s, position in m in the world, attitude, and the body's yaw rate in rad/s; or columns (n,) of them."""
 
     time: float
     x: float
@@ -33,10 +36,15 @@ class Pose(NamedTuple):
         return self.qx**2 + self.qy**2 + self.qz**2 + self.qw**2 > 0.5
 
     @property
+    def heading(self) -> tuple[float, float]:
+        """Sine and cosine, alike scaled, of the direction of the body's x axis seen from above."""
+        return (2.0 * (self.qw * self.qz + self.qx * self.qy),
+                self.qw * self.qw + self.qx * self.qx - self.qy * self.qy - self.qz * self.qz)
+
+    @property
     def yaw(self) -> float:
-        """Direction of the body's x axis seen from above, in rad."""
-        return math.atan2(2.0 * (self.qw * self.qz + self.qx * self.qy),
-                          self.qw**2 + self.qx**2 - self.qy**2 - self.qz**2)
+        """That direction in rad; of one pose."""
+        return math.atan2(*self.heading)
 
 
 def read_odometry(data: bytes) -> Pose:
@@ -45,15 +53,39 @@ def read_odometry(data: bytes) -> Pose:
     Raises ValueError when the bytes end early.
     """
     try:
-        stamp, length, pose, real = _FORMATS[data[1]]
-        seconds, nanoseconds, size = stamp(data, 4)
-        at = 16 + size
-        at += -at % 4
-        at += 4 + length(data, at)[0]
-        at += (4 - at) % 8
+        stamp, _, pose, real = _FORMATS[data[1]]
+        seconds, nanoseconds, _ = stamp(data, 4)
+        at = _place(data)
         return Pose(seconds + 1e-9 * nanoseconds, *pose(data, at), *real(data, at + _YAW_RATE_AT))
     except (struct.error, IndexError) as error:
         raise ValueError(f'{len(data)} bytes are no nav_msgs/Odometry: {error}') from error
+
+
+def read_alike(messages: Sequence[bytes]) -> Pose | None:
+    """Columns of the poses in many nav_msgs/Odometry that differ in numbers only; None where they differ in more."""
+    size = len(messages[0])
+    try:
+        at = _place(messages[0])
+    except (struct.error, IndexError):
+        return None
+    if any(len(data) != size for data in messages) or size < at + _YAW_RATE_AT + 8:
+        return None
+    table = np.frombuffer(b''.join(messages), np.uint8).reshape(-1, size)
+    if (table[:, :4] != table[0, :4]).any() or (table[:, 12:at] != table[0, 12:at]).any():
+        return None
+    order = '><'[messages[0][1]]
+    stamps, pose, yaw_rate = (np.ascontiguousarray(table[:, first:last]).view(f'{order}{kind}') for first, last, kind in (
+        (4, 12, 'u4'), (at, at + 56, 'f8'), (at + _YAW_RATE_AT, at + _YAW_RATE_AT + 8, 'f8')))
+    return Pose(stamps[:, 0].astype(np.int32) + 1e-9 * stamps[:, 1], *pose.T, *yaw_rate.T)
+
+
+def _place(data: bytes) -> int:
+    """Where position and attitude are in a nav_msgs/Odometry. Raises struct.error or IndexError when the bytes end early."""
+    stamp, length, _, _ = _FORMATS[data[1]]
+    at = 16 + stamp(data, 4)[2]
+    at += -at % 4
+    at += 4 + length(data, at)[0]
+    return at + (4 - at) % 8
 
 
 def pose_of(message: Any) -> Pose:

@@ -16,6 +16,7 @@ from av_fusion.bags import topics as names
 from av_fusion.bags.feed import CLOCK_TOLERANCE_S
 from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
+from av_fusion.bags.poses import Pose
 from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
@@ -135,19 +136,20 @@ class Fusing:
         while self.due <= now:
             yield from self._publish(self.due)
 
+    def move(self, pose: Pose, now: float) -> None:
+        """Where the rig is: nothing follows from that alone."""
+        if self._is_timely(names.ODOMETRY, pose.time, now) and pose.has_attitude:
+            self._tracker.add_pose(pose.time, pose.yaw, pose.yaw_rate)
+
     def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
-        """What a message of one of the fusion's topics leads to."""
+        """What a message of another of the fusion's topics leads to."""
+        stamp = to_seconds(message.header.stamp)
         if name == names.VISIBILITY:
-            self._visibility = (to_seconds(message.header.stamp), message.visibility)
+            self._visibility = (stamp, message.visibility)
             return
-        self._came[name] = now
-        stamp = message.time if name == names.ODOMETRY else to_seconds(message.header.stamp)
-        if abs(stamp - now) > CLOCK_TOLERANCE_S:
-            self.foreign[name] = self.foreign.get(name, 0) + 1
-        elif name == names.ODOMETRY:
-            if message.has_attitude:
-                self._tracker.add_pose(stamp, message.yaw, message.yaw_rate)
-        elif name == names.DOA:
+        if not self._is_timely(name, stamp, now):
+            return
+        if name == names.DOA:
             sounds = self._senses.sounds(message)
             self._journal.hear(sounds, now)
             for sound in sounds:
@@ -161,6 +163,13 @@ class Fusing:
                 self._journal.see(look, message, now)
                 self._tracker.add_look(look)
                 yield from self._publish(now)
+
+    def _is_timely(self, name: str, stamp: float, now: float) -> bool:
+        self._came[name] = now
+        timely = abs(stamp - now) <= CLOCK_TOLERANCE_S
+        if not timely:
+            self.foreign[name] = self.foreign.get(name, 0) + 1
+        return timely
 
     def _publish(self, now: float) -> Iterator[Output]:
         self._published = now

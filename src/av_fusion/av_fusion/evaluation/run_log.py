@@ -25,6 +25,10 @@ class Series:
             raise ValueError(f'{len(values)} values, expected {self._names}')
         self._flat.extend(values)
 
+    def extend(self, *columns: ArrayLike) -> None:
+        """Append rows, given as columns (n,)."""
+        self._flat.frombytes(np.column_stack(columns).astype(np.float64).tobytes())
+
     def __len__(self) -> int:
         return len(self._flat) // len(self._names)
 
