@@ -11,7 +11,7 @@ Rng = np.random.Generator
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED = 120  # backgrounds
-MIXTURE = {'DRONE': 0.24, 'BIRD': 0.22, 'AIRPLANE': 0.24, 'HELICOPTER': 0.1, 'PAINTED': 0.06, 'SIMULATED': 0.14}
+MIXTURE = {'DRONE': 0.2, 'BIRD': 0.2, 'AIRPLANE': 0.22, 'HELICOPTER': 0.1, 'PAINTED': 0.06, 'SIMULATED': 0.22}
 CUTOUTS = 12  # of each clip
 Bank = dict[str, list[NDArray[np.uint8]]]
 
@@ -44,7 +44,8 @@ class Sampler:
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
-        if rng.random() < (0.75 if kind == 'PAINTED' else 0.15):
+        # Large squares are few, and only they hold near drones.
+        if rng.random() < (0.75 if kind == 'PAINTED' else 0.15 if side < 256 else 0.35):
             for _ in range(1 + (rng.random() < 0.15)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 boxes = paste(rng, image, boxes, self._drones, log_uniform(rng, 6.0, min(0.95 * side, 320.0)), nearer, veil, 0)

@@ -237,12 +237,16 @@ class BayesTracker:
         if self._resolved:
             self.planner.cancel()
             return 0.0
+        return self.planner.plan(time, yaw, lambda: self._images(yaw, share), self._axis, self._visibility)
+
+    def _images(self, yaw: float, share: float) -> list[Image]:
+        """Where the target may be, seen from the rig at `yaw`."""
         images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
                   for mode in self._mixture.modes]
-        first = max(images, key=lambda image: image.weight)
-        if share >= self.settings.decide:  # one bearing, on the axis: front or back of it?
-            images = [first, first._replace(azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
-        return self.planner.plan(time, yaw, images, self._axis, self._visibility)
+        if share < self.settings.decide:
+            return images
+        first = max(images, key=lambda image: image.weight)  # one bearing, on the axis: front or back of it?
+        return [first, first._replace(azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
 
 
 def _compare(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]

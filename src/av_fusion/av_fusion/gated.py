@@ -119,7 +119,8 @@ class GatedTracker:
         sure = 0.95 if resolved else 0.5
         if resolved:
             self.planner.cancel()
-        rotation = 0.0 if resolved else self.planner.plan(time, yaw, self._candidates, self._axis, self._visibility)
+        rotation = 0.0 if resolved else self.planner.plan(
+            time, yaw, lambda: self._candidates, self._axis, self._visibility)
         return Track(
             **common, source=Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
             azimuth_variance=direction.azimuth_variance, elevation=direction.elevation,

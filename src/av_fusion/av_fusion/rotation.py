@@ -7,7 +7,7 @@ on the array's direction, on how far either could have moved by itself, and on w
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 
-HORIZON = np.arange(0.1, 6.05, 0.1)  # s ahead, in which a decision is looked for
+HORIZON = np.arange(0.2, 6.1, 0.2)  # s ahead, in which a decision is looked for
 MADE = math.radians(2.0)  # a turn is made when less than this is left
 SOONER_S = 2.0  # the other way must promise this much before the rig turns back
-RETHINK_S = 0.1  # between reckonings
+RETHINK_S = 0.2  # between reckonings
 SIGHT_NATS = 6.0  # what a look at one of the images tells in clear air
 
 
@@ -62,6 +62,7 @@ class RotationPlanner:
         self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
         self._reckoned = -math.inf
+        self._images: Sequence[Image] = ()
         self._centre: float | None = None
 
     def cancel(self) -> None:
@@ -69,13 +70,18 @@ class RotationPlanner:
         self._since = self._target = self._centre = None
         self._direction = 0.0
 
-    def plan(self, time: float, yaw: float, images: Sequence[Image], axis: float, visibility: float) -> float:
+    def plan(self, time: float, yaw: float, find_images: Callable[[], Sequence[Image]], axis: float, visibility: float
+             ) -> float:
         """The turn (rad, counter-clockwise) still to be made at `time`, 0 when none is asked for.
 
-        `axis` is the array's end-fire in the body frame, `yaw` the rig's in the world.
+        `find_images` is asked where the target may be each RETHINK_S only; `axis` is the array's end-fire in the body frame,
+        `yaw` the rig's in the world.
         """
         settings = self.settings
-        if not settings.enabled or len(images) < 2:
+        rethink = not abs(time - self._reckoned) < RETHINK_S
+        if rethink:
+            self._reckoned, self._images = time, sorted(find_images(), key=lambda image: -image.weight)
+        if not settings.enabled or len(self._images) < 2:
             self.cancel()
             return 0.0
         self._since = time if self._since is None else self._since
@@ -89,15 +95,11 @@ class RotationPlanner:
         left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > MADE}
         if not left:
             return 0.0
-        if self._direction in left and abs(time - self._reckoned) < RETHINK_S:
-            return self._direction * left[self._direction]
-        self._reckoned = time
-        visibility = visibility if math.isfinite(visibility) else 0.0
-        first, second = sorted(images, key=lambda image: -image.weight)[:2]
-        expected = expected_times([direction * room for direction, room in left.items()], first, second, axis, visibility,
-                                  settings)
-        expected -= [SOONER_S * (direction == self._direction) for direction in left]
-        self._direction = list(left)[int(np.argmin(expected))]
+        if rethink or self._direction not in left:
+            expected = expected_times([direction * room for direction, room in left.items()], *self._images[:2], axis,
+                                      visibility if math.isfinite(visibility) else 0.0, settings)
+            expected -= [SOONER_S * (direction == self._direction) for direction in left]
+            self._direction = list(left)[int(np.argmin(expected))]
         return self._direction * left[self._direction]
 
     def _fixed_turn(self, yaw: float, offset: float) -> float:
