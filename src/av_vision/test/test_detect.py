@@ -59,6 +59,18 @@ def test_output_file_and_video(folder, capsys):
     assert green[1] > green[0] + 50  # the box's upper edge
 
 
+def test_pictures_of_other_sizes_are_fitted_into_the_video(folder, capsys):
+    cv2.imwrite(str(folder / 'pictures/1.png'), np.full((300, 900, 3), 200, np.uint8))
+    video = folder / 'drawn.mp4'
+    code, _ = run(folder, capsys, '--save-video', str(video), '--quiet')
+    drawn = cv2.VideoCapture(str(video))
+    frames = [drawn.read()[1] for _ in range(3)]
+    assert code == 0
+    assert [frame.shape for frame in frames] == [(416, 416, 3)] * 3
+    assert frames[1][10, 300].mean() == pytest.approx(200, abs=10)
+    assert frames[1][400, 300].mean() == pytest.approx(114, abs=10)
+
+
 @pytest.mark.parametrize(('options', 'reason'), [
     (['nowhere.mp4'], 'nowhere.mp4 does not exist'), (['pictures', '--model', 'nowhere.onnx'], 'nowhere.onnx does not exist'),
     (['pictures', '--model', 'model.onnx', '--classes', 'plane'], "rename names ['plane']")])

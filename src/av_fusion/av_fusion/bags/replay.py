@@ -20,7 +20,6 @@ from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
 from av_fusion.bags.metadata import DEFAULT_QOS, LATCHED
 from av_fusion.bags.parameters import node_parameters
-from av_fusion.bags.poses import read_alike
 from av_fusion.bags.reader import FOREVER, Bag
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
 from av_fusion.bags.topics import Found, absolute, find_topics
@@ -29,6 +28,7 @@ from av_fusion.evaluation.recording import Recording, RecordingTracker
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.from_parameters import make_tracker, pointing_settings
 from av_fusion.pointing import PointingController
+from av_fusion.poses import read_alike
 from av_fusion.senses import Senses
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import Rig, load_rig
@@ -218,7 +218,7 @@ class Replay:
             given = {'model': self._settings.model, 'keep_classes': list(self._settings.classes) or None}
             p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
             self._seeing = Seeing(algorithms.make_detector(p), p.track_gap, self._make, p.visibility_rate,
-                                  p.visibility_distance, algorithms.ground(p, senses.camera))
+                                  p.visibility_distance, algorithms.ground(p, senses.camera), p.still)
         if self.stage != 'bearing':
             tracker = make_tracker(fusion)
             if self._recording is not None:

@@ -11,20 +11,21 @@ from numpy.typing import NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.frames import yaw_of
 from av_common.stamps import to_seconds
 from av_fusion.bags import topics as names
 from av_fusion.bags.feed import CLOCK_TOLERANCE_S
 from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
-from av_fusion.bags.poses import Pose
 from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
+from av_fusion.poses import Pose
 from av_fusion.senses import Senses
 from av_vision import visibility
 from av_vision.image import image_from_message
-from av_vision.tracking import Tracker
+from av_vision.watching import Watcher
 from av_vision.yolo import Detector
 
 # As fusion_node: an input without messages for so long is missing, a visibility that far from the picture is not of it.
@@ -83,13 +84,12 @@ class Seeing:
     """detector_node: pictures to detections and visibility; here none is left out, however long one takes.
 
     `ground` (h, w) holds the distances in m to what pixels show, None where they are unknown; how far one can see is
-    told `rate` times a second for things `distance` m away.
+    told `rate` times a second for things `distance` m away. `still` judges each picture by itself.
     """
 
     def __init__(self, detector: Detector, track_gap: float, make: MessageMaker, rate: float = 0.0,
-                 distance: float = 10.0, ground: NDArray | None = None) -> None:
-        self._detector, self._make = detector, make
-        self._tracker = Tracker(track_gap)
+                 distance: float = 10.0, ground: NDArray | None = None, still: bool = False) -> None:
+        self._watcher, self._make = Watcher(detector, track_gap, still), make
         self._rate, self._distance, self._ground = rate, distance, ground
         self._next = -math.inf
         self.problems: set[str] = set()
@@ -98,7 +98,7 @@ class Seeing:
         """What is seen in a picture."""
         try:
             image = image_from_message(picture)
-            found = self._detector.detect(image)
+            found, tracks = self._watcher.look(image, to_seconds(picture.header.stamp))
         except ValueError as error:
             self.problems.add(f'{names.IMAGE}: {error}')
             return
@@ -108,7 +108,6 @@ class Seeing:
             ground = self._ground if self._ground is not None and self._ground.shape == image.shape[:2] else None
             seen = visibility.estimate(image, ground, self._distance)
             yield names.VISIBILITY, now, self._make.rounded(self._make.visibility(seen, picture.header))
-        tracks = self._tracker.update(found, time)
         yield names.DETECTIONS, now, self._make.rounded(self._make.detections(found, tracks, picture.header))
 
 
@@ -139,7 +138,7 @@ class Fusing:
     def move(self, pose: Pose, now: float) -> None:
         """Where the rig is: nothing follows from that alone."""
         if self._is_timely(names.ODOMETRY, pose.time, now) and pose.has_attitude:
-            self._tracker.add_pose(pose.time, pose.yaw, pose.yaw_rate)
+            self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
 
     def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
         """What a message of another of the fusion's topics leads to."""

@@ -16,14 +16,15 @@ from av_vision.drawing import draw
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Recording
-from av_vision.tracking import Tracker
+from av_vision.watching import Watcher
 from av_vision.yolo import Detections, Detector, DetectorSettings
+from av_vision.yolo.letterbox import letterbox
 
 COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
 
 
 class VideoWriter:
-    """A video file that is begun with the first frame's size; raises SourceError when it cannot be written."""
+    """A video file of the first frame's size, into which others are fitted; raises SourceError when it cannot be written."""
 
     def __init__(self, path: Path, rate: float) -> None:
         self._path, self._rate = path, rate
@@ -35,7 +36,9 @@ class VideoWriter:
             self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter_fourcc(*'mp4v'), self._rate, image.shape[1::-1])
             if not self._video.isOpened():
                 raise SourceError(f'{self._path} cannot be written as a video')
-        self._video.write(image)
+            self._size = image.shape[:2]
+        # OpenCV silently leaves out frames of another size.
+        self._video.write(image if image.shape[:2] == self._size else letterbox(image, *self._size)[0])
 
     def close(self) -> None:
         """Finish the file."""
@@ -46,11 +49,10 @@ class VideoWriter:
 Look = tuple[int, NDArray, Detections, list[int]]
 
 
-def detect_recording(recording: Recording, detector: Detector, tracker: Tracker) -> Iterator[Look]:
+def detect_recording(recording: Recording, watcher: Watcher) -> Iterator[Look]:
     """Frame numbers, frames, their detections and track numbers."""
     for index, image in recording.frames():
-        detections = detector.detect(image)
-        yield index, image, detections, tracker.update(detections, index / recording.rate)
+        yield index, image, *watcher.look(image, index / recording.rate)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -71,6 +73,7 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
     parser.add_argument('--size', type=int, default=0, help='longer side of the picture for the network (dynamic models)')
     parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='look at tiles of this side too')
+    parser.add_argument('--still', action='store_true', help='judge each picture by itself, as for a folder of unrelated ones')
     parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--csv', action='store_true', help='rows with a header (the default)')
@@ -99,7 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
-    for index, image, detections, tracks in detect_recording(recording, detector, Tracker()):
+    for index, image, detections, tracks in detect_recording(recording, Watcher(detector, still=arguments.still)):
         for row in rows_of(index, index / recording.rate, detections, tracks):
             if arguments.json:
                 print(json.dumps(row), file=out)

@@ -23,7 +23,7 @@ from av_vision.latest import Latest
 from av_vision.models import shipped_model
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.nodes.visibility_reporter import VisibilityReporter
-from av_vision.tracking import Tracker
+from av_vision.watching import Watcher
 from av_vision.yolo import Detections, Detector, DetectorSettings
 
 # Without a picture for this long the node says so.
@@ -48,7 +48,7 @@ class DetectorNode(RigNode):
             keep=(settings.target_class,), rename=dict.fromkeys(given(settings.keep_classes), settings.target_class),
             layout=settings.layout, class_names=given(settings.class_names), input_size=settings.input_size,
             slice_size=settings.slice_size, providers=tuple(settings.providers), threads=settings.threads))
-        self._track_gap = settings.track_gap
+        self._track_gap, self._still = settings.track_gap, settings.still
         self._compressed = settings.compressed
         self._publisher = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._debug = self.create_publisher(Image, 'detections/image', PICTURE)
@@ -56,7 +56,7 @@ class DetectorNode(RigNode):
 
     def activate(self) -> None:
         """Begin to look."""
-        self._tracker = Tracker(self._track_gap)
+        self._watcher = Watcher(self._detector, self._track_gap, self._still)
         self._latest: Latest[Image | CompressedImage] = Latest()
         self._pictures, self._unusable, self._problem_with_pictures, self._took = RateMeter(), 0, '', 0.0
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
@@ -93,8 +93,7 @@ class DetectorNode(RigNode):
 
     def _look(self, message: Image | CompressedImage) -> None:
         image = image_from_message(message)
-        detections = self._detector.detect(image)
-        tracks = self._tracker.update(detections, to_seconds(message.header.stamp))
+        detections, tracks = self._watcher.look(image, to_seconds(message.header.stamp))
         self._publisher.publish(to_message(detections, tracks, message.header))
         if self._debug.get_subscription_count():
             self._publish_debug(image, detections, tracks, message.header)

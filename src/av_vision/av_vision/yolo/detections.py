@@ -31,6 +31,24 @@ class Detections:
         return self.boxes[:, 2:] - self.boxes[:, :2]
 
 
+@dataclass(frozen=True)
+class Candidates:
+    """Everything that might be something: boxes (n, 4) as in `Detections`, probabilities (n, classes) 0-1."""
+
+    boxes: NDArray[np.float32]
+    probabilities: NDArray[np.floating]
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    @property
+    def scores(self) -> NDArray[np.floating]:
+        """Of the likeliest class (n,)."""
+        return self.probabilities.max(axis=1, initial=0.0)
+
+    centres, sizes = Detections.centres, Detections.sizes
+
+
 def suppress(boxes: NDArray, scores: NDArray, iou: float) -> NDArray[np.intp]:
     """Indices of the boxes that survive non-maximum suppression, by falling score.
 

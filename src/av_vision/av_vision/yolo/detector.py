@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_vision.image import to_bgr8
-from av_vision.yolo.detections import Detections, suppress
+from av_vision.yolo.detections import Candidates, Detections, suppress
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
@@ -58,55 +58,71 @@ class Detector:
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
             if unknown := sorted(set(given) - set(known)):
                 raise ModelError(f'{name} names {unknown}, but {model_path} knows {sorted(set(known))}')
-        # Classes that share a name share a number, so that one object seen as a bird and as a kite is one drone.
+        # Classes that share a name are one, so that one object seen as a bird and as a kite is one drone.
         self._names = list(dict.fromkeys(names))
-        self._number = np.array([self._names.index(name) for name in names], np.intp)
+        number = np.array([self._names.index(name) for name in names], np.intp)
+        self._by_name = np.argsort(number, kind='stable')
+        self._first = np.searchsorted(number[self._by_name], np.arange(len(self._names)))
         self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def detect(self, image: NDArray) -> Detections:
-        """Detections in a picture: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for what is no picture."""
-        image = to_bgr8(image)
-        boxes, scores, classes = self._look_everywhere(image)
-        if not len(scores):
-            return Detections()
-        if self.model.layout.needs_nms or self.settings.slice_size:
-            chosen = suppress(boxes, scores, self.settings.nms_iou)
-        else:
-            chosen = np.argsort(-scores)
-        chosen = chosen[self._kept[classes[chosen]]][:self.settings.max_detections]
-        limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
-        return Detections(np.clip(boxes[chosen], 0.0, limit).astype(np.float32), scores[chosen].astype(np.float32),
-                          tuple(self._names[i] for i in classes[chosen]))
+        """Detections in a picture by itself: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for what is no picture."""
+        return self.report(self.candidates(image, self.threshold))[0]
 
-    def _look_everywhere(self, image: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
+    def candidates(self, image: NDArray, floor: float) -> Candidates:
+        """All that is in a picture of whatever name, in falling order of score, down to a probability `floor`."""
+        image = to_bgr8(image)
+        boxes, probabilities = self._look_everywhere(image, floor)
+        limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
+        seen = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
+        if self.model.layout.needs_nms or self.settings.slice_size:
+            chosen = suppress(boxes, seen.scores, self.settings.nms_iou)
+        else:
+            chosen = np.argsort(-seen.scores)
+        return Candidates(seen.boxes[chosen], probabilities[chosen])
+
+    def report(self, seen: Candidates) -> tuple[Detections, NDArray[np.intp]]:
+        """What is sure enough and of the names wanted, and which of the candidates that is."""
+        if not len(seen):
+            return Detections(), np.empty(0, np.intp)
+        scores, classes = seen.scores, seen.probabilities.argmax(axis=1)
+        order = np.argsort(-scores, kind='stable')
+        chosen = order[(scores[order] > self.threshold) & self._kept[classes[order]]][:self.settings.max_detections]
+        return Detections(seen.boxes[chosen], scores[chosen].astype(np.float32),
+                          tuple(self._names[i] for i in classes[chosen])), chosen
+
+    def _look_everywhere(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
         """The whole picture and, with slicing, its tiles in one batch."""
         height, width = image.shape[:2]
         side, model = self.settings.slice_size, self.model
         corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
-        looks = [self._look(image)]
+        looks = [self._look(image, floor)]
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
             size = fitting_size(side, side, max(side, 32)) if model.dynamic_size else model.size
             fitted = [letterbox(tile, *size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
-                boxes, scores, classes = model.layout.decode(output, size, self.threshold)
+                boxes, probabilities = model.layout.decode(output, size, floor)
                 boxes = boxes / scale + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
-                looks.append(self._named(boxes[whole], scores[whole], classes[whole]))
+                looks.append(self._named(boxes[whole], probabilities[whole]))
         return tuple(np.concatenate(parts) for parts in zip(*looks, strict=True))
 
-    def _look(self, image: NDArray[np.uint8]) -> tuple[NDArray, NDArray, NDArray]:
-        """Boxes in pixels of the picture, scores and numbers of names, before suppression."""
+    def _look(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
+        """Boxes in pixels of the picture and probabilities of names, before suppression."""
         model, layout = self.model, self.model.layout
         size = fitting_size(*image.shape[:2], model.longest) if model.dynamic_size else model.size
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
-        boxes, scores, classes = layout.decode(output, size, self.threshold)
-        return self._named(boxes / scale, scores, classes)
+        boxes, probabilities = layout.decode(output, size, floor)
+        return self._named(boxes / scale, probabilities)
 
-    def _named(self, boxes: NDArray, scores: NDArray, classes: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        inside = classes < len(self._number)
-        boxes, scores, numbers = boxes[inside], scores[inside], self._number[classes[inside]]
-        good = np.isfinite(boxes).all(axis=1)
-        return boxes[good], scores[good], numbers[good]
+    def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
+        """Of each name the likeliest class; boxes of classes without a name and doubtful numbers go."""
+        count = len(self._by_name)
+        inside = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
+        good = inside & np.isfinite(boxes).all(axis=1)
+        table = np.zeros((np.count_nonzero(good), count), np.float32)
+        table[:, :probabilities.shape[1]] = probabilities[good, :count]
+        return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-Candidates = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.intp]]
+Decoded = tuple[NDArray[np.float32], NDArray[np.float32]]  # boxes (n, 4), probabilities (n, classes)
 
 
 class LayoutError(ValueError):
@@ -27,7 +27,7 @@ class Layout:
     rgb: bool
     scale: float
     class_count: Callable[[tuple[int, int]], int]
-    decode: Callable[[NDArray, tuple[int, int], float], Candidates]
+    decode: Callable[[NDArray, tuple[int, int], float], Decoded]
     needs_nms: bool = True
 
 
@@ -53,23 +53,15 @@ def corners(centre: NDArray, size: NDArray) -> NDArray[np.float32]:
     return np.concatenate([centre - 0.5 * size, centre + 0.5 * size], axis=1)
 
 
-def best_of(rows: NDArray, threshold: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Rows (n, 5+C) whose objectness x best class passes, with these scores and classes."""
-    rows = rows[rows[:, 4] > threshold]  # a class probability is at most 1: cheap and exact
-    scores = rows[:, 5:] * rows[:, 4:5]
-    classes = scores.argmax(axis=1) if len(scores) else np.empty(0, np.intp)
-    scores = scores[np.arange(len(rows)), classes]
-    passed = scores > threshold
-    return rows[passed], scores[passed], classes[passed]
-
-
-def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
     """YOLOv5, YOLOv7 and decoded YOLOX: cx, cy, w, h in input pixels, objectness, classes."""
-    rows, scores, classes = best_of(rows, threshold)
-    return corners(rows[:, :2], rows[:, 2:4]), scores, classes
+    rows = rows[rows[:, 4] > threshold]  # a class probability is at most 1: cheap and exact
+    probabilities = rows[:, 5:] * rows[:, 4:5]
+    passed = probabilities.max(axis=1, initial=0.0) > threshold
+    return corners(rows[passed, :2], rows[passed, 2:4]), probabilities[passed]
 
 
-def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
     """YOLOX as trained: offsets from the cell in cells, logarithms of the size in cells, objectness, classes."""
     cells, strides = grid(size)
     passed = rows[:, 4] > threshold
@@ -78,19 +70,17 @@ def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> 
     return decode_centred(rows, size, threshold)
 
 
-def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
     """YOLOv8, 9, 11, 12: (4+C, n), cx, cy, w, h in input pixels and one probability for each class."""
-    scores = columns[4:].max(axis=0)
-    passed = np.flatnonzero(scores > threshold)
-    columns = columns[:, passed]
-    classes = columns[4:].argmax(axis=0) if passed.size else np.empty(0, np.intp)
-    return corners(columns[:2].T, columns[2:4].T), scores[passed], classes
+    rows = columns[:, np.flatnonzero(columns[4:].max(axis=0) > threshold)].T
+    return corners(rows[:, :2], rows[:, 2:4]), rows[:, 4:]
 
 
-def decode_end_to_end(rows: NDArray, size: tuple[int, int], threshold: float) -> Candidates:
+def decode_end_to_end(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
     """YOLOv10 and 26: x1, y1, x2, y2 in input pixels, score, class; duplicates are already gone."""
     rows = rows[rows[:, 4] > threshold]
-    return rows[:, :4], rows[:, 4], rows[:, 5].astype(np.intp)
+    classes = rows[:, 5].astype(np.intp)
+    return rows[:, :4], rows[:, 4:5] * (classes[:, None] == np.arange(classes.max(initial=-1) + 1))
 
 
 LAYOUTS = {layout.name: layout for layout in (
