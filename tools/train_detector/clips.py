@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import json
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ CLASSES = ('drone', 'bird', 'airplane', 'helicopter')
 # the birds in the red tree; airplanes at the fence; the late helicopter clips).
 UNSEEN_SCENES = {'drone': (*range(43, 55),), 'bird': (20, 22, 23, 10, 14), 'airplane': (49, 50, 44, 22),
                  'helicopter': (49, 52, 55, 58, 61)}
+RATE, STRIDE = 30.0, 3  # frames/s; a rig looks at about ten of them
 SPLITS = ('train', 'choose', 'test_clip', 'test_scene')
 
 
@@ -42,6 +44,21 @@ def read_boxes(path: Path) -> dict[int, list[tuple[int, float, float, float, flo
             x, y, w, h = (float(row[key]) for key in ('x', 'y', 'width', 'height'))
             boxes[int(row['frame'])].append((CLASSES.index(row['label'].lower()), x, y, x + w, y + h))
     return boxes
+
+
+def clips_of(data: Path, split: str) -> list[str]:
+    """Names of the clips of a split."""
+    return [path.stem for path in sorted((data / 'labels').glob('*.csv')) if split_of(path.stem) == split]
+
+
+def film(data: Path, clip: str) -> Iterator[tuple[float, NDArray[np.uint8], NDArray[np.float32]]]:
+    """Every third frame of a clip as a rig would see them: time in s, picture, boxes (k, 5) of class, x1, y1, x2, y2."""
+    boxes = read_boxes(data / 'labels' / f'{clip}.csv')
+    video, number = cv2.VideoCapture(str(data / 'video' / f'{clip}.mp4')), 0
+    while video.grab():
+        if number % STRIDE == 0:
+            yield number / RATE, video.retrieve()[1], np.array(boxes.get(number, []), np.float32).reshape(-1, 5)
+        number += 1
 
 
 def build_cache(data: Path, cache: Path, stride: int = 8) -> None:

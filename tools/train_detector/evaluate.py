@@ -1,4 +1,4 @@
-"""Measure a detector: `python evaluate.py MODEL.onnx --cache FOLDER [--data DRONE_DETECTION]` prints the model card's tables.
+"""Measure a detector: `python evaluate.py MODEL.onnx --cache FOLDER --data DRONE_DETECTION` prints the model card's tables.
 
 With `--classes airplane,bird,kite` a COCO model is measured on the same frames.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from clips import HEIGHT, WIDTH, Frames, build_cache
-from measure import match, measure
+from measure import look_at, match, measure
 from numpy.typing import NDArray
 from samples import paste
 from simulated import boxes_of
@@ -31,19 +31,27 @@ SLICE = 416
 LOWEST = 0.02
 
 
-def real(detector: Detector, threshold: float, cache: Path) -> None:
-    """The held-out clips, by split."""
-    print('split       frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
+def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
+    """The held-out clips, by split: every third frame in order, each by itself and with time."""
+    print('split      looks         frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
     for split in ('choose', 'test_clip', 'test_scene'):
-        frames = Frames(cache, split)
-        m = measure(detector, frames)
-        figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold), m.average_precision(0.3),
-                   m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold), m.calibration_error())
-        print(f'{split:11} {len(frames):6} {m.drones.sum():6}  ' + '  '.join(f'{figure:.3f}' for figure in figures))
-        for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
-            mine = np.array([kind in clip for clip in frames.clips])
-            wrong = np.unique(m.frames[m.scores >= threshold])
-            print(f'            false drones on {kind.lower()} frames: {mine[wrong].sum()} of {mine.sum()}')
+        looks = look_at(detector, data, split)
+        clip = np.array([look.clip for look in looks])
+        for still in (True, False):
+            m = measure(looks, detector, still)
+            figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
+                       m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),
+                       m.calibration_error())
+            print(f'{split:10} {"by themselves" if still else "in time":13} {len(looks):6} {m.drones.sum():6}  '
+                  + '  '.join(f'{figure:.3f}' for figure in figures))
+            wrong = np.unique(m.frames[(m.scores >= threshold) & ~m.hits])
+            for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
+                mine = np.array([kind in name for name in clip])
+                print(f'           false drones on {kind.lower()} frames: {mine[wrong].sum()} of {mine.sum()}')
+            right = np.unique(m.frames[(m.scores >= threshold) & m.hits])
+            for name in np.unique(clip) if clips and not still else ():
+                mine = clip == name
+                print(f'           {name:17} found in {mine[right].sum():3}, false in {mine[wrong].sum():3} of {mine.sum():3}')
 
 
 def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: int, count: int = 120) -> None:
@@ -120,20 +128,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument('model', type=Path)
     parser.add_argument('--cache', type=Path, required=True, help='folder for decoded frames (7 GB) and renders')
-    parser.add_argument('--data', type=Path, help='the drone_detection data set, needed when the cache is still empty')
+    parser.add_argument('--data', type=Path, required=True, help='the drone_detection data set')
     parser.add_argument('--classes', default='')
     parser.add_argument('--size', type=int, default=0)
+    parser.add_argument('--clips', action='store_true', help='of each real clip, too')
     parser.add_argument('--only', choices=('real', 'rendered', 'simulator'))
     args = parser.parse_args()
-    if args.data:
-        build_cache(args.data, args.cache)
+    build_cache(args.data, args.cache)
     rename = dict.fromkeys(filter(None, args.classes.split(',')), 'drone')
     settings = {'keep': ('drone',), 'rename': rename, 'input_size': args.size}
     threshold = Detector(args.model, DetectorSettings(**settings)).threshold
     low = Detector(args.model, DetectorSettings(**settings, score_threshold=LOWEST))
     print(f'{args.model.name}, threshold {threshold}')
     if args.only in (None, 'real'):
-        real(low, threshold, args.cache)
+        real(low, threshold, args.data, args.clips)
     if args.only in (None, 'rendered'):
         sprites, frames = build_bank(args.cache)['test/drone'], Frames(args.cache, 'test_clip', 'test_scene')
         print('rendered drones, recall at IoU 0.3, 512 x 512 pictures:')

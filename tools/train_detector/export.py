@@ -1,31 +1,36 @@
 """Export a checkpoint to ONNX in the layout of YOLOv8 (n, 4 + classes, cells), calibrated and with its metadata.
 
-`python export.py CHECKPOINT OUT.onnx --cache FOLDER`. Calibration and threshold come from the split `choose` alone:
-logistic regression (Platt 1999, with the other classes' logits as further evidence against) is folded into the graph, so that
-a drone's score is the probability that it is one.
+`python export.py CHECKPOINT OUT.onnx --cache FOLDER --data DRONE_DETECTION`. All that is fitted here comes from the split
+`choose` alone: logistic regression (Platt 1999, with the other classes' logits as further evidence against) is folded into
+the graph, so that a drone's score is the probability that it is one; how the pictures of one thing belong together
+(`av_vision.evidence`) is fitted to the clips as a rig sees them, and so is the threshold, after it.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import tempfile
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import onnx
 import torch
 from clips import CLASSES, HEIGHT, WIDTH, Frames
-from measure import Measurement, match, measure
+from measure import Look, Measurement, look_at, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from torch import Tensor, nn
 
+from av_vision.evidence import EvidenceModel, logit
+from av_vision.tracking import Tracker
 from av_vision.yolo import Detector, DetectorSettings
-from av_vision.yolo.detections import suppress
+from av_vision.yolo.detections import Candidates, suppress
 
 LOWEST, NMS_IOU = 0.01, 0.5
+# Beyond 2 s memory changes the likelihood of the fit by less than 1 %; the shorter it is, the sooner a mind is changed.
+MEMORY = EvidenceModel(memory_s=3.0, floor=0.02)
 
 
 class Decoded(nn.Module):
@@ -95,9 +100,39 @@ def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
     return np.concatenate(found), np.concatenate(hits)
 
 
+def fit_evidence(looks: list[Look]) -> EvidenceModel:
+    """Prior and correlation under which the tracks' posteriors are likeliest."""
+    means, counts, hits, clip = [], [], [], ''
+    for look in looks:
+        if look.clip != clip:
+            clip, tracker = look.clip, Tracker(model=MEMORY)
+        tracks = tracker.update(look.seen, look.time)
+        followed = [k for k, track in enumerate(tracks) if track is not None]
+        followed.sort(key=lambda k: -tracks[k].evidence.mean[0])
+        means += [tracks[k].evidence.mean[0] for k in followed]
+        counts += [tracks[k].evidence.count for k in followed]
+        hits += list(match(look.seen.boxes[followed], look.drones)[0] >= 0.3)
+    mean, count, hit = np.array(means), np.array(counts), np.array(hits)
+
+    def unlikelihood(x: NDArray) -> float:
+        z = x[0] + (mean - x[0]) / (x[1] + (1.0 - x[1]) / count)
+        return float(np.mean(np.logaddexp(0.0, z) - hit * z))
+
+    found = minimize(unlikelihood, [-1.0, 0.7], bounds=[(-5.0, 5.0), (0.05, 1.0)], method='L-BFGS-B')
+    print(f'{len(hit)} boxes in tracks; by themselves {unlikelihood(np.array([0.0, 1.0])):.4f} nats, fitted {found.fun:.4f}')
+    return replace(MEMORY, prior=round(float(found.x[0]), 3), correlation=round(float(found.x[1]), 3))
+
+
 def choose_threshold(result: Measurement) -> float:
     """The threshold of the best F1, false drones on pictures of birds, airplanes and helicopters counted."""
     return round(float(max(np.arange(0.2, 0.96, 0.01), key=lambda t: result.f1(t, everywhere=True))), 2)
+
+
+def recalibrate(look: Look, gain: float, shift: float) -> Look:
+    """The same network's look with other log-odds, down to the floor from which things are followed."""
+    probabilities = 1.0 / (1.0 + np.exp(-gain * logit(look.seen.probabilities) - shift))
+    worth = probabilities.max(axis=1, initial=0.0) > MEMORY.floor
+    return replace(look, seen=Candidates(look.seen.boxes[worth], probabilities[worth]))
 
 
 def main() -> None:
@@ -106,6 +141,7 @@ def main() -> None:
     parser.add_argument('checkpoint', type=Path)
     parser.add_argument('out', type=Path)
     parser.add_argument('--cache', type=Path, required=True)
+    parser.add_argument('--data', type=Path, required=True)
     args = parser.parse_args()
     state = torch.load(args.checkpoint)
     network = Network()
@@ -116,22 +152,24 @@ def main() -> None:
     weights, shift = fit(*candidates(network, frames))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
-    with tempfile.TemporaryDirectory() as folder:
-        plain = Path(folder, 'plain.onnx')
-        write(Decoded(network, mixing, shift), plain, {'names': names})
-        result = measure(Detector(plain, DetectorSettings(score_threshold=LOWEST, keep=('drone',))), frames)
+    metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'license': 'Apache-2.0', 'steps': str(state['step']),
+                'description': 'Drone detector trained from scratch; see the model card'}
+    low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
+    write(Decoded(network, mixing, shift), args.out, metadata)
+    looks = look_at(Detector(args.out, low), args.data, 'choose')
     # What the other classes take away in suppression changes the odds a little: once more, for all alike.
-    gain, more = fit(np.log(result.scores / (1.0 - result.scores))[:, None], result.hits)
+    alone = measure(looks, Detector(args.out, low), still=True)
+    gain, more = fit(logit(alone.scores)[:, None], alone.hits)
     mixing, shift = gain[0] * mixing, gain[0] * shift + more
-    result.scores = 1.0 / (1.0 + np.exp(-gain[0] * np.log(result.scores / (1.0 - result.scores)) - more))
-    threshold = choose_threshold(result)
-    metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'score_threshold': str(threshold), 'license': 'Apache-2.0',
-                'description': 'Drone detector trained from scratch; see the model card', 'steps': str(state['step'])}
+    looks = [recalibrate(look, gain[0], more) for look in looks]
+    metadata['evidence'] = json.dumps(asdict(fit_evidence(looks)))
+    write(Decoded(network, mixing, shift), args.out, metadata)
+    result = measure(looks, Detector(args.out, low))
+    metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, step {state["step"]}, weights {np.round(mixing[0], 3)}, '
-          f'shift {shift:.3f}, '
-          f'threshold {threshold}; choose: F1 {result.f1(threshold):.3f}, false frames {result.false_frames(threshold):.3f}')
-    for t in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+          f'shift {shift:.3f}, evidence {metadata["evidence"]}, threshold {metadata["score_threshold"]}')
+    for t in (float(metadata['score_threshold']), 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
         print(f'  at {t}: F1 {result.f1(t):.3f}, recall {result.recall(t):.3f}, false frames {result.false_frames(t):.3f}')
 
 

@@ -1,14 +1,17 @@
-"""How well a detector does on labelled frames."""
+"""How well a detector does on labelled clips."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from clips import Frames
+from clips import clips_of, film
 from numpy.typing import NDArray
 
+from av_vision.watching import Watcher
 from av_vision.yolo import Detector
+from av_vision.yolo.detections import Candidates
 
 
 @dataclass
@@ -90,19 +93,40 @@ def match(boxes: NDArray, real: NDArray) -> tuple[NDArray, NDArray]:
     return overlap, offset
 
 
-def measure(detector: Detector, frames: Frames) -> Measurement:
-    """Run a detector of drones over frames with labels."""
-    scores, overlaps, offsets, places = [], [], [], []
-    drones = np.zeros(len(frames), int)
-    for i in range(len(frames)):
-        real = frames.boxes[i][frames.boxes[i][:, 0] == 0, 1:]
-        drones[i] = len(real)
-        found = detector.detect(np.ascontiguousarray(frames.image(i)))
-        overlap, offset = match(found.boxes, real)
+@dataclass
+class Look:
+    """What a network saw in one picture, and the boxes (k, 5) of class, x1, y1, x2, y2 that are there."""
+
+    clip: str
+    time: float
+    seen: Candidates
+    truth: NDArray[np.float32]
+
+    @property
+    def drones(self) -> NDArray[np.float32]:
+        """Boxes (k, 4) of the drones that are there."""
+        return self.truth[self.truth[:, 0] == 0, 1:]
+
+
+def look_at(detector: Detector, data: Path, split: str) -> list[Look]:
+    """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold."""
+    return [Look(clip, time, detector.candidates(picture, detector.threshold), truth)
+            for clip in clips_of(data, split) for time, picture, truth in film(data, clip)]
+
+
+def measure(looks: list[Look], detector: Detector, still: bool = False) -> Measurement:
+    """What the detector reports: with time as the rig does it, or `still`, each picture by itself."""
+    scores, overlaps, offsets, frames = [], [], [], []
+    clip = ''
+    for i, look in enumerate(looks):
+        if look.clip != clip:
+            clip, watcher = look.clip, Watcher(detector, still=still)
+        found, _ = watcher.judge(look.seen, look.time)
+        overlap, offset = match(found.boxes, look.drones)
         scores.append(found.scores)
         overlaps.append(overlap)
         offsets.append(offset)
-        places.append(np.full(len(found), i))
+        frames.append(np.full(len(found), i))
     overlap = np.concatenate(overlaps)
     return Measurement(np.clip(np.concatenate(scores).astype(float), 1e-6, 1 - 1e-6), overlap >= 0.3, overlap,
-                       np.concatenate(offsets), np.concatenate(places), drones)
+                       np.concatenate(offsets), np.concatenate(frames), np.array([len(look.drones) for look in looks]))

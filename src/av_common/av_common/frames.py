@@ -46,10 +46,15 @@ def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
     return wrap(np.pi / 2.0 - np.asarray(yaw_rad, float))
 
 
+def heading_of(quaternion: Sequence[ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
+    """Sine and cosine, alike scaled, of the yaw of an attitude (w, x, y, z) of any length, or of columns of them."""
+    w, x, y, z = quaternion
+    return 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
+
+
 def yaw_of(quaternion: Sequence[float]) -> float:
     """Yaw in rad of an attitude (w, x, y, z) of any length: the direction of the body's x axis seen from above."""
-    w, x, y, z = quaternion
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return math.atan2(*heading_of(quaternion))
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray:

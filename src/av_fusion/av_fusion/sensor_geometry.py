@@ -22,13 +22,15 @@ def sounds_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_v
     `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
     """
     rows = rotation.tolist()
-    turned = [_turned(rows, direction) for direction in directions]
-    sounds = []
-    for group in dict.fromkeys(groups):
-        members = [k for k, g in enumerate(groups) if g == group]
-        hypotheses = tuple(Hypothesis(math.atan2(y, x), float(azimuth_variances[k]), math.atan2(z, math.hypot(x, y)),
-                                      float(elevation_variances[k])) for k in members for x, y, z in (turned[k],))
-        sounds.append(Sound(time, hypotheses, max(float(confidences[k]) for k in members), window))
+    members: dict[int, list[Hypothesis]] = {}
+    surest: dict[int, float] = {}
+    for direction, variance, elevation_variance, confidence, group in zip(
+            directions, azimuth_variances, elevation_variances, confidences, groups, strict=True):
+        x, y, z = _turned(rows, direction)
+        members.setdefault(group, []).append(Hypothesis(math.atan2(y, x), float(variance), math.atan2(z, math.hypot(x, y)),
+                                                        float(elevation_variance)))
+        surest[group] = max(float(confidence), surest.get(group, 0.0))
+    sounds = [Sound(time, tuple(hypotheses), surest[group], window) for group, hypotheses in members.items()]
     return sorted(sounds, key=lambda sound: -sound.confidence)
 
 
@@ -54,4 +56,5 @@ def look_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: 
 def _turned(rows: list[list[float]], vector: Sequence[float]) -> tuple[float, float, float]:
     """A rotation (3, 3) of one vector: for a handful of directions plain numbers are faster than arrays."""
     x, y, z = vector
-    return tuple(a * x + b * y + c * z for a, b, c in rows)
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z

@@ -8,8 +8,8 @@ from typing import Any
 
 from av_fusion.bags import topics as names
 from av_fusion.bags.journal import Journal, track_of
-from av_fusion.bags.poses import Pose
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
+from av_fusion.poses import Pose
 from av_fusion.senses import Senses
 
 

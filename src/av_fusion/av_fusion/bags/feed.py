@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from av_fusion.bags import topics as names
 from av_fusion.bags.converters import AudioLayout, Converter, converter
 from av_fusion.bags.definitions import learn
-from av_fusion.bags.poses import pose_of, read_odometry
 from av_fusion.bags.reader import FOREVER, Bag
+from av_fusion.poses import pose_of, read_odometry
 
 SECOND = 10**9
 # As fusion_node: a stamp further from the clock than this is of another clock.

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from av_common.frames import heading_of
 from av_common.stamps import to_seconds
 from av_fusion.bags import topics as names
-from av_fusion.bags.poses import Pose
 from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.measurements import Look, Sound, State, Track
+from av_fusion.poses import Pose
 
 
 class Journal:
@@ -51,7 +52,7 @@ class Journal:
         if name == names.TRUE_TARGET:
             self.log.target.extend(poses.time, poses.x, poses.y, poses.z)
         else:
-            self.log.rig.extend(poses.time, poses.x, poses.y, poses.z, np.arctan2(*poses.heading))
+            self.log.rig.extend(poses.time, poses.x, poses.y, poses.z, np.arctan2(*heading_of(poses.attitude)))
 
 
 def track_of(bearing: Any, state: Any | None) -> Track:

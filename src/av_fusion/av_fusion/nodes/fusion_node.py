@@ -20,6 +20,7 @@ from av_fusion.from_parameters import make_tracker
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
+from av_fusion.poses import read_odometry
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
@@ -49,8 +50,8 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
         self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._on_visibility, STREAM)
-        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
+        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM, raw=True)
+        self._silence = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_silence)
 
     def cleanup(self) -> None:
         """Close the publishers."""
@@ -60,16 +61,16 @@ class FusionNode(RigNode):
     def _now(self) -> float:
         return self.get_clock().now().nanoseconds * 1e-9
 
-    def _is_foreign(self, header: Header, now: float) -> bool:
+    def _is_foreign(self, stamp: float, now: float) -> bool:
         """Whether a stamp stems from another clock than this node's."""
-        foreign = abs(to_seconds(header.stamp) - now) > CLOCK_TOLERANCE_S
+        foreign = abs(stamp - now) > CLOCK_TOLERANCE_S
         self._foreign += foreign
         return foreign
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
         now = self._now()
-        if self._is_foreign(message.header, now):
+        if self._is_foreign(to_seconds(message.header.stamp), now):
             return
         for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
             self._tracker.add_sound(sound)
@@ -77,11 +78,11 @@ class FusionNode(RigNode):
 
     def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
-        stamp, visibility = self._visibility
-        now = self._now()
-        if self._is_foreign(message.header, now):
+        stamp, now = to_seconds(message.header.stamp), self._now()
+        if self._is_foreign(stamp, now):
             return
-        look = self._senses.look(message, visibility if abs(to_seconds(message.header.stamp) - stamp) < 1.0 else math.nan)
+        judged, visibility = self._visibility
+        look = self._senses.look(message, visibility if abs(stamp - judged) < 1.0 else math.nan)
         if look is not None:
             self._tracker.add_look(look)
             self._publish(now)
@@ -89,23 +90,24 @@ class FusionNode(RigNode):
     def _on_visibility(self, message: Visibility) -> None:
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
 
-    def _on_odometry(self, message: Odometry) -> None:
+    def _on_odometry(self, data: bytes) -> None:
         self._meters['odometry'].tick()
-        q = message.pose.pose.orientation
-        if not self._is_foreign(message.header, self._now()) and q.w**2 + q.x**2 + q.y**2 + q.z**2 > 0.5:
-            yaw = yaw_of([q.w, q.x, q.y, q.z])
-            self._tracker.add_pose(to_seconds(message.header.stamp), yaw, message.twist.twist.angular.z)
+        pose = read_odometry(data)
+        # The clock was read when the last track was published: it is read again only where that leaves a doubt.
+        if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self._now()):
+            return
+        if pose.has_attitude:
+            self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
 
-    def _on_timer(self) -> None:
-        now = self._now()
-        if now - self._last_published > 0.9 / self._settings.rate:
-            self._publish(now)
+    def _on_silence(self) -> None:
+        self._publish(self._now())
 
     def _missing(self) -> list[str]:
         return [name for name, meter in self._meters.items() if meter.age > 1.0]
 
     def _publish(self, now: float) -> None:
         self._last_published = now
+        self._silence.reset()
         track = self._tracker.estimate(now)
         header = Header(stamp=to_stamp(now), frame_id=self._settings.base_frame)
         self._state_publisher.publish(state_message(track, header, self._missing()))

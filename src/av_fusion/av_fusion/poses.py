@@ -1,8 +1,7 @@
-"""Odometry as plain numbers, read straight from its bytes: most messages of a bag are poses."""
+"""Odometry as plain numbers, read straight from its bytes: most messages, live and in bags, are poses."""
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -36,15 +35,9 @@ class Pose(NamedTuple):
         return self.qx**2 + self.qy**2 + self.qz**2 + self.qw**2 > 0.5
 
     @property
-    def heading(self) -> tuple[float, float]:
-        """Sine and cosine, alike scaled, of the direction of the body's x axis seen from above."""
-        return (2.0 * (self.qw * self.qz + self.qx * self.qy),
-                self.qw * self.qw + self.qx * self.qx - self.qy * self.qy - self.qz * self.qz)
-
-    @property
-    def yaw(self) -> float:
-        """That direction in rad; of one pose."""
-        return math.atan2(*self.heading)
+    def attitude(self) -> tuple[float, float, float, float]:
+        """The quaternion as (w, x, y, z)."""
+        return self.qw, self.qx, self.qy, self.qz
 
 
 def read_odometry(data: bytes) -> Pose:
