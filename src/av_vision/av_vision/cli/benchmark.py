@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Recording
+from av_vision.watching import Watcher
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
@@ -45,12 +46,13 @@ def open_detector(path: Path, size: int, threads: int) -> Detector:
 def compare(detectors: dict[str, Detector], images: list[NDArray], rounds: int) -> dict[str, NDArray]:
     """Times in ms (2, rounds) of the bare session and of the whole way, for each detector, taken in turns."""
     times = {name: np.empty((2, rounds)) for name in detectors}
+    watchers = {name: Watcher(detector) for name, detector in detectors.items()}
     for k in range(rounds):
         image = images[k % len(images)]
         for name, detector in detectors.items():
             tensor = tensor_of(detector, image)
             times[name][0, k] = milliseconds(lambda: detector.model.run(tensor))  # noqa: B023
-            times[name][1, k] = milliseconds(lambda: detector.detect(image))  # noqa: B023
+            times[name][1, k] = milliseconds(lambda: watchers[name].look(image, 0.1 * k))  # noqa: B023
     return times
 
 
