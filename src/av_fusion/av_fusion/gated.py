@@ -99,6 +99,11 @@ class GatedTracker:
         self._heard = (time, heard[chosen])
         self.machine.hear(time, sound.confidence)
 
+    @property
+    def heard(self) -> float | None:
+        """World azimuth (rad) of the image taken of the newest sound."""
+        return None if self._heard is None else float(wrap(self.motion.yaw(self._heard[0]) + self._heard[1].azimuth))
+
     def estimate(self, time: float) -> Track:
         """The newest bearing of the sense that leads, carried to `time` by the rig's turn alone."""
         newest = max([entry[0] for entry in (self._seen, self._heard) if entry], default=-math.inf)

@@ -10,15 +10,19 @@ import numpy as np
 import pytest
 from bag_messages import flight
 
+from av_common.angles import wrap
 from av_fusion.cli.evaluate import main
 from av_fusion.evaluation import schedule
 from av_fusion.evaluation.cases import Case, find_inputs, is_bag
 from av_fusion.evaluation.page import Page
+from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.results import MethodResult, RunResult, figures_together
 from av_fusion.evaluation.runs import changed_scenario, run_case
+from av_fusion.evaluation.unaided import chosen_images
+from av_fusion.measurements import Hypothesis, Sound
 
 FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_decide_s',
-           'switches', 'latency_ms'}
+           'switches', 'latency_ms', 'unaided_rmse_deg'}
 
 
 def one_process(monkeypatch):
@@ -53,6 +57,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     assert FIGURES.issubset(metrics['fused']) and {'fused', 'sound', 'sight'}.issubset(metrics)
     assert metrics['fused']['coverage'] == 1.0 and metrics['fused']['rmse_deg'] < 3.0
     assert metrics['sound']['hemisphere_errors'] is None  # it is given the true one
+    assert metrics['sound']['unaided_rmse_deg'] > metrics['sound']['rmse_deg']
     runs = json.loads((out / 'runs.json').read_text())
     assert {run['name'] for run in runs} == {'good', 'circle_1'}
     assert 'gcc_phat' in next(run for run in runs if run['name'] == 'good')['missing']
@@ -112,17 +117,34 @@ def test_the_same_seed_gives_the_same_result_and_another_one_another():
     assert np.array_equal(errors(1), errors(1)) and not np.array_equal(errors(1), errors(2))
 
 
+def test_the_published_rules_choose_the_image_when_nothing_else_does():
+    """A source that stays put behind a rig that turns: after the turn the image that stayed is taken, then those near it."""
+    true, turn, recording = math.radians(120.0), math.radians(60.0), Recording()
+    for k in range(100):
+        time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
+        recording.events.append((time, yaw, 0.0))
+        body = true - yaw
+        recording.sounds.setdefault('phat', []).append(Sound(time - 0.25, tuple(
+            Hypothesis(image, 1e-3) for image in (math.pi - body, body)), 1.0, 0.5))
+    time, world = chosen_images(recording.sounds['phat'], recording, 0.5)
+    assert time == pytest.approx(0.1 * np.arange(100))  # at the window's end
+    error = np.abs(np.degrees(wrap(world - true)))
+    assert error[0] > 50.0 and np.max(error[60:]) < 5.0
+
+
 def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
     """Two runs of known errors, kept on disk in between."""
     def run(name, errors, coverage, span):
         time = 0.1 * np.arange(len(errors))
-        method = MethodResult(time, time, time, np.array(errors, float), np.array(errors) > 90, coverage, switches=3.0)
+        error = np.array(errors)
+        method = MethodResult(time, time, time, error, error > 90.0, 2.0 * error, coverage, switches=3.0)
         return RunResult(name, 'key', {'input': name}, span, {'fused': method, 'fused@0.3': method})
     for result in (run('a', [3.0] * 30, 1.0, 30.0), run('b', [-4.0] * 9 + [100.0], 0.5, 10.0)):
         result.save(tmp_path)
     runs = [RunResult.load(tmp_path, name, 'key') for name in 'ab']
     figures = figures_together(runs, 'fused')
     assert figures['rmse_deg'] == pytest.approx(math.sqrt((30 * 9 + 9 * 16 + 1e4) / 40))
+    assert figures['unaided_rmse_deg'] == pytest.approx(2.0 * figures['rmse_deg'])
     assert figures['coverage'] == pytest.approx(0.875) and figures['outliers'] == pytest.approx(1 / 40)
     assert figures['hemisphere_errors'] == pytest.approx(1 / 40) and figures['median_deg'] == 3.0
     assert figures['worst_rmse_deg'] == pytest.approx(math.sqrt((9 * 16 + 1e4) / 10))

@@ -1,8 +1,8 @@
 """The methods of the paper's comparison and ours, on identical data: bearings of each as a series in the rig's frame.
 
 A direction of arrival is judged at its stamp, the centre of its window: how late it comes is its latency. A tracker says where
-the target is now, and is judged so. Hearing alone knows no hemisphere: it is given the true one, as the paper did by hand.
-What is fused is given nothing.
+the target is now, and is judged so. Hearing alone knows no hemisphere: it is given the true one, as the paper did by hand, or
+is left unaided (`unaided.py`). What is fused is given nothing.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from av_common.angles import wrap
 from av_fusion.bayes import BayesSettings, BayesTracker
 from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog, Series
+from av_fusion.evaluation.unaided import chosen_images
 from av_fusion.gated import GatedSettings, GatedTracker
 from av_fusion.machine import MachineSettings
 from av_fusion.measurements import Look, Sound, State
@@ -33,11 +34,12 @@ class UnavailableError(ValueError):
     """The run holds nothing that a method could work on."""
 
 
-def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> tuple[NDArray, NDArray]:
+def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5, aided: bool = True
+             ) -> tuple[NDArray, NDArray]:
     """Times (n,) and body azimuths (n,) in rad of one method, median-filtered in the world frame.
 
-    Empty where the target was looked for and not found. Raises UnavailableError where the run lacks what the method needs,
-    ValueError for an unknown method.
+    Those of FOLDED are `aided` by the truth. Empty where the target was looked for and not found. Raises UnavailableError
+    where the run lacks what the method needs, ValueError for an unknown method.
     """
     looked = False
     if method not in METHODS:
@@ -52,9 +54,10 @@ def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -
         world = wrap(log.sight['azimuth'][seen] + _yaw(time, log))
         looked = len(log.sight) > 0
     elif method == 'kalman':
-        time, world = _kalman(recording, log, tau)
+        time, world = _kalman(recording, log, tau, aided)
     else:
-        time, world = _unmirrored(_sounds(method, recording), log)
+        sounds = _sounds(method, recording)
+        time, world = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
         if method == 'moving_average':
             time, world = _averaged(time, world)
     if not time.size and not looked:
@@ -107,12 +110,12 @@ def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
     return time, np.angle(sums[AVERAGED:] - sums[:-AVERAGED])
 
 
-def _kalman(recording: Recording, log: RunLog, tau: float) -> tuple[NDArray, NDArray]:
+def _kalman(recording: Recording, log: RunLog, tau: float, aided: bool) -> tuple[NDArray, NDArray]:
     """A Kalman filter of azimuth and rate over GCC-PHAT and confident detections, with fixed noise, each taken as of now."""
     sounds = _sounds('kalman', recording)
-    late = 0.5 * sounds[0].window if sounds else 0.0
-    events = [(time + late, azimuth, math.radians(4.0) ** 2)
-              for time, azimuth in zip(*_unmirrored(sounds, log), strict=True)]
+    late = 0.5 * sounds[0].window if sounds and aided else 0.0
+    heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
+    events = [(time + late, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*heard, strict=True)]
     for look in (event for event in recording.events if isinstance(event, Look)):
         if look.best is not None and look.best.confidence >= tau:
             events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))

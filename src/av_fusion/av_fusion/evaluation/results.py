@@ -23,7 +23,8 @@ Columns = dict[str, NDArray]
 class MethodResult:
     """One method in one run. Times in s, azimuths in rad in the body frame, errors signed, in degrees.
 
-    `error_deg` and `opposite` belong to `judged_time`, where there is truth. `latency_ms` is from the capture of the
+    `error_deg` and `opposite` belong to `judged_time`, where there is truth; `unaided_deg` are the errors without the truth's
+    help. `latency_ms` is from the capture of the
     newest measurement to the bearing, `time_to_decide_s` and `switches` are told of trackers only.
     """
 
@@ -32,6 +33,7 @@ class MethodResult:
     judged_time: NDArray
     error_deg: NDArray
     opposite: NDArray
+    unaided_deg: NDArray
     coverage: float
     latency_ms: float = math.nan
     time_to_decide_s: float = math.nan
@@ -112,6 +114,8 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
     figures = {key: errors[key] for key in KEPT}
     each = [rmse(result.error_deg) for _, result in results if result.error_deg.size]
     figures['worst_rmse_deg'] = max(each, default=math.nan)
+    unaided = np.concatenate([result.unaided_deg for _, result in results])
+    figures['unaided_rmse_deg'] = rmse(unaided) if unaided.size else math.nan
     for key in ('time_to_decide_s', 'switches', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))

@@ -83,7 +83,8 @@ def _judge(method: str, log: RunLog, recording: Recording, tau: float, acquired:
     judged = judge(time, azimuth, log, acquired)
     grid = np.arange(acquired, acquired + span, 1.0 / GRID_HZ) if span > 0.0 else np.zeros(0)
     opposite = np.zeros(0, bool) if method in FOLDED else judged.opposite
-    result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, coverage_of(grid, time))
+    unaided = judge(*bearings(method, recording, log, tau, aided=False), log, acquired) if method in FOLDED else judged
+    result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
     if method in ('fused', 'gated'):
         series = track(method, recording, log, tau)
         result.time_to_decide_s, result.switches = time_to_decide(log, series), float(switches(series))
