@@ -28,7 +28,7 @@ from av_vision.tracking import Tracker
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.detections import Candidates, suppress
 
-LOWEST, NMS_IOU = 0.01, 0.5
+LOWEST = 0.01
 # Beyond 2 s memory changes the likelihood of the fit by less than 1 %; the shorter it is, the sooner a mind is changed.
 MEMORY = EvidenceModel(memory_s=3.0, floor=0.02)
 
@@ -93,7 +93,7 @@ def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
         logits, raw = network(picture)
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
-        kept = suppress(boxes, logits[:, 0] + 10.0, NMS_IOU)
+        kept = suppress(boxes, logits[:, 0] + 10.0, DetectorSettings.nms_iou, DetectorSettings.nms_nested)
         real = frames.boxes[i][frames.boxes[i][:, 0] == 0, 1:]
         found.append(logits[kept])
         hits.append(match(boxes[kept], real)[0] >= 0.3)

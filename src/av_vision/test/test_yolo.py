@@ -106,6 +106,14 @@ def test_suppression_keeps_the_best_of_each_place():
     assert suppress(np.empty((0, 4)), np.empty(0), 0.5).size == 0
 
 
+def test_a_part_of_a_likelier_thing_is_no_thing_of_its_own():
+    boxes = np.array([[0, 0, 40, 40], [5, 5, 15, 15], [30, 30, 50, 50], [6, 6, 14, 14]], np.float32)
+    scores = np.array([0.9, 0.8, 0.7, 0.6], np.float32)
+    assert suppress(boxes, scores, 0.5).tolist() == [0, 1, 2]
+    assert suppress(boxes, scores, 0.5, 0.6).tolist() == [0, 2]
+    assert suppress(boxes, scores[::-1].copy(), 0.5, 0.6).tolist() == [3, 2]  # a quarter of the third lies in the first
+
+
 def test_a_likely_bird_in_the_same_place_is_no_drone(tmp_path):
     seen = yolo_models.rows_of('v8', 416, 3, ((96.0, 160.0, 160.0, 200.0, 0, 0.9), (98.0, 160.0, 158.0, 204.0, 1, 0.6)))
     path = yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata=NAMES, output=seen[None])

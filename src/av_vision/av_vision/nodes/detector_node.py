@@ -44,7 +44,8 @@ class DetectorNode(RigNode):
         """Open the model."""
         settings = self.settings
         self._detector = Detector(settings.model or shipped_model(), DetectorSettings(
-            score_threshold=settings.score_threshold, nms_iou=settings.nms_iou, max_detections=settings.max_detections,
+            score_threshold=settings.score_threshold, nms_iou=settings.nms_iou, nms_nested=settings.nms_nested,
+            max_detections=settings.max_detections,
             keep=(settings.target_class,), rename=dict.fromkeys(given(settings.keep_classes), settings.target_class),
             layout=settings.layout, class_names=given(settings.class_names), input_size=settings.input_size,
             slice_size=settings.slice_size, providers=tuple(settings.providers), threads=settings.threads))

@@ -49,12 +49,24 @@ class Candidates:
     centres, sizes = Detections.centres, Detections.sizes
 
 
-def suppress(boxes: NDArray, scores: NDArray, iou: float) -> NDArray[np.intp]:
+def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
     """Indices of the boxes that survive non-maximum suppression, by falling score.
 
-    Boxes are (n, 4) x1, y1, x2, y2. Classes compete: what stands in one place is one thing, and a likely bird is no drone.
+    Boxes are (n, 4) x1, y1, x2, y2. Of two that overlap by more than `iou`, or of which more than the share `nested` of the
+    smaller lies in the other, the less likely goes. Classes compete: what stands in one place is one thing, and a likely
+    bird is no drone.
     """
     if not len(boxes):
         return np.empty(0, np.intp)
     xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).astype(np.float64)
-    return np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou), np.intp).reshape(-1)
+    chosen = np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou), np.intp).reshape(-1)
+    if nested >= 1.0 or len(chosen) < 2:
+        return chosen
+    left = boxes[chosen]
+    low, high = np.maximum(left[:, None, :2], left[None, :, :2]), np.minimum(left[:, None, 2:], left[None, :, 2:])
+    area = np.prod(left[:, 2:] - left[:, :2], axis=1)
+    inside = np.clip(high - low, 0.0, None).prod(axis=2) > nested * np.minimum(area[:, None], area[None])
+    stands = np.ones(len(left), bool)
+    for k in range(1, len(left)):
+        stands[k] = not (inside[k, :k] & stands[:k]).any()
+    return chosen[stands]

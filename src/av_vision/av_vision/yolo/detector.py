@@ -19,13 +19,16 @@ from av_vision.yolo.slicing import tile_corners, whole_in_tile
 class DetectorSettings:
     """Options of a detector.
 
-    score_threshold 0 takes the model's own (metadata `score_threshold`) or 0.25. Classes named in `rename` are reported
-    under another name; of the names after that, only those in `keep` are reported (all when empty). `slices` cuts the
-    picture into overlapping tiles of `slice_size` pixels that are looked at besides the whole, for small far targets.
+    score_threshold 0 takes the model's own (metadata `score_threshold`) or 0.25. Of two boxes that overlap by more than
+    `nms_iou`, or of which more than `nms_nested` of the smaller lies in the other, the less likely goes. Classes named in
+    `rename` are reported under another name; of the names after that, only those in `keep` are reported (all when empty).
+    `slices` cuts the picture into overlapping tiles of `slice_size` pixels that are looked at besides the whole, for small
+    far targets.
     """
 
     score_threshold: float = 0.0
     nms_iou: float = 0.5
+    nms_nested: float = 0.6
     max_detections: int = 50
     keep: tuple[str, ...] = ()
     rename: dict[str, str] = field(default_factory=dict)
@@ -38,7 +41,8 @@ class DetectorSettings:
     slice_overlap: float = 0.2
 
     def __post_init__(self) -> None:
-        for name, low, high in (('score_threshold', 0.0, 1.0), ('nms_iou', 0.0, 1.0), ('slice_overlap', 0.0, 0.9)):
+        for name, low, high in (('score_threshold', 0.0, 1.0), ('nms_iou', 0.0, 1.0), ('nms_nested', 0.0, 1.0),
+                                ('slice_overlap', 0.0, 0.9)):
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
         for name in ('max_detections', 'slice_size'):
@@ -76,7 +80,7 @@ class Detector:
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         seen = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         if self.model.layout.needs_nms or self.settings.slice_size:
-            chosen = suppress(boxes, seen.scores, self.settings.nms_iou)
+            chosen = suppress(boxes, seen.scores, self.settings.nms_iou, self.settings.nms_nested)
         else:
             chosen = np.argsort(-seen.scores)
         return Candidates(seen.boxes[chosen], probabilities[chosen])
