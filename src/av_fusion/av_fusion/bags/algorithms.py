@@ -27,7 +27,8 @@ def make_detector(p: Any) -> Detector:
     """Of the parameters of detector_node. Raises ModelError or ValueError."""
     return Detector(shipped_model() if p.model in ('', 'shipped') else p.model, DetectorSettings(
         score_threshold=p.score_threshold, nms_iou=p.nms_iou, nms_nested=p.nms_nested,
-        max_detections=p.max_detections, keep=(p.target_class,), rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
+        max_detections=p.max_detections, keep=(p.target_class,),
+        rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
         class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
         providers=tuple(p.providers), threads=p.threads))
 
