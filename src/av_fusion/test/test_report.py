@@ -13,7 +13,7 @@ from av_fusion.evaluation import program
 from av_fusion.evaluation.comparison import write_json
 from av_fusion.evaluation.measured import BEGIN, END, disagreement, measured_table, write_readme
 from av_fusion.evaluation.paper import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
-from av_fusion.evaluation.physical import labelled_azimuths, moving_through
+from av_fusion.evaluation.physical import labelled_azimuths, longest_take, moving_through
 from av_fusion.evaluation.results import MethodResult, RunResult
 from av_fusion.evaluation.sweeps import SWEEPS
 from av_fusion.evaluation.sweeps import cases_of as cases_of_sweep
@@ -106,6 +106,12 @@ def test_labels_become_azimuths(tmp_path):
     assert azimuths[2] == pytest.approx(azimuths[[0, 4]].mean())
     with pytest.raises(FileNotFoundError):
         labelled_azimuths(tmp_path / 'none.csv')
+
+
+def test_the_longest_take_of_a_spliced_film_is_used():
+    slow = np.radians(np.linspace(0.0, 60.0, 40))  # 45 deg/s
+    assert longest_take(slow) == (0, 40)
+    assert longest_take(np.concatenate([slow[:10], slow[30:], slow[:5]])) == (10, 20)
 
 
 def test_a_voice_moves_between_measured_directions():

@@ -40,6 +40,7 @@ EARS = MicrophoneArray([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]], 'kemar')
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'two_microphones')
 CAMERA = CameraMount(width=640, height=512)
 COVERED = (0.3, 0.85)  # share of a clip
+CUT = math.radians(5.0)  # a label that moves so far between two frames is of another take: some clips are spliced
 STEP_DEG, DWELL_S = 20.0, 4.0
 
 
@@ -89,6 +90,8 @@ class Hall:
 def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
     """A real clip with real sound. Raises FileNotFoundError without the recordings, OSError for a broken film."""
     truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
+    first, end = longest_take(truth)
+    truth = truth[first:end]
     voice = load_clip(_voice(data, clip))
     array = calibrated_ears(data)
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
@@ -96,6 +99,8 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
     detector = Detector(shipped_model(), DetectorSettings(keep=('drone',), threads=1))
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
+    for _ in range(first):
+        film.grab()
     for number, azimuth in enumerate(truth):
         read, picture = film.read()
         if not read:
@@ -151,6 +156,14 @@ def labelled_azimuths(file: Path) -> NDArray:
     _, first = np.unique(frames, return_index=True)
     azimuths = np.array([detection.azimuth for detection in look.detections])[first]
     return np.interp(np.arange(frames.max() + 1), frames[first], azimuths)
+
+
+def longest_take(azimuths: NDArray) -> tuple[int, int]:
+    """First frame, and the one after the last, of the longest part of a film without a cut, where its labels (rad) jump."""
+    cuts = np.flatnonzero(np.abs(np.diff(azimuths)) > CUT) + 1
+    edges = np.concatenate([[0], cuts, [len(azimuths)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
 
 
 def calibrated_ears(data: Path) -> MicrophoneArray:
