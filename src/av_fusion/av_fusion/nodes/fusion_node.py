@@ -7,6 +7,7 @@ import math
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
@@ -20,7 +21,7 @@ from av_fusion.from_parameters import make_tracker
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
-from av_fusion.poses import read_odometry
+from av_fusion.poses import pose_of, read_odometry
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
@@ -92,7 +93,10 @@ class FusionNode(RigNode):
 
     def _on_odometry(self, data: bytes) -> None:
         self._meters['odometry'].tick()
-        pose = read_odometry(data)
+        try:
+            pose = read_odometry(data)
+        except ValueError:  # a middleware with an encoding of its own
+            pose = pose_of(deserialize_message(data, Odometry))
         # The clock was read when the last track was published: it is read again only where that leaves a doubt.
         if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self._now()):
             return
