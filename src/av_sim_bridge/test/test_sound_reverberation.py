@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, sosfilt
 
 from av_sim_bridge.sound import FormulaVoice, Medium, Noise, ReverbZone, SoundWorld, Source, Surroundings
-from av_sim_bridge.sound.reverberation import Convolution, impulse_response
+from av_sim_bridge.sound.reverberation import Convolution, Mixture, impulse_response
 
 RATE = 16000
 PAIR = np.array([[0.0, 0.1, 1.0], [0.0, -0.1, 1.0]])
@@ -77,14 +77,41 @@ def test_flying_into_a_zone_starts_its_reverberation():
 
 def test_partitioned_convolution_is_convolution():
     random = np.random.default_rng(0)
-    response, samples = random.standard_normal((2, 1000)), random.standard_normal(3000)
+    response, samples = random.standard_normal((2, 3, 1000)), random.standard_normal((3, 3000))
     whole = Convolution(response, 128).process(samples)
     pieces = Convolution(response, 128)
-    cut = np.concatenate([pieces.process(part) for part in np.split(samples, [7, 300, 1111, 2000])], axis=1)
+    cut = np.concatenate([pieces.process(part) for part in np.split(samples, [7, 300, 1111, 2000], axis=1)], axis=1)
     for channel in range(2):
-        expected = np.convolve(samples, response[channel])[:3000 - 128]
+        expected = sum(np.convolve(samples[k], response[channel, k]) for k in range(3))[:3000 - 128]
         np.testing.assert_allclose(whole[channel, 128:], expected, atol=1e-9)
     np.testing.assert_array_equal(whole, cut)
+
+
+def test_places_mix_answers_alike_when_they_are_near():
+    """Shares have the energy of one answer everywhere; over many mixtures they correlate as a Gaussian of the way."""
+    away = np.array([0.0, 0.05, 0.1, 0.2, 0.4])
+    course = np.stack([away, 0 * away, 0 * away], axis=-1)
+    shares = np.array([Mixture(2, [number]).at(course, np.zeros((2, len(away), 3))) for number in range(2000)])
+    assert np.sum(shares**2, axis=1) == pytest.approx(1.0)
+    alike = np.mean(np.sum(shares * shares[:, :, :1], axis=1), axis=0)
+    assert alike == pytest.approx(np.exp(-0.5 * (away / 0.1) ** 2), abs=0.04)
+    both = np.array([Mixture(2, [number]).at(np.zeros((2, 3)), np.stack([course[[0, 2]]] * 2)) for number in range(2000)])
+    assert np.mean(np.sum(both[..., 0] * both[..., 1], axis=1)) == pytest.approx(np.exp(-0.5), abs=0.04)
+
+
+def test_the_room_does_not_answer_from_one_direction_for_ever():
+    """A steady tone moves about: on average its tail is as alike at the microphones as a diffuse field, sin(kd) / (kd)."""
+    tone = 1200.0
+    voice = FormulaVoice(lambda t: np.sin(2 * np.pi * tone * t))
+    source = Source(lambda t: np.stack([8.0 * np.sin(0.7 * t), 6.0 * np.cos(0.45 * t), 0 * t + 5.0], axis=1), voice)
+    world = SoundWorld(RATE, [source], microphones=2, noise=Noise(None),
+                       surroundings=Surroundings(zones=[ReverbZone(**HALL, decay_s=0.5, gain_db=60.0)]))
+    heard = np.concatenate([world.render(RATE, np.array([PAIR, PAIR])) for _ in range(40)])[RATE:].T
+    spectra = np.array([np.fft.rfft(heard[:, k:k + 800] * np.hanning(800)) for k in range(0, heard.shape[1] - 800, 400)])
+    left, right = spectra[:, 0, 60], spectra[:, 1, 60]
+    alike = np.mean(left * right.conj()) / np.sqrt(np.mean(np.abs(left) ** 2) * np.mean(np.abs(right) ** 2))
+    distance = 2 * np.pi * tone / 343.2 * 0.2
+    assert abs(alike - np.sin(distance) / distance) < 0.35  # one answer alone: 1
 
 
 def test_impossible_zones_are_named():

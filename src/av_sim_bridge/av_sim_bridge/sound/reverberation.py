@@ -18,6 +18,8 @@ from av_sim_bridge.sound.source import Source
 from av_sim_bridge.sound.stream import Stream
 
 _PRE_DELAY_S = 0.01
+_WAYS = 8  # answers of a zone, which every place mixes in another way
+_ALIKE_M = 0.1  # over so much of the way of source or microphones the mixture is alike, as a diffuse field of 1 kHz is
 
 
 @dataclass(frozen=True)
@@ -67,23 +69,29 @@ class ReverbZone:
 
 
 class Reverberation:
-    """The answer of all zones at microphones with a given layout (m, 3)."""
+    """The answer of all zones at microphones with a given layout (m, 3).
+
+    A room answers anew wherever source and microphones are: with one answer for all places, a steady tone would seem to
+    come from one and the same direction for ever.
+    """
 
     def __init__(self, zones: Sequence[ReverbZone], sample_rate: int, clock_ratio: float, sources: Sequence[Source],
                  voices: Sequence[Stream], medium: Medium, layout: NDArray, key: Sequence[int]):
         self._zones, self._rate, self._ratio = list(zones), sample_rate, clock_ratio
         self._sources, self._voices, self._medium = list(sources), list(voices), medium
         block = 2 ** round(np.log2(_PRE_DELAY_S * sample_rate))
-        self._answers = [Convolution(impulse_response(zone, sample_rate, medium, layout, [*key, number]), block)
-                         for number, zone in enumerate(zones)]
+        self._answers = [Convolution(np.stack([impulse_response(zone, sample_rate, medium, layout, [*key, number, way])
+                                               for way in range(_WAYS)], axis=1), block) for number, zone in enumerate(zones)]
+        self._mixture = Mixture(len(layout), key)
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
         """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
         centre = positions.mean(axis=1, keepdims=True)
         grid = BlockGrid(start, samples, moving=bool(np.any(centre != centre[0])))
         listener = along_block(centre, start, samples, grid.instants)[0]
+        microphones = along_block(positions, start, samples, grid.instants)
         times = (grid.instants * (self._ratio / self._rate)).ravel()
-        fed = np.zeros((len(self._zones), samples))
+        fed = np.zeros((len(self._zones), _WAYS, samples))
         for source, voice in zip(self._sources, self._voices, strict=True):
             delay = retarded_delay(source.position, listener.reshape(-1, 3), times, self._medium.speed_of_sound)
             place = source.position(times - delay).reshape(listener.shape)
@@ -91,9 +99,30 @@ class Reverberation:
             first = int(np.floor(sent_at.min())) - BEFORE - 1
             sent = voice.read(first, int(sent_at.max()) + AFTER + 3)
             heard = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
+            mixed = heard * grid.to_samples(self._mixture.at(place, microphones))
             for feed, zone in zip(fed, self._zones, strict=True):
-                feed += grid.to_samples(zone.weight(place, listener)) * heard
+                feed += grid.to_samples(zone.weight(place, listener)) * mixed
         return sum(answer.process(feed) for answer, feed in zip(self._answers, fed, strict=True))
+
+
+class Mixture:
+    """How much of each of a zone's answers is heard, by place: unit vectors, alike over _ALIKE_M of way (Gaussian correlation).
+
+    Random Fourier features (Rahimi and Recht, 2007): sines and cosines of random plane waves over all coordinates.
+    """
+
+    def __init__(self, microphones: int, key: Sequence[int]):
+        random = np.random.default_rng([*key, 2])
+        self._phases = random.uniform(0.0, 2.0 * np.pi, _WAYS // 2)
+        self._of_source = random.standard_normal((_WAYS // 2, 3)) / _ALIKE_M
+        self._of_microphones = random.standard_normal((_WAYS // 2, microphones, 3)) / (_ALIKE_M * np.sqrt(microphones))
+
+    def at(self, source: NDArray, microphones: NDArray) -> NDArray:
+        """Shares (ways, ...) with the source at (..., 3) and the microphones at (m, ..., 3)."""
+        angles = (np.einsum('wi,...i->w...', self._of_source, source)
+                  + np.einsum('wmi,m...i->w...', self._of_microphones, microphones))
+        angles += self._phases.reshape(-1, *([1] * (angles.ndim - 1)))
+        return np.concatenate([np.cos(angles), np.sin(angles)]) / np.sqrt(_WAYS // 2)
 
 
 def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, key: Sequence[int]) -> NDArray:
@@ -136,24 +165,29 @@ def _decaying(signal: NDArray, decay_s: float, sample_rate: int, medium: Medium)
 
 
 class Convolution:
-    """Convolution with a long impulse response (m, length) in equal parts (Stockham 1966), later by one `block` of samples."""
+    """Convolution of i signals with long impulse responses (m, i, length) in equal parts (Stockham 1966), and their sum.
+
+    It comes later by one `block` of samples.
+    """
 
     def __init__(self, response: NDArray, block: int):
-        parts = -(-response.shape[1] // block)
-        padded = np.pad(response, ((0, 0), (0, parts * block - response.shape[1]))).reshape(len(response), parts, block)
-        self._response = rfft(padded, 2 * block)
-        self._heard = np.zeros((parts, block + 1), complex)  # ring of the last blocks' spectra, older ones further on
+        outputs, inputs, length = response.shape
+        parts = -(-length // block)
+        padded = np.pad(response, ((0, 0), (0, 0), (0, parts * block - length))).reshape(outputs, inputs, parts, block)
+        self._response = np.moveaxis(rfft(padded, 2 * block), 2, 1)  # (m, parts, i, frequencies)
+        self._heard = np.zeros((parts, inputs, block + 1), complex)  # ring of the last blocks' spectra, older ones further on
         self._block, self._filled, self._newest = block, 0, 0
-        self._input, self._output = np.zeros(2 * block), np.zeros((len(response), block))
+        self._input, self._output = np.zeros((inputs, 2 * block)), np.zeros((outputs, block))
 
     def process(self, samples: NDArray) -> NDArray:
-        """The next samples (n,) to the next output (m, n)."""
-        output, done = np.empty((len(self._output), len(samples))), 0
-        while done < len(samples):
-            taken = min(self._block - self._filled, len(samples) - done)
+        """The next samples (i, n) to the next output (m, n)."""
+        count, done = samples.shape[1], 0
+        output = np.empty((len(self._output), count))
+        while done < count:
+            taken = min(self._block - self._filled, count - done)
             now = slice(self._filled, self._filled + taken)
             output[:, done:done + taken] = self._output[:, now]
-            self._input[self._block:][now] = samples[done:done + taken]
+            self._input[:, self._block:][:, now] = samples[:, done:done + taken]
             self._filled, done = self._filled + taken, done + taken
             if self._filled == self._block:
                 self._turn()
@@ -163,8 +197,8 @@ class Convolution:
         self._newest = (self._newest or len(self._heard)) - 1
         self._heard[self._newest] = rfft(self._input)
         fresh = len(self._heard) - self._newest  # parts before the ring's end
-        answer = np.einsum('mpf,pf->mf', self._response[:, :fresh], self._heard[self._newest:])
-        answer += np.einsum('mpf,pf->mf', self._response[:, fresh:], self._heard[:self._newest])
+        answer = np.einsum('mpif,pif->mf', self._response[:, :fresh], self._heard[self._newest:])
+        answer += np.einsum('mpif,pif->mf', self._response[:, fresh:], self._heard[:self._newest])
         self._output = irfft(answer, 2 * self._block)[:, self._block:]
-        self._input[:self._block] = self._input[self._block:]
+        self._input[:, :self._block] = self._input[:, self._block:]
         self._filled = 0
