@@ -17,9 +17,8 @@ from av_sim_bridge.sound.medium import Medium
 from av_sim_bridge.sound.source import Source
 from av_sim_bridge.sound.stream import Stream
 
-_PRE_DELAY_S = 0.01
-_WAYS = 8  # answers of a zone, which every place mixes in another way
-_ALIKE_M = 0.1  # over so much of the way of source or microphones the mixture is alike, as a diffuse field of 1 kHz is
+_PRE_DELAY_S = 0.02  # before it come the reflections that are told one by one
+_ALIKE_M = 0.1  # over so much of the way of source or microphones the answer is alike, as a diffuse field of 1 kHz is
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,9 @@ class Reverberation:
                  voices: Sequence[Stream], medium: Medium, layout: NDArray, key: Sequence[int]):
         self._zones, self._rate, self._ratio = list(zones), sample_rate, clock_ratio
         self._sources, self._voices, self._medium = list(sources), list(voices), medium
-        block = 2 ** round(np.log2(_PRE_DELAY_S * sample_rate))
-        self._answers = [Convolution(np.stack([impulse_response(zone, sample_rate, medium, layout, [*key, number, way])
-                                               for way in range(_WAYS)], axis=1), block) for number, zone in enumerate(zones)]
-        self._mixture = Mixture(len(layout), key)
+        block = 2 ** round(np.log2(_PRE_DELAY_S / 2.0 * sample_rate))
+        answers = [Answer.of(zone, sample_rate, medium, layout, block, [*key, number]) for number, zone in enumerate(zones)]
+        self._convolutions = [[MovingConvolution(answer) for answer in answers] for _ in self._sources]
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
         """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
@@ -91,38 +89,54 @@ class Reverberation:
         listener = along_block(centre, start, samples, grid.instants)[0]
         microphones = along_block(positions, start, samples, grid.instants)
         times = (grid.instants * (self._ratio / self._rate)).ravel()
-        fed = np.zeros((len(self._zones), _WAYS, samples))
-        for source, voice in zip(self._sources, self._voices, strict=True):
+        pressure = np.zeros((len(microphones), samples))
+        for source, voice, convolutions in zip(self._sources, self._voices, self._convolutions, strict=True):
             delay = retarded_delay(source.position, listener.reshape(-1, 3), times, self._medium.speed_of_sound)
             place = source.position(times - delay).reshape(listener.shape)
             sent_at = grid.samples * self._ratio - grid.to_samples(delay.reshape(listener.shape[:-1])) * self._rate
             first = int(np.floor(sent_at.min())) - BEFORE - 1
             sent = voice.read(first, int(sent_at.max()) + AFTER + 3)
             heard = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
-            mixed = heard * grid.to_samples(self._mixture.at(place, microphones))
-            for feed, zone in zip(fed, self._zones, strict=True):
-                feed += grid.to_samples(zone.weight(place, listener)) * mixed
-        return sum(answer.process(feed) for answer, feed in zip(self._answers, fed, strict=True))
+            ways = np.moveaxis(np.concatenate([place[None], microphones / np.sqrt(len(microphones))]), -1, 1)
+            where = grid.to_samples(ways.reshape(-1, *listener.shape[:-1]))
+            for zone, convolution in zip(self._zones, convolutions, strict=True):
+                pressure += convolution.process(grid.to_samples(zone.weight(place, listener)) * heard, where)
+        return pressure
 
 
-class Mixture:
-    """How much of each of a zone's answers is heard, by place: unit vectors, alike over _ALIKE_M of way (Gaussian correlation).
+@dataclass(frozen=True)
+class Answer:
+    """A zone's answer in parts of `block` samples, each a mixture of two that follows the place, coordinates (d,) in m.
 
-    Random Fourier features (Rahimi and Recht, 2007): sines and cosines of random plane waves over all coordinates.
+    spectra: (m, parts, 2, frequencies); turns, phases: of a random plane wave for each part (parts, d), (parts,), whose sine
+    and cosine are the two shares (random Fourier features, Rahimi and Recht 2007: alike over _ALIKE_M, Gaussian).
     """
 
-    def __init__(self, microphones: int, key: Sequence[int]):
-        random = np.random.default_rng([*key, 2])
-        self._phases = random.uniform(0.0, 2.0 * np.pi, _WAYS // 2)
-        self._of_source = random.standard_normal((_WAYS // 2, 3)) / _ALIKE_M
-        self._of_microphones = random.standard_normal((_WAYS // 2, microphones, 3)) / (_ALIKE_M * np.sqrt(microphones))
+    spectra: NDArray
+    turns: NDArray
+    phases: NDArray
+    block: int
 
-    def at(self, source: NDArray, microphones: NDArray) -> NDArray:
-        """Shares (ways, ...) with the source at (..., 3) and the microphones at (m, ..., 3)."""
-        angles = (np.einsum('wi,...i->w...', self._of_source, source)
-                  + np.einsum('wmi,m...i->w...', self._of_microphones, microphones))
-        angles += self._phases.reshape(-1, *([1] * (angles.ndim - 1)))
-        return np.concatenate([np.cos(angles), np.sin(angles)]) / np.sqrt(_WAYS // 2)
+    @classmethod
+    def of(cls, zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, block: int, key: Sequence[int]) -> Answer:
+        """For a source and microphones with a given layout (m, 3): d is 3 (1 + m)."""
+        both = np.stack([impulse_response(zone, sample_rate, medium, layout, [*key, way]) for way in range(2)], axis=1)
+        random = np.random.default_rng([*key, 2])
+        parts = -(-both.shape[2] // block)
+        return cls.cut(both, block, random.standard_normal((parts, 3 * (1 + len(layout)))) / _ALIKE_M,
+                       random.uniform(0.0, 2.0 * np.pi, parts))
+
+    @classmethod
+    def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
+        """Of two responses (m, 2, length)."""
+        padded = np.pad(both, ((0, 0), (0, 0), (0, len(turns) * block - both.shape[2])))
+        parts = np.moveaxis(padded.reshape(*both.shape[:2], len(turns), block), 1, 2)
+        return cls(rfft(parts, 4 * block).astype(np.complex64), turns, phases, block)
+
+    def shares(self, place: NDArray) -> NDArray[np.float32]:
+        """How much of both is heard (parts, 2) of each part; the squares sum to 1."""
+        angles = self.turns @ place + self.phases
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
 
 
 def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, key: Sequence[int]) -> NDArray:
@@ -164,30 +178,33 @@ def _decaying(signal: NDArray, decay_s: float, sample_rate: int, medium: Medium)
     return decayed[:, hop:hop + length]
 
 
-class Convolution:
-    """Convolution of i signals with long impulse responses (m, i, length) in equal parts (Stockham 1966), and their sum.
+class MovingConvolution:
+    """Convolution with an answer that changes with the place, in equal parts (Stockham 1966), later by two blocks.
 
-    It comes later by one `block` of samples.
+    The sound of each block meets the answer of its own place; between blocks it passes linearly from one to the next.
     """
 
-    def __init__(self, response: NDArray, block: int):
-        outputs, inputs, length = response.shape
-        parts = -(-length // block)
-        padded = np.pad(response, ((0, 0), (0, 0), (0, parts * block - length))).reshape(outputs, inputs, parts, block)
-        self._response = np.moveaxis(rfft(padded, 2 * block), 2, 1)  # (m, parts, i, frequencies)
-        self._heard = np.zeros((parts, inputs, block + 1), complex)  # ring of the last blocks' spectra, older ones further on
-        self._block, self._filled, self._newest = block, 0, 0
-        self._input, self._output = np.zeros((inputs, 2 * block)), np.zeros((outputs, block))
+    def __init__(self, answer: Answer):
+        self._answer, self._block = answer, answer.block
+        outputs, parts, _, frequencies = answer.spectra.shape
+        self._each = np.arange(parts)
+        self._heard = np.zeros((parts, frequencies), np.complex64)  # ring of the last blocks' spectra, older ones further on
+        self._shares = np.zeros((parts, parts, 2), np.float32)  # and theirs of each part
+        self._filled = self._newest = 0
+        rising = (np.arange(self._block) + 0.5) / self._block
+        self._window = np.concatenate([rising, rising[::-1]])
+        self._input, self._output = np.zeros(2 * self._block), np.zeros((outputs, 3 * self._block))
 
-    def process(self, samples: NDArray) -> NDArray:
-        """The next samples (i, n) to the next output (m, n)."""
-        count, done = samples.shape[1], 0
-        output = np.empty((len(self._output), count))
-        while done < count:
-            taken = min(self._block - self._filled, count - done)
+    def process(self, samples: NDArray, places: NDArray) -> NDArray:
+        """The next samples (n,), sent at places (d, n), to the next output (m, n)."""
+        output, done = np.empty((len(self._output), len(samples))), 0
+        while done < len(samples):
+            taken = min(self._block - self._filled, len(samples) - done)
             now = slice(self._filled, self._filled + taken)
             output[:, done:done + taken] = self._output[:, now]
-            self._input[:, self._block:][:, now] = samples[:, done:done + taken]
+            self._input[self._block:][now] = samples[done:done + taken]
+            if self._filled == 0:
+                self._place = places[:, done]
             self._filled, done = self._filled + taken, done + taken
             if self._filled == self._block:
                 self._turn()
@@ -195,10 +212,12 @@ class Convolution:
 
     def _turn(self) -> None:
         self._newest = (self._newest or len(self._heard)) - 1
-        self._heard[self._newest] = rfft(self._input)
-        fresh = len(self._heard) - self._newest  # parts before the ring's end
-        answer = np.einsum('mpif,pif->mf', self._response[:, :fresh], self._heard[self._newest:])
-        answer += np.einsum('mpif,pif->mf', self._response[:, fresh:], self._heard[:self._newest])
-        self._output = irfft(answer, 2 * self._block)[:, self._block:]
-        self._input[:, :self._block] = self._input[:, self._block:]
+        self._heard[self._newest] = rfft(self._input * self._window, 4 * self._block)
+        self._shares[self._newest] = self._answer.shares(self._place)
+        order = (self._newest + self._each) % len(self._heard)
+        mixed = self._shares[order, self._each][..., None] * self._heard[order][:, None]
+        answer = irfft((self._answer.spectra * mixed).sum(axis=(1, 2)), 4 * self._block)
+        self._output = np.pad(self._output[:, self._block:], ((0, 0), (0, self._block)))
+        self._output += answer[:, :3 * self._block]
+        self._input[:self._block] = self._input[self._block:]
         self._filled = 0
