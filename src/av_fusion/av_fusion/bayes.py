@@ -15,6 +15,7 @@ from av_fusion.mode import Mode, Motion, gaussian, share_within
 from av_fusion.refinement import LEAST_CONFIDENCE, Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
+from av_fusion.trust import Trust
 
 UNIFORM = 1.0 / (2.0 * math.pi)
 SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
@@ -28,8 +29,9 @@ class BayesSettings:
 
     `acceleration_density` (rad^2/s^3) and `rate_sigma` describe how targets move on the circle, `elevation_density`
     (rad^2/s) how their elevation wanders around the usual one; `loss_rate` (1/s) how often
-    the target is replaced by another one elsewhere, which is what lets a wrong belief be found out. `recall` is the chance
-    that a visible target in view is detected. Errors of successive pictures are alike for `sight_correlation` s.
+    the target is replaced by another one elsewhere, which is what lets a wrong belief be found out. `otherwise_heard` is the
+    share of sounds that are taken to come from something else before sight tells better (0: all are the target's). `recall`
+    is the chance that a visible target in view is detected. Errors of successive pictures are alike for `sight_correlation` s.
     A track ends when its sigma passes `lost_sigma`. Front and back count as told apart from probability `decide` on, until
     it falls below `doubt`.
     """
@@ -41,6 +43,7 @@ class BayesSettings:
     rate_sigma: float = 0.3
     loss_rate: float = 0.002
     sound_floor_sigma: float = math.radians(0.5)
+    otherwise_heard: float = 0.01
     recall: float = 0.9
     sight_correlation: float = 0.3
     lost_sigma: float = math.radians(30.0)
@@ -67,6 +70,7 @@ class BayesTracker:
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
         self.refinement = Refinement(self.settings.refinement)
+        self._trust = Trust(self.settings.otherwise_heard)
         self.reset()
 
     def reset(self) -> None:
@@ -90,11 +94,12 @@ class BayesTracker:
         if sound is None:
             return
         time = sound.time - self.settings.sound_delay
-        sound = self._refine(sound, time)
+        sound = self._learn(sound, time)
         heard = sound.hypotheses
         lag = self._advance(time)
         # Windows overlap: each adds the part that is new, as if its noise were that much larger.
         fresh = _fresh(time, self._newest_sound, sound.window)
+        since = max(time - self._newest_sound, 0.0)
         self._newest_sound = max(self._newest_sound, time)
         smear = (self.motion.yaw_rate(time) * sound.window) ** 2 / 48.0
         yaw = self.motion.yaw(time)
@@ -106,30 +111,38 @@ class BayesTracker:
         self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
         if len(heard) == 2 and (half := 0.5 * float(wrap(azimuths[1] - azimuths[0]))) ** 2 > 4.0 * fresh * variances[0]:
             self._mixture.split(azimuths[0] + half, lag)
-        for mode in self._mixture.modes:
-            row, variance, innovation, fit = _compare(mode, lag, azimuths, variances)
-            self._agility.note(mode.weight, innovation, variance)
-            mode.weight *= clutter**fresh + fit * sharpness**fresh
-            mode.update(row, variance, [innovation], [fit * sharpness / (clutter + fit * sharpness)])
+        compared = [_compare(mode, lag, azimuths, variances) for mode in self._mixture.modes]
+        width = min(sound.confidence / sharpness, 1.0)  # share of the circle that it points at
+        anywhere = clutter**fresh + sharpness**fresh * width / math.sqrt(fresh)
+        self._mixture.wonder(since, self._trust.otherwise(sound.confidence), width)
+        for mode, (_, variance, innovation, _) in zip(self._mixture.modes, compared, strict=True):
+            self._agility.note(mode.weight * (1.0 - mode.misled), mode.rate, innovation, variance)
+        self._mixture.listen([clutter**fresh + fit * sharpness**fresh for *_, fit in compared], anywhere)
+        for mode, (row, variance, innovation, fit) in zip(self._mixture.modes, compared, strict=True):
+            mode.update(row, variance, [innovation], [(1.0 - mode.misled) * fit * sharpness / (clutter + fit * sharpness)])
         self._agility.adapt(fresh)
+        born = fresh * (1.0 - self._mixture.misled)
         self._mixture.give_birth(lag, self._target_motion(), [
-            Newborn(azimuth, variance * fresh, prior * fresh) for azimuth, variance in zip(azimuths, variances, strict=True)])
-        self._mixture.background *= 1.0 - (1.0 - clutter) * fresh  # what went to the newborns
+            Newborn(azimuth, variance * fresh, prior * born) for azimuth, variance in zip(azimuths, variances, strict=True)])
+        self._mixture.background *= 1.0 - (1.0 - clutter) * born  # what went to the newborns
         self._mixture.tidy()
         self.machine.hear(time, sound.confidence)
 
-    def _refine(self, sound: Sound, time: float) -> Sound:
+    def _learn(self, sound: Sound, time: float) -> Sound:
         """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
-        pair = Pair.of(sound) if self.settings.refinement.enabled else None
-        if pair is None:
-            return sound
         seen = self._seen.at(time)
-        if seen is not None and sound.confidence >= LEAST_CONFIDENCE:
-            fresh = _fresh(time, self._newest_sound, sound.window)
-            variance = (sound.hypotheses[0].azimuth_variance + self.settings.sound_floor_sigma**2) * math.sin(pair.half) ** 2
-            self.refinement.compare(time, math.cos(pair.half), float(wrap(seen[0] - self.motion.yaw(time) - pair.axis)),
-                                    seen[1], max(variance, 1e-5) / fresh)
-        return pair.corrected(sound, self.refinement)
+        azimuth = 0.0 if seen is None else float(wrap(seen[0] - self.motion.yaw(time)))
+        pair = Pair.of(sound) if self.settings.refinement.enabled else None
+        if pair is not None:
+            if seen is not None and sound.confidence >= LEAST_CONFIDENCE:
+                fresh = _fresh(time, self._newest_sound, sound.window)
+                variance = sound.hypotheses[0].azimuth_variance + self.settings.sound_floor_sigma**2
+                self.refinement.compare(time, math.cos(pair.half), float(wrap(azimuth - pair.axis)), seen[1],
+                                        max(variance * math.sin(pair.half) ** 2, 1e-5) / fresh, seen[2])
+            sound = pair.corrected(sound, self.refinement)
+        if seen is not None:
+            self._trust.compare(sound, time, azimuth)
+        return sound
 
     def add_look(self, look: Look) -> None:
         """Take in a picture: its detections, and what their absence is worth where one could have seen."""
@@ -159,7 +172,7 @@ class BayesTracker:
             shares = [f / total for f in found]
             if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
                 innovation, detection = min(zip(innovations, seen, strict=True), key=lambda pair: abs(pair[0]))
-                self._agility.note(mode.weight * detection.confidence, innovation,
+                self._agility.note(mode.weight, mode.rate, innovation,
                                    mode.expected_variance(lag) + detection.azimuth_variance)
             mode.weight *= max(total, 1e-3) ** fresh
             mode.hidden *= missed / total  # what was detected is not hidden
@@ -171,7 +184,7 @@ class BayesTracker:
         self._agility.adapt(fresh)
         clear = look.best
         if clear is not None and clear.confidence >= LEAST_CONFIDENCE:
-            self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation)
+            self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation, clear.azimuth_variance)
         view_share = width * UNIFORM
         self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh
         # A calibrated confidence is the probability that this is the target, wherever it was thought to be.

@@ -11,6 +11,7 @@ from av_fusion.mode import Mode, Motion, share_within
 
 AGREE, NEAR = math.radians(10.0), math.radians(25.0)  # modes closer together than this are one bearing, on the same side
 HEAVIER = 1.5  # another mode must weigh so many times as much to become the primary one
+LASTING_S = 2.0  # in so long something else that is always heard moves on
 LIGHTEST = 1e-6  # what weighs less is no mode
 
 
@@ -30,6 +31,7 @@ class Mixture:
     def __init__(self, rate_variance: float, lost_variance: float) -> None:
         self.modes: list[Mode] = []
         self.background = 1.0
+        self.misled = 0.0  # probability that something else is heard, were the target in the background
         self._rate_variance, self._lost_variance = rate_variance, lost_variance
         self._primary: Mode | None = None
 
@@ -39,6 +41,29 @@ class Mixture:
             mode.predict(dt, motion)
             mode.weight *= kept
         self.background += (1.0 - kept) * (1.0 - self.background)
+
+    def wonder(self, dt: float, otherwise: float, width: float) -> None:
+        """Forget over `dt` s whether it was the target that was heard; `otherwise` is how often it is not, in the long run.
+
+        The rarer something else is heard, the shorter. Where it comes to be heard is anybody's guess, of which the one that a
+        mode would have to make is the share `width`.
+        """
+        kept = math.exp(-dt / max(otherwise * LASTING_S, 1e-6))
+        self.misled = otherwise + kept * (self.misled - otherwise)
+        starts, ends = (1.0 - kept) * otherwise * width, (1.0 - kept) * (1.0 - otherwise)
+        for mode in self.modes:
+            mode.misled += (1.0 - mode.misled) * starts - mode.misled * ends
+
+    def listen(self, direct: Sequence[float], anywhere: float) -> None:
+        """Weigh by a sound, which is so likely to come from the target, by mode (`direct`), or from any direction.
+
+        Something else that is heard on end is as predictable as a target: were it heard, then where the best of the other
+        modes expects it. So a hundred sounds that contradict a mode weigh hardly more than one.
+        """
+        second, best = sorted((anywhere, anywhere, *direct))[-2:]
+        for mode, likelihood in zip(self.modes, direct, strict=True):
+            mode.weight *= _explain(mode, likelihood, second if likelihood == best else best)
+        self.background *= _explain(self, 1.0, max(best, 1.0))
 
     def split(self, axis: float, lag: float) -> None:
         """Cut modes that lie on both sides of an axis."""
@@ -76,6 +101,8 @@ class Mixture:
             if twin is not None:
                 twin.absorb(mode)
             elif mode.weight < LIGHTEST or mode.azimuth_variance > self._lost_variance:
+                share = mode.weight / (self.background + mode.weight)
+                self.misled += share * (mode.misled - self.misled)
                 self.background += mode.weight
             else:
                 self.modes.append(mode)
@@ -106,3 +133,10 @@ class Mixture:
         front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
                     for mode in self.modes)
         return front / sum(mode.weight for mode in self.modes)
+
+
+def _explain(part: Mode | Mixture, direct: float, other: float) -> float:
+    """Likelihood of a sound that comes from the target (`direct`) or from something else; which of them it was is learnt."""
+    total = (1.0 - part.misled) * direct + part.misled * other
+    part.misled *= other / total
+    return total

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from av_common.angles import wrap
 
-PASSING_S = 0.5  # for so long a passing target accelerates
+PASSING_S = 1.0  # for so long a passing target accelerates
 HIDING_S = 5.0  # fog changes in
 
 
@@ -56,6 +56,7 @@ class Mode:
     seen: bool = False
     hidden: float = 0.0  # probability that fog hides the target where it is
     looked: float = -math.inf  # when that was last reckoned
+    misled: float = 0.0  # probability that something else is heard than the target where it is
 
     def predict(self, dt: float, motion: Motion) -> None:
         """Constant rate over `dt` s with white angular acceleration; elevation as an Ornstein-Uhlenbeck process.
@@ -209,6 +210,7 @@ class Mode:
         self.ar = a * self.ar + b * other.ar + a * b * d_azimuth * d_rate
         self.ae = a * self.ae + b * other.ae + a * b * d_azimuth * d_elevation
         self.re = a * self.re + b * other.re + a * b * d_rate * d_elevation
+        self.misled = a * self.misled + b * other.misled
         self.seen = self.seen or other.seen
         self.weight = total
 

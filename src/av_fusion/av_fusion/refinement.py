@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_fusion.measurements import Sound
 
+ALIKE_S = 5.0  # so long errors of sight stay alike
 LEAST_CONFIDENCE = 0.5  # of what is seen and of what is heard, for a comparison
 NAMES = ('offset', 'scale', 'delay', 'curve 2', 'curve 3')
 
@@ -60,16 +61,20 @@ class Refinement:
         """How well each number is known (5,)."""
         return np.sqrt(np.diag(np.linalg.inv(self._information)))
 
-    def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float) -> bool:
+    def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
+                seen_variance: float = 0.0) -> bool:
         """Learn from one sound: its cosine, and the target's direction from the nominal axis as it was seen (rad).
 
-        `variance` is that of the cosine's error, of which successive sounds must be independent or it be widened. Returns
-        whether the comparison was used.
+        `variance` is that of the cosine's error, of which successive sounds must be independent or it be widened.
+        `seen_variance` (rad^2) is that of where the target was seen; its error stays alike for ALIKE_S, for a camera that looks
+        a degree aside does so for long. Returns whether the comparison was used.
         """
         if not (self.settings.enabled and math.isfinite(measured) and 0.0 < variance < math.inf):
             return False
         row = sensitivities(azimuth, elevation)
         missing = measured - math.cos(azimuth) * math.cos(elevation)
+        seconds = min(max(time - self._time, 0.01), ALIKE_S)
+        variance += seen_variance * row[0] ** 2 * ALIKE_S / seconds
         spread = float(row @ np.linalg.solve(self._information, row)) + variance
         if (missing - row @ self.values) ** 2 > self.settings.gate**2 * spread:
             return False
@@ -102,27 +107,27 @@ def sensitivities(azimuth: float, elevation: float) -> NDArray[np.float64]:
 
 
 class SeenCourse:
-    """Where the target was seen of late, so that what was heard can be compared at its own time."""
+    """Where the target was seen of late and how surely, so that what was heard can be compared at its own time."""
 
     def __init__(self, gap: float = 0.4, keep: float = 3.0) -> None:
         self._gap, self._keep = gap, keep
-        self._seen: list[tuple[float, float, float]] = []
+        self._seen: list[tuple[float, float, float, float]] = []
 
-    def add(self, time: float, azimuth: float, elevation: float) -> None:
-        """A sighting: world azimuth and elevation in rad. One that comes out of order is ignored."""
+    def add(self, time: float, azimuth: float, elevation: float, variance: float) -> None:
+        """A sighting: world azimuth and elevation in rad, the azimuth's variance. One that comes out of order is ignored."""
         if self._seen and time <= self._seen[-1][0]:
             return
         self._seen = [seen for seen in self._seen if seen[0] > time - self._keep]
-        self._seen.append((time, azimuth, elevation))
+        self._seen.append((time, azimuth, elevation, variance))
 
-    def at(self, time: float) -> tuple[float, float] | None:
-        """World azimuth and elevation at `time`, between two sightings at most `gap` s apart; else None."""
+    def at(self, time: float) -> tuple[float, float, float] | None:
+        """World azimuth, elevation, the azimuth's variance at `time`, between two sightings at most `gap` s apart; or None."""
         after = next((k for k, seen in enumerate(self._seen) if seen[0] >= time), 0)
         if after == 0 or self._seen[after][0] - self._seen[after - 1][0] > self._gap:
             return None
-        (t0, a0, e0), (t1, a1, e1) = self._seen[after - 1:after + 1]
+        (t0, a0, e0, _), (t1, a1, e1, v1) = self._seen[after - 1:after + 1]
         share = (time - t0) / (t1 - t0)
-        return float(wrap(a0 + share * float(wrap(a1 - a0)))), e0 + share * (e1 - e0)
+        return float(wrap(a0 + share * float(wrap(a1 - a0)))), e0 + share * (e1 - e0), v1
 
 
 @dataclass(frozen=True)

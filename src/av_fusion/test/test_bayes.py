@@ -200,3 +200,42 @@ def test_order_of_arrival_hardly_matters():
         one, other = in_order.estimate(106.3), as_arrived.estimate(106.3)
         assert abs(one.azimuth - other.azimuth) < 0.3 * math.sqrt(one.azimuth_variance)
         assert 0.4 < other.azimuth_variance / one.azimuth_variance < 2.5
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
+    """Sight comes and goes for 2 s each, all that is heard comes from 60 degrees: the bearing stays, or ends and says so."""
+    tracker, senses, tracked = BayesTracker(), Senses(seed, math.radians(2.0)), []
+    for step in range(30 * 20):
+        t = 100.0 + step / 20.0
+        if step % 80 < 40:
+            tracker.add_look(senses.look(t, -0.2))
+        tracker.add_sound(senses.hear(t - 0.25, math.radians(60.0)))
+        track = tracker.estimate(t)
+        if t > 110.0:
+            tracked.append(track.state != State.NONE)
+            assert not tracked[-1] or abs(track.azimuth + 0.2) < math.radians(15.0)
+    assert np.mean(tracked) > 0.8
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_who_flew_evenly_goes_on_past_end_fire(seed):
+    """Around a standing rig at 9 deg/s, seen in front only: in the third round continuity tells behind from front."""
+    tracker, senses, errors = BayesTracker(), Senses(seed, math.radians(1.0)), []
+    for step in range(120 * 20):
+        t = step / 20.0
+        body = float(wrap(math.radians(9.0 * t)))
+        tracker.add_look(senses.look(100.0 + t, body))
+        tracker.add_sound(senses.hear(100.0 + t, body))
+        errors.append(wrap(tracker.estimate(100.0 + t).azimuth - body))
+    assert math.degrees(float(np.sqrt(np.mean(np.square(errors[80 * 20:]))))) < 5.0
+
+
+def test_who_was_only_heard_may_be_on_either_side_past_end_fire():
+    """Nothing tells the hemisphere of what a standing rig never saw, and the filter says so."""
+    tracker, senses = BayesTracker(), Senses(1)
+    for step in range(24 * 20):
+        t = step / 20.0
+        tracker.add_sound(senses.hear(100.0 + t, math.radians(-20.0 + 9.0 * t)))
+        track = tracker.estimate(100.0 + t)
+        assert not track.resolved or abs(math.degrees(track.azimuth)) > 75.0

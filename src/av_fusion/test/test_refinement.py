@@ -107,3 +107,16 @@ def test_it_can_be_switched_off():
     """Off means off."""
     _, tracker = error_after_sight(False)
     assert tracker.refinement.compared == 0 and isinstance(Look(0.0, ()), Look)
+
+
+def test_a_camera_that_looks_aside_teaches_little():
+    """Good ears, sight 1 degree off at 20 degrees within its own sigma: what is heard at 60 degrees is moved by less than 4."""
+    refinement, tracker, senses = Refinement(), BayesTracker(), Senses(1, math.radians(0.5))
+    tracker.refinement = refinement
+    for step in range(10 * 20):
+        t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
+        tracker.add_look(senses.look(t, truth * 1.05))
+        tracker.add_sound(senses.hear(t, truth))
+    angle = math.radians(30.0)  # from the axis
+    moved = math.acos(refinement.correct(math.cos(angle), angle)) - angle
+    assert refinement.compared > 100 and abs(math.degrees(moved)) < 4.0
