@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import remainder, tau
 
-from av_common.angles import wrap
 from av_fusion.agility import Agility
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Look, Sound, Source, State, Track, sensible_look, sensible_sound
@@ -103,13 +103,13 @@ class BayesTracker:
         self._newest_sound = max(self._newest_sound, time)
         smear = (self.motion.yaw_rate(time) * sound.window) ** 2 / 48.0
         yaw = self.motion.yaw(time)
-        azimuths = [float(wrap(yaw + h.azimuth)) for h in heard]
+        azimuths = [remainder(yaw + h.azimuth, tau) for h in heard]
         variances = [(h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear) / fresh for h in heard]
         prior = sound.confidence / len(heard)
         clutter = max(1.0 - sound.confidence, 1e-3)
         sharpness = prior / math.sqrt(2.0 * math.pi * min(variances) * fresh) / UNIFORM
-        self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[1].azimuth - heard[0].azimuth)) if len(heard) == 2 else None
-        if len(heard) == 2 and (half := 0.5 * float(wrap(azimuths[1] - azimuths[0]))) ** 2 > 4.0 * fresh * variances[0]:
+        self._axis = heard[0].azimuth + 0.5 * remainder(heard[1].azimuth - heard[0].azimuth, tau) if len(heard) == 2 else None
+        if len(heard) == 2 and (half := 0.5 * remainder(azimuths[1] - azimuths[0], tau)) ** 2 > 4.0 * fresh * variances[0]:
             self._mixture.split(azimuths[0] + half, lag)
         compared = [_compare(mode, lag, azimuths, variances) for mode in self._mixture.modes]
         width = min(sound.confidence / sharpness, 1.0)  # share of the circle that it points at
@@ -131,13 +131,13 @@ class BayesTracker:
     def _learn(self, sound: Sound, time: float) -> Sound:
         """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
         seen = self._seen.at(time)
-        azimuth = 0.0 if seen is None else float(wrap(seen[0] - self.motion.yaw(time)))
+        azimuth = 0.0 if seen is None else remainder(seen[0] - self.motion.yaw(time), tau)
         pair = Pair.of(sound) if self.settings.refinement.enabled else None
         if pair is not None:
             if seen is not None and sound.confidence >= LEAST_CONFIDENCE:
                 fresh = _fresh(time, self._newest_sound, sound.window)
                 variance = sound.hypotheses[0].azimuth_variance + self.settings.sound_floor_sigma**2
-                self.refinement.compare(time, math.cos(pair.half), float(wrap(azimuth - pair.axis)), seen[1],
+                self.refinement.compare(time, math.cos(pair.half), remainder(azimuth - pair.axis, tau), seen[1],
                                         max(variance * math.sin(pair.half) ** 2, 1e-5) / fresh, seen[2])
             sound = pair.corrected(sound, self.refinement)
         if seen is not None:
@@ -158,7 +158,7 @@ class BayesTracker:
         visibility = look.visibility if math.isfinite(look.visibility) else settings.assumed_visibility
         yaw, width = self.motion.yaw(time), 2.0 * look.half_view
         seen = look.detections
-        azimuths = [float(wrap(yaw + d.azimuth)) for d in seen]
+        azimuths = [remainder(yaw + d.azimuth, tau) for d in seen]
         odds = [min(d.confidence / max(1.0 - d.confidence, 0.01), 99.0) for d in seen]
         confidence, best = 0.0, self._mixture.primary()
         for mode in self._mixture.modes:
@@ -184,7 +184,7 @@ class BayesTracker:
         self._agility.adapt(fresh)
         clear = look.best
         if clear is not None and clear.confidence >= LEAST_CONFIDENCE:
-            self._seen.add(time, float(wrap(yaw + clear.azimuth)), clear.elevation, clear.azimuth_variance)
+            self._seen.add(time, remainder(yaw + clear.azimuth, tau), clear.elevation, clear.azimuth_variance)
         view_share = width * UNIFORM
         self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh
         # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
@@ -211,7 +211,7 @@ class BayesTracker:
             self.planner.cancel()
             return Track(**common)
         yaw = self.motion.yaw(time)
-        azimuth_world = float(wrap(primary.azimuth + ahead * primary.rate))
+        azimuth_world = remainder(primary.azimuth + ahead * primary.rate, tau)
         front = self._mixture.front_probability(yaw, ahead)
         share = self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
         decided = min(share, max(front, 1.0 - front)) >= self.settings.decide
@@ -220,7 +220,7 @@ class BayesTracker:
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
         source = SOURCES[bool(sight_weight), bool(sound_weight)]
         return Track(
-            **common, source=source, azimuth=float(wrap(azimuth_world - yaw)), azimuth_variance=variance,
+            **common, source=source, azimuth=remainder(azimuth_world - yaw, tau), azimuth_variance=variance,
             elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
             azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
             measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
@@ -254,12 +254,12 @@ class BayesTracker:
 
     def _images(self, yaw: float, share: float) -> list[Image]:
         """Where the target may be, seen from the rig at `yaw`."""
-        images = [Image(float(wrap(mode.azimuth - yaw)), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
+        images = [Image(remainder(mode.azimuth - yaw, tau), mode.azimuth_variance, mode.rate, mode.rate_variance, mode.weight)
                   for mode in self._mixture.modes]
         if share < self.settings.decide:
             return images
         first = max(images, key=lambda image: image.weight)  # one bearing, on the axis: front or back of it?
-        return [first, first._replace(azimuth=float(wrap(2.0 * self._axis - first.azimuth)), rate=-first.rate)]
+        return [first, first._replace(azimuth=remainder(2.0 * self._axis - first.azimuth, tau), rate=-first.rate)]
 
 
 def _compare(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]
@@ -274,7 +274,7 @@ def _compare(mode: Mode, lag: float, azimuths: Sequence[float], variances: Seque
         nearest = min(range(len(azimuths)), key=lambda k: abs(mode.innovation(azimuths[k], lag)))
         innovation, total = mode.innovation(azimuths[nearest], lag), mode.expected_variance(lag) + variances[nearest]
         return (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, variances[nearest])
-    half = 0.5 * float(wrap(azimuths[1] - azimuths[0]))
+    half = 0.5 * remainder(azimuths[1] - azimuths[0], tau)
     steepness = max(abs(math.sin(half)), 0.05)  # d cos / d azimuth where it was measured
     expected = mode.expected_cosine(azimuths[0] + half, lag)
     noise = variances[0] * steepness**2

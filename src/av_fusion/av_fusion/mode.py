@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-from av_common.angles import wrap
+from math import remainder, tau
 
 PASSING_S = 1.0  # for so long a passing target accelerates
 HIDING_S = 5.0  # fog changes in
@@ -70,7 +69,7 @@ class Mode:
         q = motion.acceleration_density + PASSING_S * passing * passing
         wander = motion.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
         kept = math.exp(-0.5 * dt * motion.elevation_density / motion.usual_elevation_variance)
-        self.azimuth = float(wrap(self.azimuth + dt * self.rate))
+        self.azimuth = remainder(self.azimuth + dt * self.rate, tau)
         self.azimuth_variance += dt * (2.0 * self.ar + dt * self.rate_variance) + q * dt**3 / 3.0
         self.ar += dt * self.rate_variance + q * dt**2 / 2.0
         self.rate_variance += q * dt
@@ -83,7 +82,7 @@ class Mode:
 
     def innovation(self, azimuth: float, lag: float) -> float:
         """Measured minus expected azimuth, for a measurement made `lag` s before the mode's time."""
-        return float(wrap(azimuth - self.azimuth + lag * self.rate))
+        return remainder(azimuth - self.azimuth + lag * self.rate, tau)
 
     def expected_variance(self, lag: float) -> float:
         """Variance of the azimuth `lag` s before the mode's time."""
@@ -117,12 +116,11 @@ class Mode:
         `row` is that matrix, `total` the innovations' variance; each innovation belongs to this mode with the probability in
         `shares`, which may sum to less than one: the rest is the chance that none does.
         """
-        share = sum(shares)
-        if share < 1e-6:
-            return
-        mean = sum(s * nu for s, nu in zip(shares, innovations, strict=True))
-        spread = sum(s * nu * nu for s, nu in zip(shares, innovations, strict=True)) - mean * mean
-        self._shift(row, total, mean, spread - share * total)
+        share = mean = square = 0.0
+        for s, nu in zip(shares, innovations, strict=True):
+            share, mean, square = share + s, mean + s * nu, square + s * nu * nu
+        if share >= 1e-6:
+            self._shift(row, total, mean, square - mean * mean - share * total)
 
     def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
         """Change mean and variance of the quantity that `row` measures, whose variance is `total`, and what goes with it."""
@@ -130,7 +128,7 @@ class Mode:
         g_a = (h_a * self.azimuth_variance + h_r * self.ar + h_e * self.ae) / total
         g_r = (h_a * self.ar + h_r * self.rate_variance + h_e * self.re) / total
         g_e = (h_a * self.ae + h_r * self.re + h_e * self.elevation_variance) / total
-        self.azimuth = float(wrap(self.azimuth + g_a * change))
+        self.azimuth = remainder(self.azimuth + g_a * change, tau)
         self.rate += g_r * change
         self.elevation += g_e * change
         self.azimuth_variance += g_a * g_a * variance_change
@@ -165,7 +163,7 @@ class Mode:
         if abs(math.sin(offset)) > 1.3 * sigma:  # less than a tenth beyond the axis
             return [self]
         if math.cos(offset) < 0.0:
-            offset = float(wrap(offset + math.pi))  # the axis' other end is nearer
+            offset = remainder(offset + math.pi, tau)  # the axis' other end is nearer
         parts = []
         for side in (1.0, -1.0):
             start = side * offset / sigma
@@ -192,16 +190,16 @@ class Mode:
 
     def resembles(self, other: Mode) -> bool:
         """Whether both say the same of azimuth and rate, as far as they know: their sum has but one peak."""
-        return (float(wrap(other.azimuth - self.azimuth)) ** 2 < (self.azimuth_variance + other.azimuth_variance)
+        return (remainder(other.azimuth - self.azimuth, tau) ** 2 < (self.azimuth_variance + other.azimuth_variance)
                 and (other.rate - self.rate) ** 2 < self.rate_variance + other.rate_variance)
 
     def absorb(self, other: Mode) -> None:
         """Merge another mode into this one, keeping the moments of the sum."""
         total = self.weight + other.weight
         a, b = self.weight / total, other.weight / total
-        d_azimuth, d_rate = float(wrap(other.azimuth - self.azimuth)), other.rate - self.rate
+        d_azimuth, d_rate = remainder(other.azimuth - self.azimuth, tau), other.rate - self.rate
         d_elevation = other.elevation - self.elevation
-        self.azimuth = float(wrap(self.azimuth + b * d_azimuth))
+        self.azimuth = remainder(self.azimuth + b * d_azimuth, tau)
         self.rate += b * d_rate
         self.elevation += b * d_elevation
         self.azimuth_variance = a * self.azimuth_variance + b * other.azimuth_variance + a * b * d_azimuth**2

@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from math import remainder, tau
+from operator import mul
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.angles import wrap
-from av_fusion.measurements import Sound
+from av_fusion.measurements import Hypothesis, Sound
 
 ALIKE_S = 5.0  # so long errors of sight stay alike
 LEAST_CONFIDENCE = 0.5  # of what is seen and of what is heard, for a comparison
@@ -53,8 +54,13 @@ class Refinement:
         self._information = self._prior.copy()
         self._vector = np.zeros(len(NAMES))
         self._time = -math.inf
-        self.values: NDArray = np.zeros(len(NAMES))
+        self._values = [0.0] * len(NAMES)
         self.compared = 0
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The numbers (5,)."""
+        return np.array(self._values)
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -71,7 +77,7 @@ class Refinement:
         """
         if not (self.settings.enabled and math.isfinite(measured) and 0.0 < variance < math.inf):
             return False
-        row = sensitivities(azimuth, elevation)
+        row = np.array(sensitivities(azimuth, elevation))
         missing = measured - math.cos(azimuth) * math.cos(elevation)
         seconds = min(max(time - self._time, 0.01), ALIKE_S)
         variance += seen_variance * row[0] ** 2 * ALIKE_S / seconds
@@ -83,7 +89,7 @@ class Refinement:
         self._information = kept * self._information + (1.0 - kept) * self._prior + np.outer(row, row) / variance
         self._vector = kept * self._vector + row * missing / variance
         bound = self.settings.bound * np.asarray(self.settings.sigmas)
-        self.values = np.clip(np.linalg.solve(self._information, self._vector), -bound, bound)
+        self._values = np.clip(np.linalg.solve(self._information, self._vector), -bound, bound).tolist()
         self.compared += 1
         return True
 
@@ -91,7 +97,7 @@ class Refinement:
         """The cosine that the nominal array would have measured of a target near the given direction."""
         if not self.compared:
             return measured
-        return min(max(measured - float(sensitivities(azimuth, elevation) @ self.values), -1.0), 1.0)
+        return min(max(measured - sum(map(mul, sensitivities(azimuth, elevation), self._values)), -1.0), 1.0)
 
     def describe(self) -> dict[str, str]:
         """What was learnt, for people."""
@@ -100,10 +106,11 @@ class Refinement:
                 for name, value, sigma, (scale, unit) in zip(NAMES, self.values, self.sigmas, units, strict=True)}
 
 
-def sensitivities(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    """How the measured cosine changes with each number (5,), at a direction from the nominal axis (rad)."""
-    x = math.cos(azimuth) * math.cos(elevation)
-    return np.array([-math.sin(azimuth) * math.cos(elevation), x, 1.0, 1.5 * x * x - 0.5, 2.5 * x**3 - 1.5 * x])
+def sensitivities(azimuth: float, elevation: float) -> tuple[float, float, float, float, float]:
+    """How the measured cosine changes with each number, at a direction from the nominal axis (rad)."""
+    level = math.cos(elevation)
+    x = math.cos(azimuth) * level
+    return -math.sin(azimuth) * level, x, 1.0, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x
 
 
 class SeenCourse:
@@ -127,7 +134,7 @@ class SeenCourse:
             return None
         (t0, a0, e0, _), (t1, a1, e1, v1) = self._seen[after - 1:after + 1]
         share = (time - t0) / (t1 - t0)
-        return float(wrap(a0 + share * float(wrap(a1 - a0)))), e0 + share * (e1 - e0), v1
+        return remainder(a0 + share * remainder(a1 - a0, tau), tau), e0 + share * (e1 - e0), v1
 
 
 @dataclass(frozen=True)
@@ -143,15 +150,14 @@ class Pair:
         if len(sound.hypotheses) != 2:
             return None
         first, second = (hypothesis.azimuth for hypothesis in sound.hypotheses)
-        axis = float(wrap(first + 0.5 * float(wrap(second - first)))) % math.pi
-        return Pair(axis, float(wrap(first - axis)))
+        axis = remainder(first + 0.5 * remainder(second - first, tau), tau) % math.pi
+        return Pair(axis, remainder(first - axis, tau))
 
     def corrected(self, sound: Sound, refinement: Refinement) -> Sound:
         """The sound with both images where a nominal array would have heard them."""
         if not refinement.compared:
             return sound
         measured = math.cos(self.half)
-        moved = [hypothesis._replace(azimuth=float(wrap(self.axis + math.copysign(
-            math.acos(refinement.correct(measured, angle)), angle))))
-            for hypothesis, angle in zip(sound.hypotheses, (self.half, -self.half), strict=True)]
-        return sound._replace(hypotheses=tuple(moved))
+        return sound._replace(hypotheses=tuple(
+            Hypothesis(remainder(self.axis + math.copysign(math.acos(refinement.correct(measured, angle)), angle), tau),
+                       *hypothesis[1:]) for hypothesis, angle in zip(sound.hypotheses, (self.half, -self.half), strict=True)))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import bisect
 import math
-
-from av_common.angles import wrap
+from math import remainder, tau
 
 
 class RigMotion:
@@ -32,7 +31,7 @@ class RigMotion:
             self._times, self._yaws, self._rates = [], [], []
         previous = self._yaws[-1] if self._yaws else yaw
         self._times.append(time)
-        self._yaws.append(previous + float(wrap(yaw - previous)))
+        self._yaws.append(previous + remainder(yaw - previous, tau))
         self._rates.append(yaw_rate)
         if self._times[0] < time - 2.0 * self._keep_s:  # trimmed in lumps: cheap, and the buffer stays bounded
             first = bisect.bisect_left(self._times, time - self._keep_s)
@@ -49,12 +48,12 @@ class RigMotion:
             return 0.0
         after = bisect.bisect_right(self._times, time)
         if after == 0:
-            return float(wrap(self._yaws[0]))
+            return remainder(self._yaws[0], tau)
         if after == len(self._times):
             ahead = min(time - self._times[-1], self._extrapolate_s)
-            return float(wrap(self._yaws[-1] + ahead * self._rates[-1]))
+            return remainder(self._yaws[-1] + ahead * self._rates[-1], tau)
         share = (time - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
-        return float(wrap(self._yaws[after - 1] + share * (self._yaws[after] - self._yaws[after - 1])))
+        return remainder(self._yaws[after - 1] + share * (self._yaws[after] - self._yaws[after - 1]), tau)
 
     def yaw_rate(self, time: float) -> float:
         """Yaw rate in rad/s of the pose nearest before `time`."""

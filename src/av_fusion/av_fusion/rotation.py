@@ -20,6 +20,7 @@ HORIZON = np.arange(0.2, 6.1, 0.2)  # s ahead, in which a decision is looked for
 MADE = math.radians(2.0)  # a turn is made when less than this is left
 SOONER_S = 2.0  # the other way must promise this much before the rig turns back
 RETHINK_S = 0.2  # between reckonings
+ANEW_S = 5.0  # after so long a question is a new one
 SIGHT_NATS = 6.0  # what a look at one of the images tells in clear air
 
 
@@ -66,9 +67,8 @@ class RotationPlanner:
         self._centre: float | None = None
 
     def cancel(self) -> None:
-        """The question is settled."""
+        """The question is settled; asked again within ANEW_S it is turned on the same way."""
         self._since = self._target = self._centre = None
-        self._direction = 0.0
 
     def plan(self, time: float, yaw: float, find_images: Callable[[], Sequence[Image]], axis: float, visibility: float
              ) -> float:
@@ -79,6 +79,8 @@ class RotationPlanner:
         """
         settings = self.settings
         rethink = not abs(time - self._reckoned) < RETHINK_S
+        if not abs(time - self._reckoned) < ANEW_S:
+            self._direction = 0.0
         if rethink:
             self._reckoned, self._images = time, sorted(find_images(), key=lambda image: -image.weight)
         if not settings.enabled or len(self._images) < 2:
