@@ -151,8 +151,8 @@ def test_only_the_newest_picture_waits(rig, model, monkeypatch):
     node = rig.start(DetectorNode, model=model)
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    detect = node._detector.detect
-    monkeypatch.setattr(node._detector, 'detect', lambda image: (time.sleep(0.3), detect(image))[1])
+    look = node._detector.candidates
+    monkeypatch.setattr(node._detector, 'candidates', lambda *given: (time.sleep(0.3), look(*given))[1])
     for stamp in range(1, 31):
         images.publish(picture(stamp))
         rig.executor.spin_once(timeout_sec=0.02)
