@@ -52,21 +52,25 @@ class StateMachine:
 
     def step(self, time: float, tracking: bool) -> State:
         """Decide the state at `time`; without a track (`tracking` false) it is NONE."""
-        wanted, reason = self._wanted(time, tracking)
-        urgent = State.NONE in (wanted, self.state) or self.state == State.COASTING
-        if wanted != self.state and (urgent or time - self.changed >= self.settings.dwell):
-            self.state, self.reason, self.changed = wanted, reason, time
-        return self.state
-
-    def _wanted(self, time: float, tracking: bool) -> tuple[State, str]:
         settings = self.settings
-        if not tracking:
-            return State.NONE, 'no target: nothing heard or seen that could be followed'
         gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
         sees = time - self._seen <= settings.sight_timeout
-        if sees and self.sight_confidence >= gate:
-            return State.VISUAL_ACTIVE, f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
+        if not tracking:
+            wanted = State.NONE
+        elif sees and self.sight_confidence >= gate:
+            wanted = State.VISUAL_ACTIVE
+        else:
+            wanted = State.ACOUSTIC_ACTIVE if time - self._heard <= settings.sound_timeout else State.COASTING
+        if wanted != self.state:
+            urgent = State.NONE in (wanted, self.state) or self.state == State.COASTING
+            if urgent or time - self.changed >= settings.dwell:
+                self.state, self.reason, self.changed = wanted, self._why(wanted, gate, sees), time
+        return self.state
+
+    def _why(self, state: State, gate: float, sees: bool) -> str:
+        if state == State.NONE:
+            return 'no target: nothing heard or seen that could be followed'
+        if state == State.VISUAL_ACTIVE:
+            return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
         blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if sees else 'no picture'
-        if time - self._heard <= settings.sound_timeout:
-            return State.ACOUSTIC_ACTIVE, blind
-        return State.COASTING, f'{blind} and no sound'
+        return blind if state == State.ACOUSTIC_ACTIVE else f'{blind} and no sound'

@@ -122,17 +122,21 @@ class Mixture:
         Modes that agree with it count, and what lies around it on its side of an axis (world azimuth) that sounds are mirrored
         about; nan for none.
         """
-        side, agreeing = math.sin(primary.azimuth - axis), 0.0
+        side, agreeing, total = math.sin(primary.azimuth - axis), 0.0, 0.0
         for mode in self.modes:
+            total += mode.weight
             apart = abs(mode.innovation(primary.azimuth, 0.0))
-            agreeing += mode.weight * (apart < AGREE or (apart < NEAR and side * math.sin(mode.azimuth - axis) > 0.0))
-        return agreeing / sum(mode.weight for mode in self.modes)
+            if apart < AGREE or (apart < NEAR and side * math.sin(mode.azimuth - axis) > 0.0):
+                agreeing += mode.weight
+        return agreeing / total
 
     def front_probability(self, yaw: float, ahead: float) -> float:
         """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s."""
-        front = sum(mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
-                    for mode in self.modes)
-        return front / sum(mode.weight for mode in self.modes)
+        front = total = 0.0
+        for mode in self.modes:
+            total += mode.weight
+            front += mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
+        return front / total
 
 
 def _explain(part: Mode | Mixture, direct: float, other: float) -> float:
