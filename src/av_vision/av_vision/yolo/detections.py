@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -41,12 +42,20 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.boxes)
 
-    @property
+    @cached_property
     def scores(self) -> NDArray[np.floating]:
         """Of the likeliest class (n,)."""
         return self.probabilities.max(axis=1, initial=0.0)
 
-    centres, sizes = Detections.centres, Detections.sizes
+    @cached_property
+    def centres(self) -> NDArray[np.float32]:
+        """Centres (n, 2) in pixels."""
+        return 0.5 * (self.boxes[:, :2] + self.boxes[:, 2:])
+
+    @cached_property
+    def sizes(self) -> NDArray[np.float32]:
+        """Widths and heights (n, 2) in pixels."""
+        return self.boxes[:, 2:] - self.boxes[:, :2]
 
 
 def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
