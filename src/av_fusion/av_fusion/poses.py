@@ -49,7 +49,7 @@ def read_odometry(data: bytes) -> Pose:
         stamp, _, pose, real = _FORMATS[data[1]]
         seconds, nanoseconds, _ = stamp(data, 4)
         at = _place(data)
-        return Pose(seconds + 1e-9 * nanoseconds, *pose(data, at), *real(data, at + _YAW_RATE_AT))
+        return Pose._make((seconds + 1e-9 * nanoseconds, *pose(data, at), *real(data, at + _YAW_RATE_AT)))
     except (struct.error, IndexError) as error:
         raise ValueError(f'{len(data)} bytes are no nav_msgs/Odometry: {error}') from error
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 from av_fusion.bags import topics as names
@@ -27,6 +28,9 @@ class Piece(NamedTuple):
     now: float
     time_ns: int
     data: bytes
+
+
+_piece = partial(tuple.__new__, Piece)  # a Piece in half the time: there are hundreds in a second of a bag
 
 
 class Feed:
@@ -54,7 +58,7 @@ class Feed:
                 now = max(now, time_ns / SECOND)
             elif name in CLOCKED:
                 now = max(now, stamp_of(data))
-            yield Piece(name, now, time_ns, data)
+            yield _piece((name, now, time_ns, data))
 
     def is_converted(self, name: str) -> bool:
         """Whether the bag has the topic in another type than the rig's."""

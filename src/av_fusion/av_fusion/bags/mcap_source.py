@@ -22,7 +22,7 @@ PLAUSIBLE_RECORD_BYTES = 2**31
 FOREVER = 2**63 - 1
 # The library takes ten times as long to part a chunk.
 _HEAD = struct.Struct('<BQ')
-_MESSAGE = struct.Struct('<HIQQ')
+_MESSAGE = struct.Struct('<BQHIQQ')  # the head again, channel, sequence, log and publish time
 
 Row = tuple[int, int, bytes]  # log time in ns, channel, data
 
@@ -83,12 +83,13 @@ class McapSource:
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), validate_crc=True)
             content, at = stream.read(size), 0
             while at < size:
-                opcode, length = _HEAD.unpack_from(content, at)
-                begin, at = at + _HEAD.size, at + _HEAD.size + length
-                if opcode == Opcode.MESSAGE:
-                    channel, _, time_ns, _ = _MESSAGE.unpack_from(content, begin)
+                if content[at] == Opcode.MESSAGE:
+                    _, length, channel, _, time_ns, _ = _MESSAGE.unpack_from(content, at)
+                    begin, at = at + _MESSAGE.size, at + _HEAD.size + length
                     if channel in wanted:
-                        rows.append((time_ns, channel, content[begin + _MESSAGE.size:at]))
+                        rows.append((time_ns, channel, content[begin:at]))
+                else:
+                    at += _HEAD.size + _HEAD.unpack_from(content, at)[1]
         except DAMAGE as error:
             self._complain(stretch.offset, error)
         return rows
