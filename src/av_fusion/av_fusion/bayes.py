@@ -113,11 +113,12 @@ class BayesTracker:
             self._mixture.split(azimuths[0] + half, lag)
         compared = [_compare(mode, lag, azimuths, variances) for mode in self._mixture.modes]
         width = min(sound.confidence / sharpness, 1.0)  # share of the circle that it points at
-        anywhere = clutter**fresh + sharpness**fresh * width / math.sqrt(fresh)
+        stray, peak = clutter**fresh, sharpness**fresh
+        anywhere = stray + peak * width / math.sqrt(fresh)
         self._mixture.wonder(since, self._trust.otherwise(sound.confidence), width)
         for mode, (_, variance, innovation, _) in zip(self._mixture.modes, compared, strict=True):
             self._agility.note(mode.weight * (1.0 - mode.misled), mode.rate, innovation, variance)
-        self._mixture.listen([clutter**fresh + fit * sharpness**fresh for *_, fit in compared], anywhere)
+        self._mixture.listen([stray + fit * peak for *_, fit in compared], anywhere)
         for mode, (row, variance, innovation, fit) in zip(self._mixture.modes, compared, strict=True):
             mode.update(row, variance, [innovation], [(1.0 - mode.misled) * fit * sharpness / (clutter + fit * sharpness)])
         self._agility.adapt(fresh)

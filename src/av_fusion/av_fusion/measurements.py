@@ -86,9 +86,9 @@ def sensible_sound(sound: Sound) -> Sound | None:
     if not (math.isfinite(sound.time) and 0.0 < sound.confidence <= 1.0 and 0.0 < sound.window <= 60.0):
         return None
     kept = _sensible(sound.hypotheses)
-    if kept == sound.hypotheses:
-        return sound if kept else None
-    return sound._replace(hypotheses=kept) if kept else None
+    if not kept:
+        return None
+    return sound if kept == sound.hypotheses else sound._replace(hypotheses=kept)
 
 
 def sensible_look(look: Look) -> Look | None:

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 from av_audio.localizer import LocalizerSettings
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_vision.camera import PinholeCamera
-from av_vision.models import shipped_model
 from av_vision.visibility import ground_distances
-from av_vision.yolo import Detector, DetectorSettings
 
 
 def localizer_settings(p: Any) -> LocalizerSettings:
@@ -21,16 +19,6 @@ def localizer_settings(p: Any) -> LocalizerSettings:
         window_s=p.window, hop_s=p.hop, band_hz=(p.band_low, p.band_high), method=p.method,
         temperature_c=p.temperature, elevation_deg=(p.elevation_min_deg, p.elevation_max_deg),
         estimated_rotors=p.own_rotor_count if p.own_rotors == 'estimated' else 0)
-
-
-def make_detector(p: Any) -> Detector:
-    """Of the parameters of detector_node. Raises ModelError or ValueError."""
-    return Detector(shipped_model() if p.model in ('', 'shipped') else p.model, DetectorSettings(
-        score_threshold=p.score_threshold, nms_iou=p.nms_iou, nms_nested=p.nms_nested,
-        max_detections=p.max_detections, keep=(p.target_class,),
-        rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
-        class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
-        providers=tuple(p.providers), threads=p.threads))
 
 
 def ground(p: Any, camera: PinholeCamera) -> NDArray | None:

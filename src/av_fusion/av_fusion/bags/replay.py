@@ -33,6 +33,7 @@ from av_fusion.senses import Senses
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import Rig, load_rig
 from av_vision.camera import PinholeCamera
+from av_vision.from_parameters import make_detector
 
 STAGES = ('raw', 'doa', 'bearing')
 # Known as a whole before anything else is read.
@@ -215,9 +216,10 @@ class Replay:
             self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades)
                             for method in self._estimators}
         if names.IMAGE in self._topics:
-            given = {'model': self._settings.model, 'keep_classes': list(self._settings.classes) or None}
+            model = self._settings.model if self._settings.model != 'shipped' else ''
+            given = {'model': model, 'keep_classes': list(self._settings.classes) or None}
             p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
-            self._seeing = Seeing(algorithms.make_detector(p), p.track_gap, self._make, p.visibility_rate,
+            self._seeing = Seeing(make_detector(p), p.track_gap, self._make, p.visibility_rate,
                                   p.visibility_distance, algorithms.ground(p, senses.camera), p.still)
         if self.stage != 'bearing':
             tracker = make_tracker(fusion)

@@ -96,13 +96,13 @@ class Seeing:
 
     def take(self, picture: Any, now: float) -> Iterator[Output]:
         """What is seen in a picture."""
+        time = to_seconds(picture.header.stamp)
         try:
             image = image_from_message(picture)
-            found, tracks = self._watcher.look(image, to_seconds(picture.header.stamp))
+            found, tracks = self._watcher.look(image, time)
         except ValueError as error:
             self.problems.add(f'{names.IMAGE}: {error}')
             return
-        time = to_seconds(picture.header.stamp)
         if self._rate > 0.0 and time >= self._next:
             self._next = time + 1.0 / self._rate
             ground = self._ground if self._ground is not None and self._ground.shape == image.shape[:2] else None

@@ -18,13 +18,13 @@ from av_common.qos import PICTURE, RESULT
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
 from av_vision.drawing import draw
+from av_vision.from_parameters import make_detector
 from av_vision.image import fill_message, image_from_message
 from av_vision.latest import Latest
-from av_vision.models import shipped_model
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.nodes.visibility_reporter import VisibilityReporter
 from av_vision.watching import Watcher
-from av_vision.yolo import Detections, Detector, DetectorSettings
+from av_vision.yolo import Detections
 
 # Without a picture for this long the node says so.
 STALE_S = 2.0
@@ -43,12 +43,7 @@ class DetectorNode(RigNode):
     def configure(self) -> None:
         """Open the model."""
         settings = self.settings
-        self._detector = Detector(settings.model or shipped_model(), DetectorSettings(
-            score_threshold=settings.score_threshold, nms_iou=settings.nms_iou, nms_nested=settings.nms_nested,
-            max_detections=settings.max_detections,
-            keep=(settings.target_class,), rename=dict.fromkeys(given(settings.keep_classes), settings.target_class),
-            layout=settings.layout, class_names=given(settings.class_names), input_size=settings.input_size,
-            slice_size=settings.slice_size, providers=tuple(settings.providers), threads=settings.threads))
+        self._detector = make_detector(settings)
         self._track_gap, self._still = settings.track_gap, settings.still
         self._compressed = settings.compressed
         self._publisher = self.create_publisher(Detection2DArray, 'detections', RESULT)
@@ -115,11 +110,6 @@ class DetectorNode(RigNode):
             status.mergeSummary(DiagnosticStatus.ERROR, self._problem_with_pictures)
         elif self._pictures.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no pictures')
-
-
-def given(names: list[str]) -> tuple[str, ...]:
-    """A list parameter without the empty names that stand for none."""
-    return tuple(name for name in names if name)
 
 
 def to_message(detections: Detections, tracks: list[int], header: Header) -> Detection2DArray:

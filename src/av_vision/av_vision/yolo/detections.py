@@ -10,44 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True)
-class Detections:
-    """Boxes (n, 4) as x1, y1, x2, y2 in pixels of the picture, scores (n,) in 0-1 in falling order, n class names."""
-
-    boxes: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 4), np.float32))
-    scores: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
-    class_names: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.scores)
-
-    @property
-    def centres(self) -> NDArray[np.float32]:
-        """Centres (n, 2) in pixels."""
-        return 0.5 * (self.boxes[:, :2] + self.boxes[:, 2:])
-
-    @property
-    def sizes(self) -> NDArray[np.float32]:
-        """Widths and heights (n, 2) in pixels."""
-        return self.boxes[:, 2:] - self.boxes[:, :2]
-
-
-@dataclass(frozen=True)
-class Candidates:
-    """Everything that might be something: boxes (n, 4) as in `Detections`, probabilities (n, classes) 0-1."""
+class Boxes:
+    """What every set of boxes (n, 4) as x1, y1, x2, y2 in pixels of the picture has."""
 
     boxes: NDArray[np.float32]
-    probabilities: NDArray[np.floating]
 
     def __len__(self) -> int:
         return len(self.boxes)
 
     @cached_property
-    def scores(self) -> NDArray[np.floating]:
-        """Of the likeliest class (n,)."""
-        return self.probabilities.max(axis=1, initial=0.0)
-
-    @cached_property
     def centres(self) -> NDArray[np.float32]:
         """Centres (n, 2) in pixels."""
         return 0.5 * (self.boxes[:, :2] + self.boxes[:, 2:])
@@ -56,6 +27,28 @@ class Candidates:
     def sizes(self) -> NDArray[np.float32]:
         """Widths and heights (n, 2) in pixels."""
         return self.boxes[:, 2:] - self.boxes[:, :2]
+
+
+@dataclass(frozen=True)
+class Detections(Boxes):
+    """Boxes, scores (n,) in 0-1 in falling order, n class names."""
+
+    boxes: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 4), np.float32))
+    scores: NDArray[np.float32] = field(default_factory=lambda: np.empty(0, np.float32))
+    class_names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidates(Boxes):
+    """Everything that might be something: boxes, probabilities (n, classes) 0-1."""
+
+    boxes: NDArray[np.float32]
+    probabilities: NDArray[np.floating]
+
+    @cached_property
+    def scores(self) -> NDArray[np.floating]:
+        """Of the likeliest class (n,)."""
+        return self.probabilities.max(axis=1, initial=0.0)
 
 
 def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
