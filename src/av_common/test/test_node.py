@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -79,6 +84,36 @@ def test_an_absent_sensor_is_reported_and_found_later(executor):
     spin(executor, lambda: node.ticks > 0)
     node.destroy_node()
     listener.destroy_node()
+
+
+PROCESS = """
+import sys, threading
+from av_common.node import RigNode, run
+
+class Idle(RigNode):
+    def __init__(self):
+        super().__init__('idle')
+    def activate(self):
+        print('active', flush=True)
+        if sys.argv[1:] == ['done']:
+            threading.Timer(0.2, self.finish).start()
+    def deactivate(self):
+        print('deactivated', self.context.ok(), flush=True)
+
+run(Idle)
+"""
+
+
+@pytest.mark.parametrize('end', [signal.SIGINT, signal.SIGTERM, 'done'])
+def test_a_process_ends_cleanly_though_nothing_happens(end):
+    """By signal, or because its work is done: the node deactivates while the middleware is still there."""
+    process = subprocess.Popen([sys.executable, '-c', PROCESS, str(end)], stdout=subprocess.PIPE, text=True,
+                               env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+    assert process.stdout.readline() == 'active\n'
+    if end != 'done':
+        process.send_signal(end)
+    rest, _ = process.communicate(timeout=30.0)
+    assert rest == 'deactivated True\n' and process.returncode == 0
 
 
 def test_stamps_round_trip_to_a_quarter_microsecond():

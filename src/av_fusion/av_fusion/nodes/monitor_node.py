@@ -134,7 +134,7 @@ class MonitorNode(RigNode):
         print(format_status(elapsed, self._bearing, self._state, self._command, truth, rates, delay, self._problems),
               flush=True)
         if self._settings.duration and elapsed >= self._settings.duration:
-            self.finished = True
+            self.finish()
 
     def _report(self) -> None:
         if self._reported:

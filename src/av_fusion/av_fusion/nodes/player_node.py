@@ -99,7 +99,7 @@ class PlayerNode(RigNode):
             self.get_logger().error(problem)
         self.get_logger().info(f'played {self._played} messages, {self._position:.1f} s')
         if not self._stopping.wait(LINGER_S):
-            self.finished = True
+            self.finish()
 
     def _play(self, pieces: Iterable[Piece], first: float) -> None:
         period = 1.0 / self._settings.clock_rate
