@@ -18,8 +18,8 @@ from av_fusion.rotation import Image, RotationPlanner, RotationSettings
 from av_fusion.trust import Trust
 
 UNIFORM = 1.0 / (2.0 * math.pi)
-SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
-           (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are fresh
+SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Source.SOUND,
+           (1.0, 1.0): Source.SIGHT | Source.SOUND}  # by whether sight and sound are fresh
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
 
 
@@ -204,13 +204,11 @@ class BayesTracker:
         tracking = (primary is not None and self._mixture.background < 0.5 and variance < self.settings.lost_sigma**2
                     and ahead < MAX_GAP_S)
         state = machine.step(time, tracking)
-        common = {'time': time, 'state': state, 'reason': machine.reason, 'changed': machine.changed,
-                  'sound_confidence': machine.sound_confidence, 'sight_confidence': machine.sight_confidence,
-                  'visibility': self._visibility}
         if state == State.NONE or primary is None:
             self._resolved = False
             self.planner.cancel()
-            return Track(**common)
+            return Track(time, state, machine.reason, machine.changed, sound_confidence=machine.sound_confidence,
+                         sight_confidence=machine.sight_confidence, visibility=self._visibility)
         yaw = self.motion.yaw(time)
         azimuth_world = remainder(primary.azimuth + ahead * primary.rate, tau)
         front = self._mixture.front_probability(yaw, ahead)
@@ -219,14 +217,14 @@ class BayesTracker:
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
-        source = SOURCES[bool(sight_weight), bool(sound_weight)]
-        return Track(
-            **common, source=source, azimuth=remainder(azimuth_world - yaw, tau), azimuth_variance=variance,
-            elevation=primary.elevation, elevation_variance=primary.elevation_variance if primary.seen else math.inf,
-            azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
-            measured=max(self._newest_sound, self._newest_look), front_probability=front, resolved=self._resolved,
-            requested_rotation=self._rotation(time, yaw, share), sound_weight=sound_weight * (1.0 - 0.5 * sight_weight),
-            sight_weight=sight_weight * (1.0 - 0.5 * sound_weight))
+        return Track(  # in the order of its fields: their names would cost a fifth of all that is done here
+            time, state, machine.reason, machine.changed, SOURCES[sight_weight, sound_weight],
+            remainder(azimuth_world - yaw, tau), primary.elevation,
+            variance, primary.elevation_variance if primary.seen else math.inf,
+            azimuth_world, primary.rate, max(self._newest_sound, self._newest_look),
+            front, self._resolved, self._rotation(time, yaw, share),
+            machine.sound_confidence, machine.sight_confidence,
+            sound_weight * (1.0 - 0.5 * sight_weight), sight_weight * (1.0 - 0.5 * sound_weight), self._visibility)
 
     def _advance(self, time: float) -> float:
         """Predict to `time`; returns how long ago it is when the filter is already past it."""

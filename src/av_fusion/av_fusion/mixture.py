@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 from av_fusion.measurements import Detection
 from av_fusion.mode import Mode, Motion, share_within
@@ -13,6 +14,7 @@ AGREE, NEAR = math.radians(10.0), math.radians(25.0)  # modes closer together th
 HEAVIER = 1.5  # another mode must weigh so many times as much to become the primary one
 LASTING_S = 2.0  # in so long something else that is always heard moves on
 LIGHTEST = 1e-6  # what weighs less is no mode
+WEIGHT = attrgetter('weight')
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,8 @@ class Mixture:
 
     def primary(self) -> Mode | None:
         """The heaviest mode; the one chosen before stays until another is clearly heavier."""
-        heaviest = max(self.modes, key=lambda mode: mode.weight, default=None)
-        incumbent = self._primary
-        if not any(mode is incumbent for mode in self.modes) or heaviest.weight > HEAVIER * incumbent.weight:
+        heaviest = max(self.modes, key=WEIGHT, default=None)
+        if self._primary not in self.modes or heaviest.weight > HEAVIER * self._primary.weight:
             self._primary = heaviest
         return self._primary
 

@@ -34,7 +34,7 @@ class Predicted:
     row: tuple[float, float, float]
 
 
-@dataclass
+@dataclass(eq=False, slots=True)
 class Mode:
     """A Gaussian over azimuth a, its rate r and elevation e, with its weight in the mixture.
 
