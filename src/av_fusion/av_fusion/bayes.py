@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 
 from av_fusion.agility import Agility
+from av_fusion.heard import Directions, MirrorImages
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Look, Sound, Source, State, Track, sensible_look, sensible_sound
 from av_fusion.mixture import Mixture, Newborn
-from av_fusion.mode import Mode, Motion, gaussian, share_within
+from av_fusion.mode import Motion, gaussian, share_within
 from av_fusion.refinement import LEAST_CONFIDENCE, Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
@@ -76,7 +76,10 @@ class BayesTracker:
     def reset(self) -> None:
         """Forget the target, not the rig."""
         self._time: float | None = None
-        self._mixture = Mixture(self.settings.rate_sigma**2, self.settings.lost_sigma**2)
+        settings = self.settings
+        usual = Motion(settings.acceleration_density, settings.elevation_density,
+                       settings.usual_elevation, settings.usual_elevation_sigma**2)
+        self._mixture = Mixture(usual, settings.rate_sigma**2, settings.lost_sigma**2)
         self._agility = Agility()
         self._newest_sound = self._newest_look = -math.inf
         self._seen = SeenCourse()
@@ -94,24 +97,28 @@ class BayesTracker:
         if sound is None:
             return
         time = sound.time - self.settings.sound_delay
-        sound = self._learn(sound, time)
+        yaw, yaw_rate = self.motion.yaw(time), self.motion.yaw_rate(time)
+        sound = self._learn(sound, time, yaw)
         heard = sound.hypotheses
         lag = self._advance(time)
         # Windows overlap: each adds the part that is new, as if its noise were that much larger.
         fresh = _fresh(time, self._newest_sound, sound.window)
         since = max(time - self._newest_sound, 0.0)
         self._newest_sound = max(self._newest_sound, time)
-        smear = (self.motion.yaw_rate(time) * sound.window) ** 2 / 48.0
-        yaw = self.motion.yaw(time)
+        smear = (yaw_rate * sound.window) ** 2 / 48.0
         azimuths = [remainder(yaw + h.azimuth, tau) for h in heard]
         variances = [(h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear) / fresh for h in heard]
         prior = sound.confidence / len(heard)
         clutter = max(1.0 - sound.confidence, 1e-3)
         sharpness = prior / math.sqrt(2.0 * math.pi * min(variances) * fresh) / UNIFORM
-        self._axis = heard[0].azimuth + 0.5 * remainder(heard[1].azimuth - heard[0].azimuth, tau) if len(heard) == 2 else None
-        if len(heard) == 2 and (half := 0.5 * remainder(azimuths[1] - azimuths[0], tau)) ** 2 > 4.0 * fresh * variances[0]:
-            self._mixture.split(azimuths[0] + half, lag)
-        compared = [_compare(mode, lag, azimuths, variances) for mode in self._mixture.modes]
+        if len(heard) == 2:
+            self._axis = heard[0].azimuth + 0.5 * remainder(heard[1].azimuth - heard[0].azimuth, tau)
+            measured = MirrorImages(azimuths, variances)
+            if measured.half**2 > 4.0 * fresh * variances[0]:
+                self._mixture.split(measured.axis, lag)
+        else:
+            self._axis, measured = None, Directions(azimuths, variances)
+        compared = [measured.compare(mode, lag) for mode in self._mixture.modes]
         width = min(sound.confidence / sharpness, 1.0)  # share of the circle that it points at
         stray, peak = clutter**fresh, sharpness**fresh
         anywhere = stray + peak * width / math.sqrt(fresh)
@@ -120,19 +127,19 @@ class BayesTracker:
             self._agility.note(mode.weight * (1.0 - mode.misled), mode.rate, innovation, variance)
         self._mixture.listen([stray + fit * peak for *_, fit in compared], anywhere)
         for mode, (row, variance, innovation, fit) in zip(self._mixture.modes, compared, strict=True):
-            mode.update(row, variance, [innovation], [(1.0 - mode.misled) * fit * sharpness / (clutter + fit * sharpness)])
+            mode.update(row, variance, innovation, (1.0 - mode.misled) * fit * sharpness / (clutter + fit * sharpness))
         self._agility.adapt(fresh)
         born = fresh * (1.0 - self._mixture.misled)
-        self._mixture.give_birth(lag, self._target_motion(), [
+        self._mixture.give_birth(lag, self._agility.value, [
             Newborn(azimuth, variance * fresh, prior * born) for azimuth, variance in zip(azimuths, variances, strict=True)])
         self._mixture.background *= 1.0 - (1.0 - clutter) * born  # what went to the newborns
         self._mixture.tidy()
         self.machine.hear(time, sound.confidence)
 
-    def _learn(self, sound: Sound, time: float) -> Sound:
+    def _learn(self, sound: Sound, time: float, yaw: float) -> Sound:
         """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
         seen = self._seen.at(time)
-        azimuth = 0.0 if seen is None else remainder(seen[0] - self.motion.yaw(time), tau)
+        azimuth = 0.0 if seen is None else remainder(seen[0] - yaw, tau)
         pair = Pair.of(sound) if self.settings.refinement.enabled else None
         if pair is not None:
             if seen is not None and sound.confidence >= LEAST_CONFIDENCE:
@@ -189,7 +196,7 @@ class BayesTracker:
         view_share = width * UNIFORM
         self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh
         # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
-        self._mixture.give_birth(lag, self._target_motion(), [
+        self._mixture.give_birth(lag, self._agility.value, [
             Newborn(azimuth, d.azimuth_variance, o * fresh, d) for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
         if best is None:
             confidence = max((d.confidence for d in seen), default=0.0)
@@ -236,14 +243,9 @@ class BayesTracker:
         if dt <= 0.0:
             return -dt
         kept = math.exp(-self.settings.loss_rate * dt)
-        self._mixture.predict(dt, self._target_motion(), kept)
+        self._mixture.predict(dt, self._agility.value, kept)
         self._time = time
         return 0.0
-
-    def _target_motion(self) -> Motion:
-        settings = self.settings
-        return Motion(self._agility.value * settings.acceleration_density, settings.elevation_density,
-                      settings.usual_elevation, settings.usual_elevation_sigma**2)
 
     def _rotation(self, time: float, yaw: float, share: float) -> float:
         if self._resolved:
@@ -259,30 +261,6 @@ class BayesTracker:
             return images
         first = max(images, key=lambda image: image.weight)  # one bearing, on the axis: front or back of it?
         return [first, first._replace(azimuth=remainder(2.0 * self._axis - first.azimuth, tau), rate=-first.rate)]
-
-
-def _compare(mode: Mode, lag: float, azimuths: Sequence[float], variances: Sequence[float]
-             ) -> tuple[tuple[float, float, float], float, float, float]:
-    """A mode with a sound: measurement row, variance of the innovation, innovation, and how well both fit.
-
-    The fit is the likelihood over that of a mode that knew exactly what was measured: 1 at best.
-    Two mirror images are one measurement, the cosine of the angle from the axis between them; any other number of
-    hypotheses are azimuths, of which the nearest counts.
-    """
-    if len(azimuths) != 2:
-        nearest = min(range(len(azimuths)), key=lambda k: abs(mode.innovation(azimuths[k], lag)))
-        innovation, total = mode.innovation(azimuths[nearest], lag), mode.expected_variance(lag) + variances[nearest]
-        return (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, variances[nearest])
-    half = 0.5 * remainder(azimuths[1] - azimuths[0], tau)
-    steepness = max(abs(math.sin(half)), 0.05)  # d cos / d azimuth where it was measured
-    expected = mode.expected_cosine(azimuths[0] + half, lag)
-    noise = variances[0] * steepness**2
-    innovation, total = math.cos(half) - expected.mean, expected.variance + noise
-    return expected.row, total, innovation, _fit(innovation, total, noise)
-
-
-def _fit(innovation: float, total: float, noise: float) -> float:
-    return math.exp(-0.5 * innovation * innovation / total) * math.sqrt(noise / total)
 
 
 def _fresh(time: float, newest: float, correlation: float) -> float:

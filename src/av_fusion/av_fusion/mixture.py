@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from operator import attrgetter
+from typing import NamedTuple
 
 from av_fusion.measurements import Detection
 from av_fusion.mode import Mode, Motion, share_within
@@ -17,8 +17,7 @@ LIGHTEST = 1e-6  # what weighs less is no mode
 WEIGHT = attrgetter('weight')
 
 
-@dataclass(frozen=True)
-class Newborn:
+class Newborn(NamedTuple):
     """A direction in the world that may start a mode: `ratio` of the background's weight belongs to it."""
 
     azimuth: float
@@ -30,17 +29,17 @@ class Newborn:
 class Mixture:
     """Weights of modes and background sum to one after `tidy`. Azimuths in rad, in the world; `lag` in s before now."""
 
-    def __init__(self, rate_variance: float, lost_variance: float) -> None:
+    def __init__(self, motion: Motion, rate_variance: float, lost_variance: float) -> None:
         self.modes: list[Mode] = []
         self.background = 1.0
         self.misled = 0.0  # probability that something else is heard, were the target in the background
-        self._rate_variance, self._lost_variance = rate_variance, lost_variance
+        self._motion, self._rate_variance, self._lost_variance = motion, rate_variance, lost_variance
         self._primary: Mode | None = None
 
-    def predict(self, dt: float, motion: Motion, kept: float) -> None:
+    def predict(self, dt: float, agility: float, kept: float) -> None:
         """Move every mode by `dt` s; all but the share `kept` of what is known is forgotten."""
         for mode in self.modes:
-            mode.predict(dt, motion)
+            mode.predict(dt, self._motion, agility)
             mode.weight *= kept
         self.background += (1.0 - kept) * (1.0 - self.background)
 
@@ -71,7 +70,7 @@ class Mixture:
         """Cut modes that lie on both sides of an axis."""
         self.modes = [part for mode in self.modes for part in mode.split(axis, lag)]
 
-    def give_birth(self, lag: float, motion: Motion, newborns: Sequence[Newborn]) -> None:
+    def give_birth(self, lag: float, agility: float, newborns: Sequence[Newborn]) -> None:
         """Give directions where something was heard or seen their weight, by that of the background.
 
         What of the background is used up by it is the caller's to take off, who knows what else the measurement says of it.
@@ -79,36 +78,44 @@ class Mixture:
         known = tuple(self.modes)
         for new in newborns:
             weight = self.background * min(new.ratio, 50.0)
-            explaining = next((mode for mode in known if mode.innovation(new.azimuth, lag) ** 2
-                               < 9.0 * (mode.expected_variance(lag) + new.variance)), None)
-            if explaining is not None:
-                explaining.weight += weight
-                continue
-            mode = Mode(weight, new.azimuth, new.variance, 0.0, self._rate_variance, motion.usual_elevation,
-                        motion.usual_elevation_variance)
-            if new.detection is not None:
-                mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
-            mode.predict(lag, motion)
-            self.modes.append(mode)
+            for mode in known:
+                if mode.explains(new.azimuth, new.variance, lag):
+                    mode.weight += weight
+                    break
+            else:
+                self.modes.append(self._born(new, weight, lag, agility))
+
+    def _born(self, new: Newborn, weight: float, lag: float, agility: float) -> Mode:
+        mode = Mode(weight, new.azimuth, new.variance, 0.0, self._rate_variance, self._motion.usual_elevation,
+                    self._motion.usual_elevation_variance)
+        if new.detection is not None:
+            mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
+        mode.predict(lag, self._motion, agility)
+        return mode
 
     def tidy(self) -> None:
         """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
-        modes = sorted(self.modes, key=lambda mode: -mode.weight)
-        total = self.background + sum(mode.weight for mode in modes)
+        modes = sorted(self.modes, key=WEIGHT, reverse=True)
+        total = self.background + sum([mode.weight for mode in modes])
         self.modes = []
         self.background /= total
         for mode in modes:
             mode.weight /= total
-            twin = next((kept for kept in self.modes if kept.resembles(mode)), None)
-            if twin is not None:
-                twin.absorb(mode)
-            elif mode.weight < LIGHTEST or mode.azimuth_variance > self._lost_variance:
-                share = mode.weight / (self.background + mode.weight)
-                self.misled += share * (mode.misled - self.misled)
-                self.background += mode.weight
+            for kept in self.modes:
+                if kept.resembles(mode):
+                    kept.absorb(mode)
+                    break
             else:
-                self.modes.append(mode)
+                self._keep(mode)
         self.background = max(self.background, 1e-9)
+
+    def _keep(self, mode: Mode) -> None:
+        if mode.weight < LIGHTEST or mode.azimuth_variance > self._lost_variance:
+            share = mode.weight / (self.background + mode.weight)
+            self.misled += share * (mode.misled - self.misled)
+            self.background += mode.weight
+        else:
+            self.modes.append(mode)
 
     def primary(self) -> Mode | None:
         """The heaviest mode; the one chosen before stays until another is clearly heavier."""

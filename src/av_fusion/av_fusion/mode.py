@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import remainder, tau
+from typing import NamedTuple
 
 PASSING_S = 1.0  # for so long a passing target accelerates
 HIDING_S = 5.0  # fog changes in
 
 
-@dataclass(frozen=True)
-class Motion:
-    """How targets move, seen from the rig.
+class Motion(NamedTuple):
+    """How targets usually move, seen from the rig.
 
     `acceleration_density` (rad^2/s^3) drives the azimuth's rate; the elevation wanders (rad^2/s) around the usual one
     (rad, rad^2).
@@ -25,8 +25,7 @@ class Motion:
     usual_elevation_variance: float
 
 
-@dataclass(frozen=True)
-class Predicted:
+class Predicted(NamedTuple):
     """What a mode says of a measurement: mean and variance without the sensor's noise, and the row that linearises it."""
 
     mean: float
@@ -57,16 +56,16 @@ class Mode:
     looked: float = -math.inf  # when that was last reckoned
     misled: float = 0.0  # probability that something else is heard than the target where it is
 
-    def predict(self, dt: float, motion: Motion) -> None:
-        """Constant rate over `dt` s with white angular acceleration; elevation as an Ornstein-Uhlenbeck process.
+    def predict(self, dt: float, motion: Motion, agility: float) -> None:
+        """Constant rate over `dt` s with white angular acceleration, `agility` times the usual one.
 
-        A target that passes by at constant speed accelerates on the circle by up to its rate squared, and rises and sinks
+        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle by up to its rate squared, and rises and sinks
         the faster the higher it stands.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
         """
         passing = min(self.rate * self.rate, 0.5)
-        q = motion.acceleration_density + PASSING_S * passing * passing
+        q = agility * motion.acceleration_density + PASSING_S * passing * passing
         wander = motion.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
         kept = math.exp(-0.5 * dt * motion.elevation_density / motion.usual_elevation_variance)
         self.azimuth = remainder(self.azimuth + dt * self.rate, tau)
@@ -87,6 +86,10 @@ class Mode:
     def expected_variance(self, lag: float) -> float:
         """Variance of the azimuth `lag` s before the mode's time."""
         return self.azimuth_variance - 2.0 * lag * self.ar + lag**2 * self.rate_variance
+
+    def explains(self, azimuth: float, variance: float, lag: float) -> bool:
+        """Whether an azimuth measured `lag` s ago is within three standard deviations of this mode."""
+        return self.innovation(azimuth, lag) ** 2 < 9.0 * (self.expected_variance(lag) + variance)
 
     def expected_cosine(self, axis: float, lag: float) -> Predicted:
         """The cosine of the angle between the target and a horizontal axis (world azimuth), `lag` s ago.
@@ -109,18 +112,14 @@ class Mode:
         return Predicted(mean, max(square - mean * mean, 1e-12),
                          (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
 
-    def update(self, row: tuple[float, float, float], total: float, innovations: Sequence[float],
-               shares: Sequence[float]) -> None:
-        """Probabilistic data association (Bar-Shalom and Tse, 1975) of scalar measurements with one measurement matrix.
+    def update(self, row: tuple[float, float, float], total: float, innovation: float, share: float) -> None:
+        """A scalar measurement that belongs to this mode with probability `share`.
 
-        `row` is that matrix, `total` the innovations' variance; each innovation belongs to this mode with the probability in
-        `shares`, which may sum to less than one: the rest is the chance that none does.
+        `row` is its measurement matrix, `total` the innovation's variance.
         """
-        share = mean = square = 0.0
-        for s, nu in zip(shares, innovations, strict=True):
-            share, mean, square = share + s, mean + s * nu, square + s * nu * nu
         if share >= 1e-6:
-            self._shift(row, total, mean, square - mean * mean - share * total)
+            mean = share * innovation
+            self._shift(row, total, mean, mean * innovation - mean * mean - share * total)
 
     def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
         """Change mean and variance of the quantity that `row` measures, whose variance is `total`, and what goes with it."""
@@ -176,16 +175,23 @@ class Mode:
 
     def update_azimuth(self, lag: float, innovations: Sequence[float], variances: Sequence[float],
                        shares: Sequence[float]) -> None:
-        """Azimuths measured `lag` s ago: a late measurement counts for what it says about the present."""
-        share = sum(shares)
+        """Azimuths measured `lag` s ago: a late measurement counts for what it says about the present.
+
+        Probabilistic data association (Bar-Shalom and Tse, 1975): each belongs to this mode with the probability in `shares`,
+        which may sum to less than one: the rest is the chance that none does.
+        """
+        share = mean = square = information = 0.0
+        for s, nu, variance in zip(shares, innovations, variances, strict=True):
+            share, mean, square = share + s, mean + s * nu, square + s * nu * nu
+            information += s / variance
         if share >= 1e-6:
-            variance = share / sum(s / v for s, v in zip(shares, variances, strict=True))
-            self.update((1.0, -lag, 0.0), self.expected_variance(lag) + variance, innovations, shares)
+            total = self.expected_variance(lag) + share / information
+            self._shift((1.0, -lag, 0.0), total, mean, square - mean * mean - share * total)
 
     def update_elevation(self, elevation: float, variance: float, share: float) -> None:
         """A measured elevation that belongs to this mode with probability `share`."""
         if share > 0.05 and math.isfinite(elevation) and 0.0 < variance < math.inf:
-            self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, [elevation - self.elevation], [share])
+            self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, elevation - self.elevation, share)
             self.seen = True
 
     def resembles(self, other: Mode) -> bool:
