@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 
 from av_fusion.agility import Agility
 from av_fusion.heard import Directions, MirrorImages
 from av_fusion.machine import MachineSettings, StateMachine
-from av_fusion.measurements import Look, Sound, Source, State, Track, sensible_look, sensible_sound
+from av_fusion.measurements import Detection, Look, Sound, Source, State, Track, sensible_look, sensible_sound
 from av_fusion.mixture import Mixture, Newborn
-from av_fusion.mode import Motion, gaussian, share_within
+from av_fusion.mode import Mode, Motion, gaussian, share_within
 from av_fusion.refinement import LEAST_CONFIDENCE, Pair, Refinement, RefinementSettings, SeenCourse
 from av_fusion.rig_motion import RigMotion
 from av_fusion.rotation import Image, RotationPlanner, RotationSettings
@@ -170,38 +171,46 @@ class BayesTracker:
         odds = [min(d.confidence / max(1.0 - d.confidence, 0.01), 99.0) for d in seen]
         confidence, best = 0.0, self._mixture.primary()
         for mode in self._mixture.modes:
-            offset = mode.innovation(yaw + look.view_azimuth, lag)
-            in_view = share_within(look.half_view, offset, mode.expected_variance(lag))
-            innovations = [mode.innovation(azimuth, lag) for azimuth in azimuths]
-            found = [settings.recall * o * width * gaussian(nu, mode.expected_variance(lag) + d.azimuth_variance)
-                     for o, nu, d in zip(odds, innovations, seen, strict=True)]
-            missed = mode.miss(time, visibility, in_view * settings.recall, fresh)
-            total = missed + sum(found)
-            shares = [f / total for f in found]
-            if innovations:  # also where it does not belong yet: a target that swerves is nearly lost
-                innovation, detection = min(zip(innovations, seen, strict=True), key=lambda pair: abs(pair[0]))
-                self._agility.note(mode.weight, mode.rate, innovation,
-                                   mode.expected_variance(lag) + detection.azimuth_variance)
-            mode.weight *= max(total, 1e-3) ** fresh
-            mode.hidden *= missed / total  # what was detected is not hidden
-            mode.update_azimuth(lag, innovations, [d.azimuth_variance for d in seen], shares)
-            for detection, share in zip(seen, shares, strict=True):
-                mode.update_elevation(detection.elevation, detection.elevation_variance, share)
-                if mode is best and share > 0.5:
-                    confidence = max(confidence, detection.confidence)
-        self._agility.adapt(fresh)
-        clear = look.best
-        if clear is not None and clear.confidence >= LEAST_CONFIDENCE:
-            self._seen.add(time, remainder(yaw + clear.azimuth, tau), clear.elevation, clear.azimuth_variance)
+            expected = mode.expected_variance(lag)
+            in_view = share_within(look.half_view, mode.innovation(yaw + look.view_azimuth, lag), expected)
+            likelihood = missed = mode.miss(time, visibility, in_view * settings.recall, fresh)
+            if seen:
+                innovations = [mode.innovation(azimuth, lag) for azimuth in azimuths]
+                found = [settings.recall * o * width * gaussian(nu, expected + d.azimuth_variance)
+                         for o, nu, d in zip(odds, innovations, seen, strict=True)]
+                likelihood += sum(found)
+                shares = [f / likelihood for f in found]
+                confident = self._associate(mode, lag, innovations, shares, seen)
+                confidence = confident if mode is best else confidence
+                mode.hidden *= missed / likelihood  # what was detected is not hidden
+            mode.weight *= max(likelihood, 1e-3) ** fresh
         view_share = width * UNIFORM
         self._mixture.background *= (1.0 - view_share * settings.recall * visibility) ** fresh
-        # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
-        self._mixture.give_birth(lag, self._agility.value, [
-            Newborn(azimuth, d.azimuth_variance, o * fresh, d) for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
-        if best is None:
-            confidence = max((d.confidence for d in seen), default=0.0)
+        if seen:
+            self._agility.adapt(fresh)
+            clear = look.best
+            if clear.confidence >= LEAST_CONFIDENCE:
+                self._seen.add(time, remainder(yaw + clear.azimuth, tau), clear.elevation, clear.azimuth_variance)
+            # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
+            self._mixture.give_birth(lag, self._agility.value, [
+                Newborn(azimuth, d.azimuth_variance, o * fresh, d) for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
+            confidence = clear.confidence if best is None else confidence
         self._mixture.tidy()
         self.machine.see(time, confidence)
+
+    def _associate(self, mode: Mode, lag: float, innovations: Sequence[float], shares: Sequence[float],
+                   seen: Sequence[Detection]) -> float:
+        """Correct a mode by detections, of which each has its share; the confidence of that which it rests on, else 0."""
+        # Also where it does not belong yet: a target that swerves is nearly lost.
+        innovation, nearest = min(zip(innovations, seen, strict=True), key=lambda pair: abs(pair[0]))
+        self._agility.note(mode.weight, mode.rate, innovation, mode.expected_variance(lag) + nearest.azimuth_variance)
+        mode.update_azimuth(lag, innovations, [d.azimuth_variance for d in seen], shares)
+        confidence = 0.0
+        for detection, share in zip(seen, shares, strict=True):
+            mode.update_elevation(detection.elevation, detection.elevation_variance, share)
+            if share > 0.5:
+                confidence = detection.confidence
+        return confidence
 
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may lie ahead of the newest measurement; the filter itself is not moved."""

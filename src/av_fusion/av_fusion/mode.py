@@ -59,8 +59,8 @@ class Mode:
     def predict(self, dt: float, motion: Motion, agility: float) -> None:
         """Constant rate over `dt` s with white angular acceleration, `agility` times the usual one.
 
-        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle by up to its rate squared, and rises and sinks
-        the faster the higher it stands.
+        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle by
+        up to its rate squared, and rises and sinks the faster the higher it stands.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
         """
