@@ -15,9 +15,11 @@ Zarrop 1993), so that directions that were never heard keep their prior.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass, field
 from math import remainder, tau
 from operator import mul
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,8 @@ class Refinement:
 
     def __post_init__(self) -> None:
         self._prior = np.diag(1.0 / np.square(self.settings.sigmas))
-        self._information = self._prior.copy()
+        self._bounds = self.settings.bound * np.asarray(self.settings.sigmas)
+        self._information, self._covariance = self._prior, np.linalg.inv(self._prior)
         self._vector = np.zeros(len(NAMES))
         self._time = -math.inf
         self._values = [0.0] * len(NAMES)
@@ -65,7 +68,7 @@ class Refinement:
     @property
     def sigmas(self) -> NDArray[np.float64]:
         """How well each number is known (5,)."""
-        return np.sqrt(np.diag(np.linalg.inv(self._information)))
+        return np.sqrt(np.diag(self._covariance))
 
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:
@@ -77,19 +80,21 @@ class Refinement:
         """
         if not (self.settings.enabled and math.isfinite(measured) and 0.0 < variance < math.inf):
             return False
-        row = np.array(sensitivities(azimuth, elevation))
+        slopes = sensitivities(azimuth, elevation)
+        row = np.array(slopes)
         missing = measured - math.cos(azimuth) * math.cos(elevation)
         seconds = min(max(time - self._time, 0.01), ALIKE_S)
-        variance += seen_variance * row[0] ** 2 * ALIKE_S / seconds
-        spread = float(row @ np.linalg.solve(self._information, row)) + variance
-        if (missing - row @ self.values) ** 2 > self.settings.gate**2 * spread:
+        variance += seen_variance * slopes[0] ** 2 * ALIKE_S / seconds
+        spread = float(row @ self._covariance @ row) + variance
+        if (missing - self._departure(slopes)) ** 2 > self.settings.gate**2 * spread:
             return False
         kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self.settings.memory)
         self._time = max(self._time, time)
-        self._information = kept * self._information + (1.0 - kept) * self._prior + np.outer(row, row) / variance
+        self._information = kept * self._information + (1.0 - kept) * self._prior + row[:, None] * (row / variance)
+        self._covariance = np.linalg.inv(self._information)
         self._vector = kept * self._vector + row * missing / variance
-        bound = self.settings.bound * np.asarray(self.settings.sigmas)
-        self._values = np.clip(np.linalg.solve(self._information, self._vector), -bound, bound).tolist()
+        values = self._covariance @ self._vector
+        self._values = np.minimum(np.maximum(values, -self._bounds), self._bounds).tolist()
         self.compared += 1
         return True
 
@@ -97,7 +102,11 @@ class Refinement:
         """The cosine that the nominal array would have measured of a target near the given direction."""
         if not self.compared:
             return measured
-        return min(max(measured - sum(map(mul, sensitivities(azimuth, elevation), self._values)), -1.0), 1.0)
+        return min(max(measured - self._departure(sensitivities(azimuth, elevation)), -1.0), 1.0)
+
+    def _departure(self, slopes: tuple[float, ...]) -> float:
+        """How far the measured cosine is off the nominal one."""
+        return sum(map(mul, slopes, self._values))
 
     def describe(self) -> dict[str, str]:
         """What was learnt, for people."""
@@ -129,16 +138,15 @@ class SeenCourse:
 
     def at(self, time: float) -> tuple[float, float, float] | None:
         """World azimuth, elevation, the azimuth's variance at `time`, between two sightings at most `gap` s apart; or None."""
-        after = next((k for k, seen in enumerate(self._seen) if seen[0] >= time), 0)
-        if after == 0 or self._seen[after][0] - self._seen[after - 1][0] > self._gap:
+        after = bisect_left(self._seen, (time,))
+        if after in (0, len(self._seen)) or self._seen[after][0] - self._seen[after - 1][0] > self._gap:
             return None
         (t0, a0, e0, _), (t1, a1, e1, v1) = self._seen[after - 1:after + 1]
         share = (time - t0) / (t1 - t0)
         return remainder(a0 + share * remainder(a1 - a0, tau), tau), e0 + share * (e1 - e0), v1
 
 
-@dataclass(frozen=True)
-class Pair:
+class Pair(NamedTuple):
     """Two mirror images as one cosine about the array's axis (body azimuth in [0, pi)); `half` is the first one's angle."""
 
     axis: float
