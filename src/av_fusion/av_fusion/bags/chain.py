@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from av_fusion.bags import topics as names
+from av_fusion.bags.feed import READINGS
 from av_fusion.bags.journal import Journal, track_of
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
+from av_fusion.measurements import Track
 from av_fusion.poses import Pose
 from av_fusion.senses import Senses
 
 
 class Chain:
-    """Takes messages by the rig's names of their topics, each with the time at which it came, and gives what follows.
+    """Takes what the bag holds by the rig's names of its topics, each with the time at which it came.
 
-    A stage that is None is not computed: what it would say is expected among the messages. Times must not fall.
+    `tell` is given what follows, as the parts of an `Output`. A stage that is None is not computed: what it would say is
+    expected from the bag. Times must not fall.
     """
 
     def __init__(self, senses: Senses, journal: Journal, hearing: Hearing | None, seeing: Seeing | None,
-                 fusing: Fusing | None, pointing: Pointing | None) -> None:
-        self._senses, self._journal = senses, journal
+                 fusing: Fusing | None, pointing: Pointing | None, tell: Callable[[str, float, Any], None]) -> None:
+        self._senses, self._journal, self._tell = senses, journal, tell
         self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing
         self._state: Any = None
 
@@ -30,53 +33,56 @@ class Chain:
         """When something is said next, even if nothing comes."""
         return math.inf if self._fusing is None else self._fusing.due
 
-    def wait(self, now: float) -> Iterable[Output]:
-        """What is said until `now` though nothing came."""
-        return () if self._fusing is None else self._point(self._fusing.wait(now))
+    def wait(self, now: float) -> None:
+        """Nothing came until `now`."""
+        for track in self._fusing.wait(now) if self._fusing is not None else ():
+            self._say(track)
 
     def move(self, pose: Pose, now: float) -> None:
         """The rig's own motion."""
         if self._fusing is not None:
             self._fusing.move(pose, now)
 
-    def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
-        """What a message leads to."""
+    def take(self, name: str, content: Any, now: float) -> None:
+        """A message, or what it means."""
         if name == names.AUDIO and self._hearing is not None:
-            yield from self._fuse(self._hearing.take(message, now))
+            self._fuse(self._hearing.take(content, now))
         elif name == names.MOTORS and self._hearing is not None:
-            self._hearing.turn(message)
+            self._hearing.turn(content)
         elif name == names.IMAGE and self._seeing is not None:
-            yield from self._fuse(self._seeing.take(message, now))
+            self._fuse(self._seeing.take(content, now))
         elif self._fusing is not None:
-            yield from self._point(self._fusing.take(name, message, now))
+            track = self._fusing.take(name, content, now)
+            if track is not None:
+                self._say(track)
         else:
-            yield from self._follow(name, message, now)
+            self._follow(name, content, now)
 
-    def _follow(self, name: str, message: Any, now: float) -> Iterator[Output]:
-        """What a message leads to when the bearings are recorded ones."""
+    def _follow(self, name: str, content: Any, now: float) -> None:
+        """Take a message when the bearings are recorded ones."""
         if name == names.DOA:
-            self._journal.hear(self._senses.sounds(message), now)
+            self._journal.hear(self._senses.sounds(content), now)
         elif name == names.DETECTIONS:
-            look = self._senses.look(message)
+            look = self._senses.look(content)
             if look is not None:
-                self._journal.see(look, message, now)
+                self._journal.see(look, content, now)
         elif name == names.STATE:
-            self._state = message
+            self._state = content
         elif name == names.BEARING:
-            track = track_of(message, self._state)
+            track = track_of(content, self._state)
             self._journal.follow(track, now)
             if self._pointing is not None:
-                yield self._pointing.take(track, now)
+                self._tell(*self._pointing.take(track, now))
 
-    def _fuse(self, outputs: Iterable[Output]) -> Iterator[Output]:
-        """Each output of the senses, and what it leads to."""
-        for name, now, message in outputs:
-            yield name, now, message
-            yield from self.take(name, message, now)
+    def _fuse(self, outputs: Iterable[Output]) -> None:
+        """Take what the senses say, read as its reader will find it: with the precision of its fields."""
+        for name, now, data in outputs:
+            self._tell(name, now, data)
+            self.take(name, READINGS[name].read(data), now)
 
-    def _point(self, outputs: Iterable[Output]) -> Iterator[Output]:
-        """Each output of the fusion, and the commands that follow."""
-        for name, now, message in outputs:
-            yield name, now, message
-            if name == names.BEARING and self._pointing is not None:
-                yield self._pointing.take(message, now)
+    def _say(self, track: Track) -> None:
+        """Tell of a track and the command that follows."""
+        self._tell(names.STATE, track.time, (track, self._fusing.missing(track.time)))
+        self._tell(names.BEARING, track.time, track)
+        if self._pointing is not None:
+            self._tell(*self._pointing.take(track, track.time))

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 from av_fusion.bags import topics as names
 from av_fusion.bags.converters import AudioLayout, Converter, converter
 from av_fusion.bags.definitions import learn
 from av_fusion.bags.reader import FOREVER, Bag
-from av_fusion.poses import pose_of, read_odometry
+from av_fusion.readings import CLARITY, HEARD, POSE, SEEN
 
 SECOND = 10**9
 # As fusion_node: a stamp further from the clock than this is of another clock.
 CLOCK_TOLERANCE_S = 2.0
-POSES = (names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG)
+
+# What the rig takes as plain numbers.
+READINGS = {names.DOA: HEARD, names.DETECTIONS: SEEN, names.VISIBILITY: CLARITY, names.ODOMETRY: POSE,
+            names.TRUE_TARGET: POSE, names.TRUE_RIG: POSE}
 # Whose stamps must agree with the bag's times, or with each other.
 CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
 
@@ -65,22 +68,31 @@ class Feed:
         return self._converters[name] is not None
 
     def contents(self, piece: Piece) -> Iterable[tuple[Any, bytes | memoryview]]:
-        """What a piece means to the rig: `Pose`s of odometry, else messages; each also as CDR of the rig's type."""
+        """What a piece means to the rig: plain numbers of READINGS, else messages; each also as CDR of the rig's type."""
         try:
             if self._converters[piece.name] is None:
-                if piece.name in POSES:
-                    return [(read_odometry(piece.data), piece.data)]
-                return [(self._bag.decode(self._topics[piece.name], piece.data), piece.data)]
+                return [(self._readers[piece.name](piece.data), piece.data)]
             messages = self._converted(piece)
         except ValueError as error:
             self.problems[f'{self._topics[piece.name]}: {error}'] = None
             return []
-        return [(pose_of(message) if piece.name in POSES else message, self._serialise(piece.name, message))
-                for message in messages]
+        meaning = READINGS[piece.name].of if piece.name in READINGS else lambda message: message
+        return [(meaning(message), self._serialise(piece.name, message)) for message in messages]
 
     def serialised(self, piece: Piece) -> Iterable[bytes | memoryview]:
         """A piece as CDR of the rig's type."""
         return [data for _, data in self.contents(piece)] if self.is_converted(piece.name) else [piece.data]
+
+    @cached_property
+    def _readers(self) -> dict[str, Callable[[bytes], Any]]:
+        """What makes of a message's bytes what it means, by the rig's name of its topic."""
+        return {name: self._reader(name, topic) for name, topic in self._topics.items()}
+
+    def _reader(self, name: str, topic: str) -> Callable[[bytes], Any]:
+        if name not in READINGS:
+            return partial(self._bag.decode, topic)
+        read, of = READINGS[name]
+        return read if self._bag.is_as_installed(topic) else lambda data: of(self._bag.decode(topic, data))
 
     def _converted(self, piece: Piece) -> Iterable[Any]:
         return self._converters[piece.name](self._bag.decode(self._topics[piece.name], piece.data), piece.time_ns)

@@ -15,6 +15,7 @@ from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.measurements import Look, Sound, State, Track
 from av_fusion.poses import Pose
+from av_fusion.readings import Seen
 
 
 class Journal:
@@ -33,12 +34,12 @@ class Journal:
             self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
                                sound.confidence, now - sound.time - 0.5 * sound.window)
 
-    def see(self, look: Look, message: Any, now: float) -> None:
-        """A picture's best detection; `message` tells who detected."""
+    def see(self, look: Look, seen: Seen, now: float) -> None:
+        """A picture's best detection; the names of the boxes tell who detected."""
         best = look.best
         self.log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
                            now - look.time)
-        if any(detection.id.startswith('oracle') for detection in message.detections):
+        if any(box.name.startswith('oracle') for box in seen.boxes):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
     def follow(self, track: Track, now: float) -> None:

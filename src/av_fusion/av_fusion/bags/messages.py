@@ -33,10 +33,6 @@ class MessageMaker:
         """A message as CDR."""
         return self._store.serialize_cdr(message, message.__msgtype__)
 
-    def rounded(self, message: Any) -> Any:
-        """The message as its reader will find it: with the precision of its fields."""
-        return self._store.deserialize_cdr(self.serialise(message), message.__msgtype__)
-
     def output(self, name: str, time: float, content: Any) -> memoryview:
         """What a stage said at `time`, as CDR."""
         if name == names.BEARING:
@@ -45,6 +41,8 @@ class MessageMaker:
             content = self.state(*content, self.header(time, self.frame))
         elif name == names.COMMAND:
             content = self.command(content, self.header(time, self.frame))
+        else:
+            return content
         return self.serialise(content)
 
     def header(self, time: float, frame: str) -> Any:

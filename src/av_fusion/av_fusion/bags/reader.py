@@ -95,6 +95,12 @@ class Bag:
         except (SerdeError, ValueError) as error:
             raise BagError(f'{self.path}: a message of {topic} is no {kind}: {error}') from error
 
+    def is_as_installed(self, topic: str) -> bool:
+        """Whether a topic's messages are what their type is here."""
+        kind, here = self.topics[topic].kind, rig_types()
+        return self.types is here or (kind in self.types.fielddefs and kind in here.fielddefs
+                                      and self.types.hash_rihs01(kind) == here.hash_rihs01(kind))
+
     @cached_property
     def types(self) -> Typestore:
         """The types as the bag defines them; those that it does not define, as they are installed here."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
@@ -21,7 +21,7 @@ from av_fusion.bags.messages import MessageMaker
 from av_fusion.bags.metadata import DEFAULT_QOS, LATCHED
 from av_fusion.bags.parameters import node_parameters
 from av_fusion.bags.reader import FOREVER, Bag
-from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
+from av_fusion.bags.stages import Fusing, Hearing, Pointing, Seeing
 from av_fusion.bags.topics import Found, absolute, find_topics
 from av_fusion.bags.writer import BagWriter
 from av_fusion.evaluation.recording import Recording, RecordingTracker
@@ -29,6 +29,7 @@ from av_fusion.evaluation.run_log import RunLog
 from av_fusion.from_parameters import make_tracker, pointing_settings
 from av_fusion.pointing import PointingController
 from av_fusion.poses import read_alike
+from av_fusion.readings import read_heard
 from av_fusion.senses import Senses
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import Rig, load_rig
@@ -98,6 +99,7 @@ class Replay:
         self._recording, self._estimators = recording, estimators
         self._journal, self._make = Journal(recording), MessageMaker()
         self.notes: list[str] = []
+        self._out: BagWriter | None = None
         self._written: dict[str, str] = {}  # topics of the output by the rig's names
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
@@ -121,6 +123,7 @@ class Replay:
 
         `progress` is called about each second of the bag with the time done, in s since the bag's start.
         """
+        self._out = out
         told = 0.0
         for piece in self._feed:
             done = piece.time_ns / SECOND - self._start
@@ -128,14 +131,14 @@ class Replay:
                 told = done
                 progress(done)
             if piece.name in READ_AHEAD or piece.name in self._truths:
-                self._put(out, piece.name, piece.now, piece.data)
+                self._put(piece.name, piece.now, piece.data)
                 self._know(piece)
                 continue
             for content, data in self._feed.contents(piece):
                 if piece.now >= self._chain.due:
-                    self._put_all(out, self._chain.wait(piece.now))
+                    self._chain.wait(piece.now)
                 if piece.name not in (names.AUDIO, names.IMAGE):
-                    self._put(out, piece.name, piece.now, data)
+                    self._put(piece.name, piece.now, data)
                 if self._others and piece.name == names.AUDIO:
                     self._compare(content, piece.now)
                 if piece.name in TRUTHS:
@@ -143,7 +146,7 @@ class Replay:
                 elif piece.name == names.ODOMETRY:
                     self._chain.move(content, piece.now)
                 else:
-                    self._put_all(out, self._chain.take(piece.name, content, piece.now))
+                    self._chain.take(piece.name, content, piece.now)
         self._conclude()
         return self.log
 
@@ -165,15 +168,16 @@ class Replay:
     def _compare(self, content: Any, now: float) -> None:
         """What the other estimators hear in the same sound."""
         for estimator, hearing in self._others.items():
-            for _, _, message in hearing.take(content, now):
-                self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(message)[:1])
+            for _, _, data in hearing.take(content, now):
+                self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(read_heard(data))[:1])
 
-    def _put_all(self, out: BagWriter | None, outputs: Iterable[Output]) -> None:
-        for name, time, content in outputs:
-            if out is not None:
-                self._put(out, name, time, self._make.output(name, time, content))
+    def _tell(self, name: str, time: float, content: Any) -> None:
+        """Put what was computed to the output."""
+        if self._out is not None:
+            self._put(name, time, self._make.output(name, time, content))
 
-    def _put(self, out: BagWriter | None, name: str, time: float, data: bytes | memoryview) -> None:
+    def _put(self, name: str, time: float, data: bytes | memoryview) -> None:
+        out = self._out
         if out is None:
             return
         if name not in self._written:
@@ -231,7 +235,7 @@ class Replay:
         if self._settings.commands or self.stage == 'bearing':
             settings = pointing_settings(self._parameters('av_fusion', 'pointing_node'))
             pointing = Pointing(PointingController(settings))
-        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing)
+        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._tell)
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
         files = (find_config('rig_params'), *self._settings.parameters)

@@ -22,6 +22,7 @@ from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
 from av_fusion.poses import Pose
+from av_fusion.readings import Clarity, Heard, Seen
 from av_fusion.senses import Senses
 from av_vision import visibility
 from av_vision.image import image_from_message
@@ -33,7 +34,7 @@ SILENT_S = 1.0
 VISIBILITY_AGE_S = 1.0
 LONGEST_SILENCE_S = 60.0
 
-Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, a message or what one is made of
+Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, its bytes or what they are made of
 
 
 class Hearing:
@@ -67,7 +68,7 @@ class Hearing:
             time = max(0.0, start + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             message = self._make.doa(estimate, time, frame.header.frame_id, self._settings.window_s,
                                      self._settings.method)
-            yield names.DOA, now, self._make.rounded(message)
+            yield names.DOA, now, self._make.serialise(message)
 
     def _process(self, frame: Any) -> list:
         channels = self._array.channels
@@ -107,8 +108,8 @@ class Seeing:
             self._next = time + 1.0 / self._rate
             ground = self._ground if self._ground is not None and self._ground.shape == image.shape[:2] else None
             seen = visibility.estimate(image, ground, self._distance)
-            yield names.VISIBILITY, now, self._make.rounded(self._make.visibility(seen, picture.header))
-        yield names.DETECTIONS, now, self._make.rounded(self._make.detections(found, tracks, picture.header))
+            yield names.VISIBILITY, now, self._make.serialise(self._make.visibility(seen, picture.header))
+        yield names.DETECTIONS, now, self._make.serialise(self._make.detections(found, tracks, picture.header))
 
 
 class Fusing:
@@ -118,7 +119,7 @@ class Fusing:
                  least_confidence: float) -> None:
         self._tracker, self._senses, self._journal = tracker, senses, journal
         self._period, self._least_confidence = 1.0 / rate, least_confidence
-        self._visibility = (-math.inf, math.nan)
+        self._clarity = Clarity(-math.inf, math.nan)
         self._came = dict.fromkeys((names.DOA, names.DETECTIONS, names.ODOMETRY), -math.inf)
         self._published = -math.inf
         self.foreign: dict[str, int] = {}
@@ -128,40 +129,46 @@ class Fusing:
         """When the next track comes, if no measurement comes before."""
         return self._published + self._period
 
-    def wait(self, now: float) -> Iterator[Output]:
+    def wait(self, now: float) -> Iterator[Track]:
         """The tracks that come until `now` without a measurement."""
         if now - self._published > LONGEST_SILENCE_S:  # the bag's beginning, or a hole in it
             self._published = now - self._period
         while self.due <= now:
-            yield from self._publish(self.due)
+            yield self._estimate(self.due)
 
     def move(self, pose: Pose, now: float) -> None:
         """Where the rig is: nothing follows from that alone."""
         if self._is_timely(names.ODOMETRY, pose.time, now) and pose.has_attitude:
             self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
 
-    def take(self, name: str, message: Any, now: float) -> Iterator[Output]:
-        """What a message of another of the fusion's topics leads to."""
-        stamp = to_seconds(message.header.stamp)
+    def take(self, name: str, content: Heard | Seen | Clarity, now: float) -> Track | None:
+        """The track that follows from what the senses say, if one does."""
         if name == names.VISIBILITY:
-            self._visibility = (stamp, message.visibility)
-            return
-        if not self._is_timely(name, stamp, now):
-            return
-        if name == names.DOA:
-            sounds = self._senses.sounds(message)
-            self._journal.hear(sounds, now)
-            for sound in sounds:
-                if sound.confidence >= self._least_confidence:
-                    self._tracker.add_sound(sound)
-            yield from self._publish(now)
-        else:
-            seen, share = self._visibility
-            look = self._senses.look(message, share if abs(stamp - seen) < VISIBILITY_AGE_S else math.nan)
-            if look is not None:
-                self._journal.see(look, message, now)
-                self._tracker.add_look(look)
-                yield from self._publish(now)
+            self._clarity = content
+        elif self._is_timely(name, content.time, now):
+            return self._hear(content, now) if name == names.DOA else self._see(content, now)
+        return None
+
+    def missing(self, now: float) -> list[str]:
+        """Inputs without messages."""
+        return [name for name, came in self._came.items() if now - came > SILENT_S]
+
+    def _hear(self, heard: Heard, now: float) -> Track:
+        sounds = self._senses.sounds(heard)
+        self._journal.hear(sounds, now)
+        for sound in sounds:
+            if sound.confidence >= self._least_confidence:
+                self._tracker.add_sound(sound)
+        return self._estimate(now)
+
+    def _see(self, seen: Seen, now: float) -> Track | None:
+        judged, share = self._clarity
+        look = self._senses.look(seen, share if abs(seen.time - judged) < VISIBILITY_AGE_S else math.nan)
+        if look is None:
+            return None
+        self._journal.see(look, seen, now)
+        self._tracker.add_look(look)
+        return self._estimate(now)
 
     def _is_timely(self, name: str, stamp: float, now: float) -> bool:
         self._came[name] = now
@@ -170,12 +177,11 @@ class Fusing:
             self.foreign[name] = self.foreign.get(name, 0) + 1
         return timely
 
-    def _publish(self, now: float) -> Iterator[Output]:
+    def _estimate(self, now: float) -> Track:
         self._published = now
         track = self._tracker.estimate(now)
         self._journal.follow(track, now)
-        yield names.STATE, now, (track, [name for name, came in self._came.items() if now - came > SILENT_S])
-        yield names.BEARING, now, track
+        return track
 
 
 class Pointing:

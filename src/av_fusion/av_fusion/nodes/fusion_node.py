@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -21,7 +22,7 @@ from av_fusion.from_parameters import make_tracker
 from av_fusion.measurements import State, Track
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
-from av_fusion.poses import pose_of, read_odometry
+from av_fusion.readings import HEARD, POSE, SEEN, Reading
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
@@ -47,8 +48,8 @@ class FusionNode(RigNode):
 
     def activate(self) -> None:
         """Listen to the senses."""
-        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
-        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
+        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM, raw=True)
+        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM, raw=True)
         self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM, raw=True)
@@ -68,22 +69,22 @@ class FusionNode(RigNode):
         self._foreign += foreign
         return foreign
 
-    def _on_doa(self, message: DoaArray) -> None:
+    def _on_doa(self, data: bytes) -> None:
         self._meters['doa'].tick()
-        now = self._now()
-        if self._is_foreign(to_seconds(message.header.stamp), now):
+        heard, now = _read(data, HEARD, DoaArray), self._now()
+        if self._is_foreign(heard.time, now):
             return
-        for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
+        for sound in self._senses.sounds(heard, self._settings.min_sound_confidence):
             self._tracker.add_sound(sound)
         self._publish(now)
 
-    def _on_detections(self, message: Detection2DArray) -> None:
+    def _on_detections(self, data: bytes) -> None:
         self._meters['detections'].tick()
-        stamp, now = to_seconds(message.header.stamp), self._now()
-        if self._is_foreign(stamp, now):
+        seen, now = _read(data, SEEN, Detection2DArray), self._now()
+        if self._is_foreign(seen.time, now):
             return
         judged, visibility = self._visibility
-        look = self._senses.look(message, visibility if abs(stamp - judged) < 1.0 else math.nan)
+        look = self._senses.look(seen, visibility if abs(seen.time - judged) < 1.0 else math.nan)
         if look is not None:
             self._tracker.add_look(look)
             self._publish(now)
@@ -93,10 +94,7 @@ class FusionNode(RigNode):
 
     def _on_odometry(self, data: bytes) -> None:
         self._meters['odometry'].tick()
-        try:
-            pose = read_odometry(data)
-        except ValueError:  # a middleware with an encoding of its own
-            pose = pose_of(deserialize_message(data, Odometry))
+        pose = _read(data, POSE, Odometry)
         # The clock was read when the last track was published: it is read again only where that leaves a doubt.
         if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self._now()):
             return
@@ -137,6 +135,13 @@ class FusionNode(RigNode):
         if refinement is not None and refinement.compared:
             for name, value in refinement.describe().items():
                 status.add(f'hearing corrected: {name}', value)
+
+
+def _read(data: bytes, reading: Reading, kind: type) -> Any:
+    try:
+        return reading.read(data)
+    except ValueError:  # a middleware with an encoding of its own
+        return reading.of(deserialize_message(data, kind))
 
 
 def bearing_message(track: Track, header: Header) -> Bearing:

@@ -27,6 +27,7 @@ from av_fusion.evaluation.table import format_table
 from av_fusion.measurements import State
 from av_fusion.nodes.monitor_node_parameters import monitor_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
+from av_fusion.readings import heard_of, seen_of
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
 
@@ -76,7 +77,7 @@ class MonitorNode(RigNode):
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        for sound in self._senses.sounds(message)[:1]:
+        for sound in self._senses.sounds(heard_of(message))[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             if self._logging:
                 self._log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
@@ -86,7 +87,7 @@ class MonitorNode(RigNode):
         self._meters['detections'].tick()
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self._log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
-        look = self._senses.look(message)
+        look = self._senses.look(seen_of(message))
         if look is not None and self._logging:
             best = look.best
             self._log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,

@@ -11,9 +11,9 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo
 from tf2_ros import Buffer, TransformException, TransformListener
 from transforms3d.quaternions import quat2mat
-from vision_msgs.msg import Detection2DArray
 
 from av_fusion.measurements import Look
+from av_fusion.readings import Seen
 from av_fusion.senses import Senses
 from av_vision.camera import PinholeCamera
 
@@ -41,11 +41,11 @@ class SensorMessages(Senses):
         except ValueError as error:
             self.problem = f'camera/camera_info: {error}'
 
-    def look(self, message: Detection2DArray, visibility: float = math.nan) -> Look | None:
+    def look(self, seen: Seen, visibility: float = math.nan) -> Look | None:
         """As `Senses.look`, with a word on a camera that is missing."""
         if self.camera is None:
             self.problem = 'no camera/camera_info: detections cannot be turned into bearings'
-        return super().look(message, visibility)
+        return super().look(seen, visibility)
 
     def _rotation_from(self, frame: str) -> NDArray | None:
         """Rotation (3, 3) from a sensor's frame into the body's; sensors are fixed, so one look-up serves."""
