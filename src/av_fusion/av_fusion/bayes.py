@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from math import remainder, tau
 
 from av_fusion.agility import Agility
+from av_fusion.coasting import LastKnown
 from av_fusion.heard import Directions, MirrorImages
 from av_fusion.machine import MachineSettings, StateMachine
 from av_fusion.measurements import Detection, Look, Sound, Source, State, Track, sensible_look, sensible_sound
@@ -33,8 +34,8 @@ class BayesSettings:
     the target is replaced by another one elsewhere, which is what lets a wrong belief be found out. `otherwise_heard` is the
     share of sounds that are taken to come from something else before sight tells better (0: all are the target's). `recall`
     is the chance that a visible target in view is detected. Errors of successive pictures are alike for `sight_correlation` s.
-    A track ends when its sigma passes `lost_sigma`. Front and back count as told apart from probability `decide` on, until
-    it falls below `doubt`.
+    A track ends when its sigma passes `lost_sigma`, and `coast` s after what is heard and seen ceased to fit it. Front and
+    back count as told apart from probability `decide` on, until it falls below `doubt`.
     """
 
     acceleration_density: float = 0.02
@@ -48,6 +49,7 @@ class BayesSettings:
     recall: float = 0.9
     sight_correlation: float = 0.3
     lost_sigma: float = math.radians(30.0)
+    coast: float = 3.0
     decide: float = 0.95
     doubt: float = 0.8
     assumed_visibility: float = 0.0
@@ -84,6 +86,7 @@ class BayesTracker:
         self._agility = Agility()
         self._newest_sound = self._newest_look = -math.inf
         self._seen = SeenCourse()
+        self._known = LastKnown(self.settings.coast)
         self._resolved = False
         self._visibility = math.nan
         self._axis: float | None = None  # the array's end-fire (body azimuth), about which sounds are mirrored
@@ -219,13 +222,17 @@ class BayesTracker:
         variance = math.inf if primary is None else primary.expected_variance(-ahead)
         tracking = (primary is not None and self._mixture.background < 0.5 and variance < self.settings.lost_sigma**2
                     and ahead < MAX_GAP_S)
-        state = machine.step(time, tracking)
-        if state == State.NONE or primary is None:
+        yaw = self.motion.yaw(time)
+        carried = None
+        if not tracking and ahead < MAX_GAP_S:
+            carried = self._known.carried(time, yaw, self._agility.value * self.settings.acceleration_density)
+        state = machine.step(time, tracking, carried is not None)
+        if not tracking:
             self._resolved = False
             self.planner.cancel()
-            return Track(time, state, machine.reason, machine.changed, sound_confidence=machine.sound_confidence,
-                         sight_confidence=machine.sight_confidence, visibility=self._visibility)
-        yaw = self.motion.yaw(time)
+            return (carried or Track(time))._replace(
+                state=state, reason=machine.reason, changed=machine.changed, sound_confidence=machine.sound_confidence,
+                sight_confidence=machine.sight_confidence, visibility=self._visibility)
         azimuth_world = remainder(primary.azimuth + ahead * primary.rate, tau)
         front = self._mixture.front_probability(yaw, ahead)
         share = self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
@@ -233,7 +240,7 @@ class BayesTracker:
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0
-        return Track(  # in the order of its fields: their names would cost a fifth of all that is done here
+        track = Track(  # in the order of its fields: their names would cost a fifth of all that is done here
             time, state, machine.reason, machine.changed, SOURCES[sight_weight, sound_weight],
             remainder(azimuth_world - yaw, tau), primary.elevation,
             variance, primary.elevation_variance if primary.seen else math.inf,
@@ -241,6 +248,8 @@ class BayesTracker:
             front, self._resolved, self._rotation(time, yaw, share),
             machine.sound_confidence, machine.sight_confidence,
             sound_weight * (1.0 - 0.5 * sight_weight), sight_weight * (1.0 - 0.5 * sound_weight), self._visibility)
+        self._known.keep(track, primary.rate_variance)
+        return track
 
     def _advance(self, time: float) -> float:
         """Predict to `time`; returns how long ago it is when the filter is already past it."""

@@ -25,7 +25,7 @@ def make_tracker(p: Any) -> BayesTracker | GatedTracker:
         return GatedTracker(GatedSettings(machine=machine, rotation=RotationSettings(**rotation), **delays))
     return BayesTracker(BayesSettings(
         machine=machine, rotation=RotationSettings(**rotation), acceleration_density=p.acceleration_density,
-        rate_sigma=math.radians(p.rate_sigma_deg), decide=p.decide_probability, recall=p.recall,
+        rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, decide=p.decide_probability, recall=p.recall,
         assumed_visibility=p.assumed_visibility,
         refinement=RefinementSettings(p.refinement.enabled, p.refinement.memory), **delays))
 

@@ -50,26 +50,28 @@ class StateMachine:
         if time >= self._heard:
             self._heard, self.sound_confidence = time, confidence
 
-    def step(self, time: float, tracking: bool) -> State:
-        """Decide the state at `time`; without a track (`tracking` false) it is NONE."""
+    def step(self, time: float, tracking: bool, carried: bool = False) -> State:
+        """Decide the state at `time`; without a track (`tracking` false) NONE, or COASTING where one is carried on."""
         settings = self.settings
         gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
         sees = time - self._seen <= settings.sight_timeout
         if not tracking:
-            wanted = State.NONE
+            wanted = State.COASTING if carried else State.NONE
         elif sees and self.sight_confidence >= gate:
             wanted = State.VISUAL_ACTIVE
         else:
             wanted = State.ACOUSTIC_ACTIVE if time - self._heard <= settings.sound_timeout else State.COASTING
         if wanted != self.state:
-            urgent = State.NONE in (wanted, self.state) or self.state == State.COASTING
+            urgent = not tracking or self.state in (State.NONE, State.COASTING)
             if urgent or time - self.changed >= settings.dwell:
-                self.state, self.reason, self.changed = wanted, self._why(wanted, gate, sees), time
+                self.state, self.reason, self.changed = wanted, self._why(wanted, gate, sees, tracking), time
         return self.state
 
-    def _why(self, state: State, gate: float, sees: bool) -> str:
+    def _why(self, state: State, gate: float, sees: bool, tracking: bool) -> str:
         if state == State.NONE:
             return 'no target: nothing heard or seen that could be followed'
+        if not tracking:
+            return 'what is heard and seen does not fit the track: carried on'
         if state == State.VISUAL_ACTIVE:
             return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
         blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if sees else 'no picture'

@@ -214,8 +214,27 @@ def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
         track = tracker.estimate(t)
         if t > 110.0:
             tracked.append(track.state != State.NONE)
-            assert not tracked[-1] or abs(track.azimuth + 0.2) < math.radians(15.0)
+            bound = 3.0 * math.sqrt(track.azimuth_variance) if track.state == State.COASTING else math.radians(15.0)
+            assert not tracked[-1] or abs(track.azimuth + 0.2) < bound
     assert np.mean(tracked) > 0.8
+
+
+def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
+    """What is heard does not fit a target that moves at 5 deg/s and is seen no more: on course for `coast` s, then none."""
+    tracker, senses, rate, ended = BayesTracker(), Senses(3, math.radians(2.0)), math.radians(5.0), None
+    for step in range(40 * 20):
+        t = 100.0 + step / 20.0
+        tracker.add_sound(senses.hear(t - 0.25, math.radians(120.0) * math.sin(step)))
+        if t < 120.0:
+            tracker.add_look(senses.look(t, rate * (t - 110.0)))
+        track = tracker.estimate(t)
+        if t > 120.0 and 'does not fit' in track.reason:
+            ended = ended or t
+            assert track.state == State.COASTING and t - ended < 3.0 + 1e-6
+            assert not track.resolved and track.requested_rotation == 0.0
+            assert abs(wrap(track.azimuth - rate * (t - 110.0))) < max(3.0 * math.sqrt(track.azimuth_variance), 0.05)
+            widest = track.azimuth_variance
+    assert ended is not None and track.state == State.NONE and widest > math.radians(10.0) ** 2
 
 
 @pytest.mark.parametrize('seed', range(3))
