@@ -122,15 +122,15 @@ class BayesTracker:
                 self._mixture.split(measured.axis, lag)
         else:
             self._axis, measured = None, Directions(azimuths, variances)
-        compared = [measured.compare(mode, lag) for mode in self._mixture.modes]
         width = min(sound.confidence / sharpness, 1.0)  # share of the circle that it points at
         stray, peak = clutter**fresh, sharpness**fresh
         anywhere = stray + peak * width / math.sqrt(fresh)
         self._mixture.wonder(since, self._trust.otherwise(sound.confidence), width)
-        for mode, (_, variance, innovation, _) in zip(self._mixture.modes, compared, strict=True):
+        compared = [measured.compare(mode, lag) for mode in self._mixture.modes]
+        for mode, _, variance, innovation, _ in compared:
             self._agility.note(mode.weight * (1.0 - mode.misled), mode.rate, innovation, variance)
-        self._mixture.listen([stray + fit * peak for *_, fit in compared], anywhere)
-        for mode, (row, variance, innovation, fit) in zip(self._mixture.modes, compared, strict=True):
+        self._mixture.listen([stray + fit * peak for _, _, _, _, fit in compared], anywhere)
+        for mode, row, variance, innovation, fit in compared:
             mode.update(row, variance, innovation, (1.0 - mode.misled) * fit * sharpness / (clutter + fit * sharpness))
         self._agility.adapt(fresh)
         born = fresh * (1.0 - self._mixture.misled)

@@ -8,8 +8,8 @@ from math import remainder, tau
 
 from av_fusion.mode import Mode
 
-Comparison = tuple[tuple[float, float, float], float, float, float]
-"""A mode with a sound: measurement row, variance of the innovation, innovation, and how well both fit.
+Comparison = tuple[Mode, tuple[float, float, float], float, float, float]
+"""A mode with a sound: the mode, measurement row, variance of the innovation, innovation, and how well both fit.
 
 The fit is the likelihood over that of a mode that knew exactly what was measured: 1 at best.
 """
@@ -28,7 +28,7 @@ class MirrorImages:
         """With what a mode was `lag` s ago."""
         mean, variance, row = mode.expected_cosine(self.axis, lag)
         innovation, total = self._cosine - mean, variance + self._noise
-        return row, total, innovation, _fit(innovation, total, self._noise)
+        return mode, row, total, innovation, _fit(innovation, total, self._noise)
 
 
 class Directions:
@@ -43,7 +43,7 @@ class Directions:
                                  for azimuth, variance in zip(self._azimuths, self._variances, strict=True)),
                                 key=lambda pair: abs(pair[0]))
         total = mode.expected_variance(lag) + noise
-        return (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, noise)
+        return mode, (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, noise)
 
 
 def _fit(innovation: float, total: float, noise: float) -> float:

@@ -96,9 +96,9 @@ def sensible_look(look: Look) -> Look | None:
     if not (math.isfinite(look.time) and abs(look.view_azimuth) <= 10.0 and 0.0 < look.half_view <= math.pi):
         return None
     kept = tuple(d for d in _sensible(look.detections) if 0.0 <= d.confidence <= 1.0)
-    if kept == look.detections and 0.0 <= look.visibility <= 1.0:
-        return look
-    return look._replace(detections=kept, visibility=look.visibility if 0.0 <= look.visibility <= 1.0 else math.nan)
+    visibility = math.nan if look.visibility < 0.0 or look.visibility > 1.0 else look.visibility
+    unchanged = kept == look.detections and visibility is look.visibility
+    return look if unchanged else look._replace(detections=kept, visibility=visibility)
 
 
 def _sensible(directions: tuple) -> tuple:

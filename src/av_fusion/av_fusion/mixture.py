@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from math import remainder, tau
 from operator import attrgetter
 from typing import NamedTuple
 
@@ -133,7 +134,7 @@ class Mixture:
         side, agreeing, total = math.sin(primary.azimuth - axis), 0.0, 0.0
         for mode in self.modes:
             total += mode.weight
-            apart = abs(mode.innovation(primary.azimuth, 0.0))
+            apart = abs(remainder(primary.azimuth - mode.azimuth, tau))
             if apart < AGREE or (apart < NEAR and side * math.sin(mode.azimuth - axis) > 0.0):
                 agreeing += mode.weight
         return agreeing / total

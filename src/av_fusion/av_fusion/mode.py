@@ -25,14 +25,6 @@ class Motion(NamedTuple):
     usual_elevation_variance: float
 
 
-class Predicted(NamedTuple):
-    """What a mode says of a measurement: mean and variance without the sensor's noise, and the row that linearises it."""
-
-    mean: float
-    variance: float
-    row: tuple[float, float, float]
-
-
 @dataclass(eq=False, slots=True)
 class Mode:
     """A Gaussian over azimuth a, its rate r and elevation e, with its weight in the mixture.
@@ -91,9 +83,10 @@ class Mode:
         """Whether an azimuth measured `lag` s ago is within three standard deviations of this mode."""
         return self.innovation(azimuth, lag) ** 2 < 9.0 * (self.expected_variance(lag) + variance)
 
-    def expected_cosine(self, axis: float, lag: float) -> Predicted:
+    def expected_cosine(self, axis: float, lag: float) -> tuple[float, float, tuple[float, float, float]]:
         """The cosine of the angle between the target and a horizontal axis (world azimuth), `lag` s ago.
 
+        Its mean, its variance without the sensor's noise, and the row that linearises it.
         A pair of microphones measures cos(d) cos(e), d being the azimuth from its axis. With d and e Gaussian, mean,
         variance and mean gradient are known in closed form, from E cos x = cos(m) exp(-v/2); by Stein's lemma the
         covariance with the state is its covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and
@@ -109,8 +102,8 @@ class Mode:
                          + 0.5 * math.exp(-2.0 * (vd + ve) - 4.0 * c) * math.cos(2.0 * (d + e))
                          + 0.5 * math.exp(-2.0 * (vd + ve) + 4.0 * c) * math.cos(2.0 * (d - e)))
         to_azimuth = -0.5 * (sum_sin + difference_sin)
-        return Predicted(mean, max(square - mean * mean, 1e-12),
-                         (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
+        return (mean, max(square - mean * mean, 1e-12),
+                (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
 
     def update(self, row: tuple[float, float, float], total: float, innovation: float, share: float) -> None:
         """A scalar measurement that belongs to this mode with probability `share`.

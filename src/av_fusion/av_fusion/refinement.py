@@ -157,15 +157,17 @@ class Pair(NamedTuple):
         """None for a sound of other than two hypotheses."""
         if len(sound.hypotheses) != 2:
             return None
-        first, second = (hypothesis.azimuth for hypothesis in sound.hypotheses)
-        axis = remainder(first + 0.5 * remainder(second - first, tau), tau) % math.pi
-        return Pair(axis, remainder(first - axis, tau))
+        first, second = sound.hypotheses
+        axis = remainder(first.azimuth + 0.5 * remainder(second.azimuth - first.azimuth, tau), tau) % math.pi
+        return Pair(axis, remainder(first.azimuth - axis, tau))
 
     def corrected(self, sound: Sound, refinement: Refinement) -> Sound:
         """The sound with both images where a nominal array would have heard them."""
         if not refinement.compared:
             return sound
-        measured = math.cos(self.half)
-        return sound._replace(hypotheses=tuple(
-            Hypothesis(remainder(self.axis + math.copysign(math.acos(refinement.correct(measured, angle)), angle), tau),
-                       *hypothesis[1:]) for hypothesis, angle in zip(sound.hypotheses, (self.half, -self.half), strict=True)))
+        time, (first, second), *others = sound
+        return Sound(time, (self._moved(first, self.half, refinement), self._moved(second, -self.half, refinement)), *others)
+
+    def _moved(self, image: Hypothesis, angle: float, refinement: Refinement) -> Hypothesis:
+        corrected = math.acos(refinement.correct(math.cos(angle), angle))
+        return Hypothesis(remainder(self.axis + math.copysign(corrected, angle), tau), *image[1:])
