@@ -109,9 +109,9 @@ class BayesTracker:
         fresh = _fresh(time, self._newest_sound, sound.window)
         since = max(time - self._newest_sound, 0.0)
         self._newest_sound = max(self._newest_sound, time)
-        smear = (yaw_rate * sound.window) ** 2 / 48.0
+        floor, smear = self.settings.sound_floor_sigma**2, (yaw_rate * sound.window) ** 2 / 48.0
         azimuths = [remainder(yaw + h.azimuth, tau) for h in heard]
-        variances = [(h.azimuth_variance + self.settings.sound_floor_sigma**2 + smear) / fresh for h in heard]
+        variances = [(h.azimuth_variance + floor + smear) / fresh for h in heard]
         prior = sound.confidence / len(heard)
         clutter = max(1.0 - sound.confidence, 1e-3)
         sharpness = prior / math.sqrt(2.0 * math.pi * min(variances) * fresh) / UNIFORM

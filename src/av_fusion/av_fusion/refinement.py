@@ -86,7 +86,7 @@ class Refinement:
         seconds = min(max(time - self._time, 0.01), ALIKE_S)
         variance += seen_variance * slopes[0] ** 2 * ALIKE_S / seconds
         spread = float(row @ self._covariance @ row) + variance
-        if (missing - self._departure(slopes)) ** 2 > self.settings.gate**2 * spread:
+        if (missing - sum(map(mul, slopes, self._values))) ** 2 > self.settings.gate**2 * spread:
             return False
         kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self.settings.memory)
         self._time = max(self._time, time)
@@ -98,15 +98,12 @@ class Refinement:
         self.compared += 1
         return True
 
-    def correct(self, measured: float, azimuth: float, elevation: float = 0.0) -> float:
-        """The cosine that the nominal array would have measured of a target near the given direction."""
-        if not self.compared:
-            return measured
-        return min(max(measured - self._departure(sensitivities(azimuth, elevation)), -1.0), 1.0)
-
-    def _departure(self, slopes: tuple[float, ...]) -> float:
-        """How far the measured cosine is off the nominal one."""
-        return sum(map(mul, slopes, self._values))
+    def correct(self, measured: float, azimuth: float) -> tuple[float, float]:
+        """The cosines that the nominal array would have measured of a level target near `azimuth`, and of its mirror image."""
+        across, *along = sensitivities(azimuth, 0.0)
+        offset, *others = self._values
+        turned, common = across * offset, measured - sum(map(mul, along, others))
+        return min(max(common - turned, -1.0), 1.0), min(max(common + turned, -1.0), 1.0)
 
     def describe(self) -> dict[str, str]:
         """What was learnt, for people."""
@@ -166,8 +163,8 @@ class Pair(NamedTuple):
         if not refinement.compared:
             return sound
         time, (first, second), *others = sound
-        return Sound(time, (self._moved(first, self.half, refinement), self._moved(second, -self.half, refinement)), *others)
+        here, mirrored = refinement.correct(math.cos(self.half), self.half)
+        return Sound(time, (self._moved(first, here, self.half), self._moved(second, mirrored, -self.half)), *others)
 
-    def _moved(self, image: Hypothesis, angle: float, refinement: Refinement) -> Hypothesis:
-        corrected = math.acos(refinement.correct(math.cos(angle), angle))
-        return Hypothesis(remainder(self.axis + math.copysign(corrected, angle), tau), *image[1:])
+    def _moved(self, image: Hypothesis, cosine: float, side: float) -> Hypothesis:
+        return Hypothesis(remainder(self.axis + math.copysign(math.acos(cosine), side), tau), *image[1:])

@@ -46,12 +46,12 @@ class RigMotion:
         """Yaw in rad at `time`: interpolated, beyond the newest pose carried on by its rate for a short while."""
         if not self._times:
             return 0.0
+        if time >= self._times[-1]:
+            ahead = min(time - self._times[-1], self._extrapolate_s)
+            return remainder(self._yaws[-1] + ahead * self._rates[-1], tau)
         after = bisect.bisect_right(self._times, time)
         if after == 0:
             return remainder(self._yaws[0], tau)
-        if after == len(self._times):
-            ahead = min(time - self._times[-1], self._extrapolate_s)
-            return remainder(self._yaws[-1] + ahead * self._rates[-1], tau)
         share = (time - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
         return remainder(self._yaws[after - 1] + share * (self._yaws[after] - self._yaws[after - 1]), tau)
 

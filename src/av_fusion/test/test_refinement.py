@@ -118,5 +118,5 @@ def test_a_camera_that_looks_aside_teaches_little():
         tracker.add_look(senses.look(t, truth * 1.05))
         tracker.add_sound(senses.hear(t, truth))
     angle = math.radians(30.0)  # from the axis
-    moved = math.acos(refinement.correct(math.cos(angle), angle)) - angle
+    moved = math.acos(refinement.correct(math.cos(angle), angle)[0]) - angle
     assert refinement.compared > 100 and abs(math.degrees(moved)) < 4.0
