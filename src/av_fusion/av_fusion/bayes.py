@@ -236,7 +236,7 @@ class BayesTracker:
         azimuth_world = remainder(primary.azimuth + ahead * primary.rate, tau)
         front = self._mixture.front_probability(yaw, ahead)
         share = self._mixture.share_of(primary, math.nan if self._axis is None else yaw + self._axis)
-        decided = min(share, max(front, 1.0 - front)) >= self.settings.decide
+        decided = share >= self.settings.decide and max(front, 1.0 - front) >= self.settings.decide
         self._resolved = decided or self._axis is None or (self._resolved and share >= self.settings.doubt)
         sight_weight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound_weight = 1.0 if time - self._newest_sound <= machine.settings.sound_timeout else 0.0

@@ -103,9 +103,9 @@ def sensible_look(look: Look) -> Look | None:
 
 def _sensible(directions: tuple) -> tuple:
     """Those with an azimuth; an elevation that cannot be counts as unknown."""
-    return tuple(d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= SHARPEST
+    return tuple([d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= SHARPEST
                  else d._replace(elevation=0.0, elevation_variance=math.inf)
-                 for d in directions if abs(d.azimuth) <= 10.0 and SHARPEST <= d.azimuth_variance <= BLUNTEST)
+                 for d in directions if abs(d.azimuth) <= 10.0 and SHARPEST <= d.azimuth_variance <= BLUNTEST])
 
 
 class Track(NamedTuple):

@@ -98,25 +98,22 @@ class Mixture:
         """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
         modes = sorted(self.modes, key=WEIGHT, reverse=True)
         total = self.background + sum([mode.weight for mode in modes])
-        self.modes = []
+        self.modes = kept = []
         self.background /= total
         for mode in modes:
             mode.weight /= total
-            for kept in self.modes:
-                if kept.resembles(mode):
-                    kept.absorb(mode)
+            for twin in kept:
+                if twin.resembles(mode):
+                    twin.absorb(mode)
                     break
             else:
-                self._keep(mode)
+                if mode.weight >= LIGHTEST and mode.azimuth_variance <= self._lost_variance:
+                    kept.append(mode)
+                else:
+                    share = mode.weight / (self.background + mode.weight)
+                    self.misled += share * (mode.misled - self.misled)
+                    self.background += mode.weight
         self.background = max(self.background, 1e-9)
-
-    def _keep(self, mode: Mode) -> None:
-        if mode.weight < LIGHTEST or mode.azimuth_variance > self._lost_variance:
-            share = mode.weight / (self.background + mode.weight)
-            self.misled += share * (mode.misled - self.misled)
-            self.background += mode.weight
-        else:
-            self.modes.append(mode)
 
     def primary(self) -> Mode | None:
         """The heaviest mode; the one chosen before stays until another is clearly heavier."""

@@ -136,9 +136,10 @@ class Mode:
         Fog that hid the target from one picture hides it from the next: a hundred pictures in fog are no more evidence than
         one. Only slowly, over HIDING_S, does fog change.
         """
-        kept = math.exp(-max(time - self.looked, 0.0) / HIDING_S)
-        self.hidden = 1.0 - visibility + kept * max(self.hidden - (1.0 - visibility), 0.0)
-        self.looked = max(self.looked, time)
+        fog, kept = 1.0 - visibility, 1.0
+        if time > self.looked:
+            kept, self.looked = math.exp((self.looked - time) / HIDING_S), time
+        self.hidden = fog + kept * (self.hidden - fog) if self.hidden > fog else fog
         missed = self.hidden + (1.0 - self.hidden) * (1.0 - chance)
         overlooked = max(1.0 - chance, 1e-3) ** fresh
         self.hidden /= max(self.hidden + (1.0 - self.hidden) * overlooked, 1e-9)
@@ -219,5 +220,5 @@ def gaussian(residual: float, variance: float) -> float:
 
 def share_within(half_width: float, offset: float, variance: float) -> float:
     """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean."""
-    scale = math.sqrt(2.0 * max(variance, 1e-12))
+    scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
     return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))
