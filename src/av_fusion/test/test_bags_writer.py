@@ -55,6 +55,24 @@ def test_mcap_reads_every_message_with_its_definition(tmp_path):
     assert 'MSG: geometry_msgs/Quaternion' in text
 
 
+def test_many_messages_of_several_topics_are_written_at_once(tmp_path):
+    data = make.cdr(make.odometry(0.0))
+    with BagWriter(tmp_path / 'bag.mcap') as bag:
+        numbers = [bag.add_topic(f'/{name}/odometry', make.ODOMETRY) for name in 'abc']
+        written = [(numbers[(k // 7) % 3], k, data[:30 + k % 5]) for k in range(30_000)]
+        for k in range(0, len(written), 9000):
+            bag.write_many(written[k:k + 9000])
+        assert sum(bag.counts.values()) == len(written)
+    with (tmp_path / 'bag.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        rows = [message for _, _, message in reader.iter_messages()]
+        assert len(reader.get_summary().chunk_indexes) > 1
+    assert [(row.channel_id, row.log_time, row.data) for row in rows] == written
+    for number in numbers:
+        sequence = [row.sequence for row in rows if row.channel_id == number]
+        assert sequence == list(range(len(sequence)))
+
+
 def test_the_rigs_own_messages_carry_their_definition():
     text, digest = definition('av_interfaces/msg/Bearing')
     assert 'float32 azimuth_world_rate' in text

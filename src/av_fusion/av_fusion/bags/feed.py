@@ -33,9 +33,6 @@ class Piece(NamedTuple):
     data: bytes
 
 
-_piece = partial(tuple.__new__, Piece)  # a Piece in half the time: there are hundreds in a second of a bag
-
-
 class Feed:
     """Yields the pieces of `topics` (the bag's, by the rig's names) in order of time.
 
@@ -54,34 +51,44 @@ class Feed:
         self.problems: dict[str, None] = {}
 
     def __iter__(self) -> Iterator[Piece]:
+        for lump in self.lumps():
+            yield from map(Piece._make, lump)
+
+    def lumps(self) -> Iterator[list[tuple[str, float, int, bytes]]]:
+        """The same as plain tuples, as many at a time as are at hand: there are hundreds in a second of a bag."""
         now = self._first_stamp or 0.0
-        for topic, time_ns, data in self._bag.messages(self._names, self._start_ns, self._stop_ns):
-            name = self._names[topic]
-            if self._first_stamp is None:
-                now = max(now, time_ns / SECOND)
-            elif name in CLOCKED:
-                now = max(now, stamp_of(data))
-            yield _piece((name, now, time_ns, data))
+        for rows in self._bag.lumps(self._names, self._start_ns, self._stop_ns):
+            lump = []
+            for topic, time_ns, data in rows:
+                name = self._names[topic]
+                if self._first_stamp is None:
+                    now = max(now, time_ns / SECOND)
+                elif name in CLOCKED:
+                    now = max(now, stamp_of(data))
+                lump.append((name, now, time_ns, data))
+            yield lump
 
     def is_converted(self, name: str) -> bool:
         """Whether the bag has the topic in another type than the rig's."""
         return self._converters[name] is not None
 
-    def contents(self, piece: Piece) -> Iterable[tuple[Any, bytes | memoryview]]:
+    def contents(self, name: str, time_ns: int, data: bytes) -> Iterable[tuple[Any, bytes | memoryview]]:
         """What a piece means to the rig: plain numbers of READINGS, else messages; each also as CDR of the rig's type."""
         try:
-            if self._converters[piece.name] is None:
-                return [(self._readers[piece.name](piece.data), piece.data)]
-            messages = self._converted(piece)
+            convert = self._converters[name]
+            if convert is None:
+                return [(self._readers[name](data), data)]
+            messages = convert(self._bag.decode(self._topics[name], data), time_ns)
         except ValueError as error:
-            self.problems[f'{self._topics[piece.name]}: {error}'] = None
+            self.problems[f'{self._topics[name]}: {error}'] = None
             return []
-        meaning = READINGS[piece.name].of if piece.name in READINGS else lambda message: message
-        return [(meaning(message), self._serialise(piece.name, message)) for message in messages]
+        meaning = READINGS[name].of if name in READINGS else lambda message: message
+        return [(meaning(message), self._serialise(name, message)) for message in messages]
 
     def serialised(self, piece: Piece) -> Iterable[bytes | memoryview]:
         """A piece as CDR of the rig's type."""
-        return [data for _, data in self.contents(piece)] if self.is_converted(piece.name) else [piece.data]
+        name, _, time_ns, data = piece
+        return [data for _, data in self.contents(name, time_ns, data)] if self.is_converted(name) else [data]
 
     @cached_property
     def _readers(self) -> dict[str, Callable[[bytes], Any]]:
@@ -93,9 +100,6 @@ class Feed:
             return partial(self._bag.decode, topic)
         read, of = READINGS[name]
         return read if self._bag.is_as_installed(topic) else lambda data: of(self._bag.decode(topic, data))
-
-    def _converted(self, piece: Piece) -> Iterable[Any]:
-        return self._converters[piece.name](self._bag.decode(self._topics[piece.name], piece.data), piece.time_ns)
 
     def _serialise(self, name: str, message: Any) -> memoryview:
         kind = names.KINDS[name][0]

@@ -6,6 +6,7 @@ Only messages and their index are packed here, those of a chunk at once: the lib
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from itertools import chain
 from typing import Protocol
 from zlib import crc32
@@ -35,9 +36,10 @@ LIBRARY = 'av_fusion'
 # What precedes a message's data; the length is of what follows itself.
 _HEAD = np.dtype([('opcode', 'u1'), ('length', '<u8'), ('channel', '<u2'), ('sequence', '<u4'), ('log_time', '<u8'),
                   ('publish_time', '<u8')])
-_LENGTH_END = 9
+_HEAD_BYTES, _LENGTH_END = _HEAD.itemsize, 9
 # Opcode, length of the rest, channel, length of what follows.
 _INDEX = struct.Struct('<BQHI')
+Message = tuple[int, int, bytes | memoryview]  # channel, time in ns, data
 COMPRESSORS = {'': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
 
 
@@ -89,15 +91,18 @@ class McapFile:
         self._announced += _bytes_of(self._channels[-1])
         return self._channels[-1].id
 
-    def add_message(self, channel: int, time_ns: int, data: bytes | memoryview) -> bool:
-        """Append a message; whether it filled a chunk, which is then written."""
-        self._messages.append((channel, time_ns, data))
-        self._counts[channel - 1] += 1
-        self._size += _HEAD.itemsize + len(data)
-        if self._size <= self._chunk_bytes:
-            return False
-        self.end_chunk()
-        return True
+    def add_messages(self, messages: Iterable[Message]) -> bool:
+        """Append messages; whether they filled a chunk, which is then written."""
+        filled = False
+        for message in messages:
+            self._messages.append(message)
+            channel, _, data = message
+            self._counts[channel - 1] += 1
+            self._size += _HEAD_BYTES + len(data)
+            if self._size > self._chunk_bytes:
+                self.end_chunk()
+                filled = True
+        return filled
 
     def end_chunk(self) -> None:
         """Write what came so far, so that it can be read from the stream."""
@@ -151,13 +156,13 @@ class McapFile:
 
     def _start_chunk(self) -> None:
         self._announced = b''
-        self._messages: list[tuple[int, int, bytes | memoryview]] = []  # channel, time in ns, data
+        self._messages: list[Message] = []
         self._size = 0
 
     def _pack(self) -> tuple[bytes, dict[int, NDArray]]:
         """Content of the chunk, and times and offsets (n, 2) of the messages of each channel."""
         channels, times, data = zip(*self._messages, strict=True)
-        sizes = _HEAD.itemsize + np.fromiter(map(len, data), np.int64, len(data))
+        sizes = _HEAD_BYTES + np.fromiter(map(len, data), np.int64, len(data))
         offsets = len(self._announced) + np.cumsum(sizes) - sizes
         heads = np.empty(len(data), _HEAD)
         heads['opcode'], heads['length'], heads['channel'] = Opcode.MESSAGE, sizes - _LENGTH_END, channels
@@ -167,7 +172,8 @@ class McapFile:
             of_it = np.flatnonzero(heads['channel'] == channel)
             heads['sequence'][of_it] = self._counts[channel - 1] - len(of_it) + np.arange(len(of_it))
             index[channel] = np.stack([heads['log_time'][of_it], offsets[of_it].astype('<u8')], 1)
-        return b''.join((self._announced, *chain.from_iterable(zip(heads.view('V31').tolist(), data, strict=True)))), index
+        parts = zip(heads.view(f'V{_HEAD_BYTES}').tolist(), data, strict=True)
+        return b''.join((self._announced, *chain.from_iterable(parts))), index
 
     def _write(self, record: McapRecord) -> None:
         self._stream.write(_bytes_of(record))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator
+from bisect import bisect_left
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
@@ -24,7 +25,8 @@ FOREVER = 2**63 - 1
 _HEAD = struct.Struct('<BQ')
 _MESSAGE = struct.Struct('<BQHIQQ')  # the head again, channel, sequence, log and publish time
 
-Row = tuple[int, int, bytes]  # log time in ns, channel, data
+Row = tuple[str, int, bytes]  # topic, log time in ns, data
+_TIME = itemgetter(1)
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class McapSource:
         self.problems: dict[str, None] = {}
         self.start_ns, self.end_ns = FOREVER, 0
         self._stretches: list[_Stretch] = []
-        self._loose: list[Row] = []
+        self._loose: list[tuple[int, int, bytes]] = []  # with the channel for the topic
         with path.open('rb') as file:
             try:
                 self._read_index(file)
@@ -60,23 +62,26 @@ class McapSource:
                 self._survey(file)
         self._stretches.sort(key=lambda stretch: stretch.start_ns)
 
-    def messages(self, channels: Collection[int], start_ns: int = 0, stop_ns: int = FOREVER) -> Iterator[Row]:
-        """Messages of `channels` in order of time, from `start_ns` until before `stop_ns`."""
-        wanted = frozenset(channels)
-        waiting = [row for row in self._loose if row[1] in wanted]
+    def lumps(self, topics: Mapping[int, str], start_ns: int = 0, stop_ns: int = FOREVER) -> Iterator[list[Row]]:
+        """Messages of channels in order of time, from `start_ns` until before `stop_ns`, a chunk's or so at a time.
+
+        `topics` are the channels' names in the rows.
+        """
+        wanted = frozenset(topics)
+        waiting = [(topics[channel], time_ns, data) for channel, time_ns, data in self._loose if channel in wanted]
         with self.path.open('rb') as file:
             for stretch in self._stretches:
                 if stretch.start_ns >= stop_ns or stretch.end_ns < start_ns or not (
                         wanted & stretch.channels or not stretch.channels):
                     continue
-                waiting.sort(key=itemgetter(0))
-                ready = [row for row in waiting if row[0] < stretch.start_ns]
-                yield from _between(ready, start_ns, stop_ns)
-                waiting = waiting[len(ready):] + self._rows(file, stretch, wanted)
-        waiting.sort(key=itemgetter(0))
-        yield from _between(waiting, start_ns, stop_ns)
+                waiting.sort(key=_TIME)
+                ready = bisect_left(waiting, stretch.start_ns, key=_TIME)
+                yield _between(waiting[:ready], start_ns, stop_ns)
+                waiting = waiting[ready:] + self._rows(file, stretch, topics)
+        waiting.sort(key=_TIME)
+        yield _between(waiting, start_ns, stop_ns)
 
-    def _rows(self, file: BinaryIO, stretch: _Stretch, wanted: frozenset[int]) -> list[Row]:
+    def _rows(self, file: BinaryIO, stretch: _Stretch, topics: Mapping[int, str]) -> list[Row]:
         rows: list[Row] = []
         try:
             file.seek(stretch.offset + _HEAD.size)
@@ -86,8 +91,8 @@ class McapSource:
                 if content[at] == Opcode.MESSAGE:
                     _, length, channel, _, time_ns, _ = _MESSAGE.unpack_from(content, at)
                     begin, at = at + _MESSAGE.size, at + _HEAD.size + length
-                    if channel in wanted:
-                        rows.append((time_ns, channel, content[begin:at]))
+                    if channel in topics:
+                        rows.append((topics[channel], time_ns, content[begin:at]))
                 else:
                     at += _HEAD.size + _HEAD.unpack_from(content, at)[1]
         except DAMAGE as error:
@@ -125,7 +130,7 @@ class McapSource:
             else:
                 self._note(record)
                 if isinstance(record, Message):
-                    self._loose.append((record.log_time, record.channel_id, record.data))
+                    self._loose.append((record.channel_id, record.log_time, record.data))
             offset = file.tell()
 
     def _survey_chunk(self, chunk: Chunk, offset: int) -> None:
@@ -151,5 +156,6 @@ class McapSource:
         self.problems[f'{self.path.name}: the chunk at byte {offset} is damaged ({error})'] = None
 
 
-def _between(rows: list[Row], start_ns: int, stop_ns: int) -> Iterator[Row]:
-    return (row for row in rows if start_ns <= row[0] < stop_ns)
+def _between(rows: list[Row], start_ns: int, stop_ns: int) -> list[Row]:
+    """Of rows in order of time those from `start_ns` until before `stop_ns`."""
+    return rows[bisect_left(rows, start_ns, key=_TIME):bisect_left(rows, stop_ns, key=_TIME)]

@@ -18,7 +18,7 @@ from rosbags.typesys.store import Typestore
 
 from av_fusion.bags.definitions import learn, rig_types
 from av_fusion.bags.errors import BagError
-from av_fusion.bags.mcap_source import McapSource
+from av_fusion.bags.mcap_source import McapSource, Row
 
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -70,13 +70,19 @@ class Bag:
         return self._source.end_ns
 
     def messages(self, topics: Collection[str] | None = None, start_ns: int = 0,
-                 stop_ns: int = FOREVER) -> Iterator[tuple[str, int, bytes]]:
+                 stop_ns: int = FOREVER) -> Iterator[Row]:
         """Topic, time and CDR of each message of `topics` (all by default), in order of time."""
+        for lump in self.lumps(topics, start_ns, stop_ns):
+            yield from lump
+
+    def lumps(self, topics: Collection[str] | None = None, start_ns: int = 0,
+              stop_ns: int = FOREVER) -> Iterator[list[Row]]:
+        """The same, as many at a time as are at hand."""
         reached = start_ns
         try:
-            for topic, time_ns, data in self._source.messages(topics or self.topics, start_ns, stop_ns):
-                reached = time_ns
-                yield topic, time_ns, data
+            for lump in self._source.lumps(topics or self.topics, start_ns, stop_ns):
+                yield lump
+                reached = lump[-1][1] if lump else reached
         except Exception as error:  # noqa: BLE001  whatever a library makes of broken bytes
             self._problems.append(f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})')
 
@@ -157,13 +163,12 @@ class _Mcap:
         """What is damaged or left out, as far as it has shown."""
         return [problem for part in self._parts for problem in part.problems] + self._left_out
 
-    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
+    def lumps(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[list[Row]]:
         known = {topic.name for topic in self.topics}
         for part in self._parts:
             names = {number: channel.topic for number, channel in part.channels.items()
                      if channel.topic in topics and channel.topic in known}
-            for time_ns, number, data in part.messages(names, start_ns, stop_ns):
-                yield names[number], time_ns, data
+            yield from part.lumps(names, start_ns, stop_ns)
 
     def close(self) -> None:
         """Nothing is open."""
@@ -183,11 +188,11 @@ class _Rosbags:
                             if c.msgdef.format != MessageDefinitionFormat.NONE}
         self.problems: list[str] = []
 
-    def messages(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[tuple[str, int, bytes]]:
+    def lumps(self, topics: Collection[str], start_ns: int, stop_ns: int) -> Iterator[list[Row]]:
         wanted = [c for c in self._connections if c.topic in topics]
         if wanted:
             for connection, time_ns, data in self._reader.messages(wanted, start_ns, stop_ns):
-                yield connection.topic, time_ns, data
+                yield [(connection.topic, time_ns, data)]
 
     def close(self) -> None:
         self._reader.close()

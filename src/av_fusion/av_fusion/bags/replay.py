@@ -14,15 +14,15 @@ from av_fusion.bags import topics as names
 from av_fusion.bags.chain import Chain
 from av_fusion.bags.converters import AudioLayout
 from av_fusion.bags.errors import BagError
-from av_fusion.bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed, Piece
+from av_fusion.bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed
 from av_fusion.bags.frames import SensorFrames
 from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
-from av_fusion.bags.metadata import DEFAULT_QOS, LATCHED
+from av_fusion.bags.outbox import Outbox
 from av_fusion.bags.parameters import node_parameters
 from av_fusion.bags.reader import FOREVER, Bag
 from av_fusion.bags.stages import Fusing, Hearing, Pointing, Seeing
-from av_fusion.bags.topics import Found, absolute, find_topics
+from av_fusion.bags.topics import Found, find_topics
 from av_fusion.bags.writer import BagWriter
 from av_fusion.evaluation.recording import Recording, RecordingTracker
 from av_fusion.evaluation.run_log import RunLog
@@ -39,8 +39,9 @@ from av_vision.from_parameters import make_detector
 STAGES = ('raw', 'doa', 'bearing')
 # Known as a whole before anything else is read.
 READ_AHEAD = (names.CAMERA, names.FRAMES)
-# Needed at the end only: read in lumps of LUMP messages, in a tenth of the time.
+# Needed at the end only: read many at once, in a tenth of the time.
 TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
+# So many messages are taken before those that were set aside are dealt with.
 LUMP = 1000
 # What is done without topics that are not in the bag.
 WITHOUT = {
@@ -99,8 +100,7 @@ class Replay:
         self._recording, self._estimators = recording, estimators
         self._journal, self._make = Journal(recording), MessageMaker()
         self.notes: list[str] = []
-        self._out: BagWriter | None = None
-        self._written: dict[str, str] = {}  # topics of the output by the rig's names
+        self._out: Outbox | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
@@ -108,8 +108,8 @@ class Replay:
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
         self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
-        self._truths: dict[str, list[Piece]] = {
-            name: [] for name in TRUTHS if name in self._topics and not self._feed.is_converted(name)}
+        self._aside: dict[str, list[tuple[float, bytes]]] = {
+            name: [] for name in (*READ_AHEAD, *TRUTHS) if name in self._topics and not self._feed.is_converted(name)}
         self._start = start_ns / SECOND
         self._chain = self._build(load_rig(settings.rig or find_config('rig')))
 
@@ -123,46 +123,59 @@ class Replay:
 
         `progress` is called about each second of the bag with the time done, in s since the bag's start.
         """
-        self._out = out
-        told = 0.0
-        for piece in self._feed:
-            done = piece.time_ns / SECOND - self._start
-            if progress is not None and done - told >= 1.0:
-                told = done
-                progress(done)
-            if piece.name in READ_AHEAD or piece.name in self._truths:
-                self._put(piece.name, piece.now, piece.data)
-                self._know(piece)
-                continue
-            for content, data in self._feed.contents(piece):
-                if piece.now >= self._chain.due:
-                    self._chain.wait(piece.now)
-                if piece.name not in (names.AUDIO, names.IMAGE):
-                    self._put(piece.name, piece.now, data)
-                if self._others and piece.name == names.AUDIO:
-                    self._compare(content, piece.now)
-                if piece.name in TRUTHS:
-                    self._journal.know(piece.name, content)
-                elif piece.name == names.ODOMETRY:
-                    self._chain.move(content, piece.now)
-                else:
-                    self._chain.take(piece.name, content, piece.now)
+        self._out = Outbox(out, self._settings.namespace) if out is not None else None
+        told, taken = 0.0, 0
+        try:
+            for lump in self._feed.lumps():
+                for name, now, time_ns, data in lump:
+                    if name in self._aside:
+                        self._aside[name].append((now, data))
+                        continue
+                    done = time_ns / SECOND - self._start
+                    if progress is not None and done - told >= 1.0:
+                        told = done
+                        progress(done)
+                    for content, written in self._feed.contents(name, time_ns, data):
+                        self._take(name, now, content, written)
+                taken += len(lump)
+                if taken >= LUMP:
+                    taken = 0
+                    self._settle()
+        finally:
+            self._settle()
         self._conclude()
         return self.log
 
-    def _know(self, piece: Piece) -> None:
-        """Keep the truth until there is enough of it to be read at once."""
-        pieces = self._truths.get(piece.name)
-        if pieces is not None:
-            pieces.append(piece)
-            if len(pieces) == LUMP:
-                self._learn(piece.name)
+    def _take(self, name: str, now: float, content: Any, data: bytes | memoryview) -> None:
+        """One message after the other: what it means, and its bytes."""
+        if now >= self._chain.due:
+            self._chain.wait(now)
+        if self._out is not None and name not in (names.AUDIO, names.IMAGE):
+            self._out.put(name, now, data)
+        if name == names.ODOMETRY:
+            self._chain.move(content, now)
+        elif name in TRUTHS:
+            self._journal.know(name, content)
+        else:
+            if self._others and name == names.AUDIO:
+                self._compare(content, now)
+            self._chain.take(name, content, now)
 
-    def _learn(self, name: str) -> None:
-        """Read the truth that was kept."""
-        pieces, self._truths[name] = self._truths[name], []
-        poses = read_alike([piece.data for piece in pieces]) if pieces else None
-        for pose in [poses] if poses else [pose for piece in pieces for pose, _ in self._feed.contents(piece)]:
+    def _settle(self) -> None:
+        """Deal with what was set aside, and write."""
+        for name, messages in self._aside.items():
+            if messages and name in TRUTHS:
+                self._learn(name, [data for _, data in messages])
+            if self._out is not None and messages:
+                self._out.put_all(name, messages)
+            messages.clear()
+        if self._out is not None:
+            self._out.flush()
+
+    def _learn(self, name: str, messages: list[bytes]) -> None:
+        """Read the truth."""
+        poses = read_alike(messages)
+        for pose in [poses] if poses else [pose for data in messages for pose, _ in self._feed.contents(name, 0, data)]:
             self._journal.know(name, pose)
 
     def _compare(self, content: Any, now: float) -> None:
@@ -174,16 +187,7 @@ class Replay:
     def _tell(self, name: str, time: float, content: Any) -> None:
         """Put what was computed to the output."""
         if self._out is not None:
-            self._put(name, time, self._make.output(name, time, content))
-
-    def _put(self, name: str, time: float, data: bytes | memoryview) -> None:
-        out = self._out
-        if out is None:
-            return
-        if name not in self._written:
-            self._written[name] = absolute(name, self._settings.namespace)
-            out.add_topic(self._written[name], names.KINDS[name][0], LATCHED if name == names.FRAMES else DEFAULT_QOS)
-        out.write(self._written[name], round(time * SECOND), data)
+            self._out.put(name, time, self._make.output(name, time, content))
 
     def _choose(self, found: Found) -> dict[str, str]:
         """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
@@ -253,8 +257,6 @@ class Replay:
             self.notes.append(text)
 
     def _conclude(self) -> None:
-        for name in self._truths:
-            self._learn(name)
         for problem in (*self._bag.problems, *self._feed.problems):
             self._note(problem)
         for stage in (self._hearing, self._seeing):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 
 from av_fusion.bags.definitions import definition
 from av_fusion.bags.errors import BagError
-from av_fusion.bags.mcap_file import COMPRESSORS, McapFile
+from av_fusion.bags.mcap_file import COMPRESSORS, McapFile, Message
 from av_fusion.bags.metadata import (
     DEFAULT_QOS,
     TopicQos,
@@ -60,8 +61,8 @@ class BagWriter:
         """Bytes that the disk has not taken yet."""
         return self._stream.waiting
 
-    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS, text: str = '') -> None:
-        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed.
+    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS, text: str = '') -> int:
+        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed; returns its number.
 
         Raises UnknownTypeError when their package is missing.
         """
@@ -71,13 +72,18 @@ class BagWriter:
         metadata = {'offered_qos_profiles': qos.to_yaml()}
         self._channels[name] = self._mcap.add_channel(name, self._schemas[kind], metadata)
         self._qos[name] = (kind, qos)
+        return self._channels[name]
 
     def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
         """Append a message of an announced topic; it reaches the file with the next `flush` at the latest.
 
         Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
         """
-        if self._mcap.add_message(self._channels[topic], time_ns, data):
+        self.write_many([(self._channels[topic], time_ns, data)])
+
+    def write_many(self, messages: Iterable[Message]) -> None:
+        """The same for messages of topics by their numbers, each with its time in ns."""
+        if self._mcap.add_messages(messages):
             self._stream.commit()
 
     def flush(self, sync: bool = False) -> None:
