@@ -12,24 +12,26 @@ SLOWING_S = 1.0  # what does not fit may have changed the course already: by and
 
 
 class LastKnown:
-    """Remembers the last track that was believed, and says for `longest` s where it would be by now."""
+    """Remembers the last track that was believed and says where it would be by now, for `longest` s or as long as it lasted."""
 
     def __init__(self, longest: float) -> None:
         self._longest = longest
         self._track: Track | None = None
-        self._rate_variance = 0.0
+        self._began = self._rate_variance = 0.0
 
     def keep(self, track: Track, rate_variance: float) -> None:
         """A track that is believed, and the variance of its rate (rad^2/s^2)."""
+        if self._track is None:
+            self._began = track.time
         self._track, self._rate_variance = track, rate_variance
 
     def carried(self, time: float, yaw: float, acceleration_density: float) -> Track | None:
-        """The track at `time` from a rig at `yaw` (world, rad): slower, less sure, front and back open; None after `longest`.
+        """The track at `time` from a rig at `yaw` (world, rad): slower, less sure, front and back open; None for too old.
 
         `acceleration_density` (rad^2/s^3) is how it may have turned since.
         """
         last = self._track
-        if last is None or not 0.0 <= (dt := time - last.time) < self._longest:
+        if last is None or not 0.0 <= (dt := time - last.time) < min(self._longest, last.time - self._began):
             self._track = None
             return None
         slowed = math.exp(-dt / SLOWING_S)
