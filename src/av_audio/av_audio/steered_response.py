@@ -146,7 +146,8 @@ def _reflected(clusters: NDArray) -> float:
     """
     width = round(SMOOTH_HZ / CLUSTER_HZ)
     slow = uniform_filter1d(clusters, width, mode='nearest')
-    imaginary = clusters.imag - clusters.real * slow.imag / np.maximum(slow.real, np.abs(slow.imag))
+    scale = np.maximum(slow.real, np.abs(slow.imag))  # 0 where own rotors were left out
+    imaginary = clusters.imag - clusters.real * slow.imag / np.maximum(scale, np.finfo(float).tiny)
     bent = imaginary[1:] * imaginary[:-1]
     straight = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
     excess = float(bent.sum() - np.sqrt(np.sum(bent**2)))
