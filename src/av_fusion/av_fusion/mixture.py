@@ -91,7 +91,8 @@ class Mixture:
                     self._motion.usual_elevation_variance)
         if new.detection is not None:
             mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
-        mode.predict(lag, self._motion, agility)
+        if lag > 0.0:
+            mode.predict(lag, self._motion, agility)
         return mode
 
     def tidy(self) -> None:

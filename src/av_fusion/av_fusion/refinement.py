@@ -54,7 +54,7 @@ class Refinement:
     def __post_init__(self) -> None:
         self._prior = np.diag(1.0 / np.square(self.settings.sigmas))
         self._bounds = self.settings.bound * np.asarray(self.settings.sigmas)
-        self._information, self._covariance = self._prior, np.linalg.inv(self._prior)
+        self._gained, self._covariance = np.zeros_like(self._prior), np.linalg.inv(self._prior)  # information beyond the prior
         self._vector = np.zeros(len(NAMES))
         self._time = -math.inf
         self._values = [0.0] * len(NAMES)
@@ -85,15 +85,16 @@ class Refinement:
         missing = measured - math.cos(azimuth) * math.cos(elevation)
         seconds = min(max(time - self._time, 0.01), ALIKE_S)
         variance += seen_variance * slopes[0] ** 2 * ALIKE_S / seconds
-        spread = float(row @ self._covariance @ row) + variance
+        spread = float(row.dot(self._covariance).dot(row)) + variance
         if (missing - sum(map(mul, slopes, self._values))) ** 2 > self.settings.gate**2 * spread:
             return False
         kept = math.exp(-min(max(time - self._time, 0.0), 1.0) / self.settings.memory)
         self._time = max(self._time, time)
-        self._information = kept * self._information + (1.0 - kept) * self._prior + row[:, None] * (row / variance)
-        self._covariance = np.linalg.inv(self._information)
-        self._vector = kept * self._vector + row * missing / variance
-        values = self._covariance @ self._vector
+        weighed = row / variance
+        self._gained = kept * self._gained + row[:, None] * weighed
+        self._vector = kept * self._vector + missing * weighed
+        self._covariance = np.linalg.inv(self._prior + self._gained)
+        values = self._covariance.dot(self._vector)
         self._values = np.minimum(np.maximum(values, -self._bounds), self._bounds).tolist()
         self.compared += 1
         return True
