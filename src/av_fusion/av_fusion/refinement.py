@@ -15,7 +15,7 @@ Zarrop 1993), so that directions that were never heard keep their prior.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from math import remainder, tau
 from operator import mul
@@ -131,7 +131,7 @@ class SeenCourse:
         """A sighting: world azimuth and elevation in rad, the azimuth's variance. One that comes out of order is ignored."""
         if self._seen and time <= self._seen[-1][0]:
             return
-        self._seen = [seen for seen in self._seen if seen[0] > time - self._keep]
+        del self._seen[:bisect_right(self._seen, (time - self._keep, math.inf))]
         self._seen.append((time, azimuth, elevation, variance))
 
     def at(self, time: float) -> tuple[float, float, float] | None:
