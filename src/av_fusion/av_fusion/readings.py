@@ -10,7 +10,8 @@ from av_common.stamps import to_seconds
 from av_fusion.poses import pose_of, read_odometry
 
 # By the second byte of a message in CDR: its byte order. Values as in struct; the last but pads the others to its size.
-_FORMS = [{codes: struct.Struct(order + codes) for codes in ('I', 'f', 'd', 'iI', '5d', '3d5fH?x')} for order in '><']
+_FORMS = [{codes: struct.Struct(order + codes) for codes in ('I', 'f', 'fI', 'ff', 'iI', 'd', '5d', '3d5fH?x')}
+          for order in '><']
 
 
 class Reading(NamedTuple):
@@ -112,8 +113,7 @@ def _heard(cdr: _Cdr) -> Heard:
     time, frame = cdr.header()
     (window,) = cdr.take('f')
     cdr.text()  # the method
-    cdr.take('f')  # the level
-    (count,) = cdr.take('I')
+    _, count = cdr.take('fI')  # the level before
     return Heard(time, frame, window, [Direction._make(row) for row in cdr.rows('3d5fH?x', count)])
 
 
@@ -136,8 +136,7 @@ def _box(cdr: _Cdr) -> Box:
 
 def _clarity(cdr: _Cdr) -> Clarity:
     time, _ = cdr.header()
-    (share,) = cdr.take('f')
-    cdr.take('f')  # the range
+    share, _ = cdr.take('ff')  # the range after
     return Clarity(time, share)
 
 

@@ -44,9 +44,10 @@ class Senses:
         rotation = self._rotation_of(heard.frame) if found else None
         if rotation is None:
             return []
-        x, y, z, _, _, variances, elevation_variances, confidences, groups, _ = zip(*found, strict=True)
-        return sounds_in_body(heard.time, list(zip(x, y, z, strict=True)), variances, elevation_variances, confidences,
-                              groups, rotation, heard.window)
+        return sounds_in_body(
+            heard.time, [direction[:3] for direction in found], [direction.azimuth_variance for direction in found],
+            [direction.elevation_variance for direction in found], [direction.confidence for direction in found],
+            [direction.group for direction in found], rotation, heard.window)
 
     def look(self, seen: Seen, visibility: float = math.nan) -> Look | None:
         """The detections of the target's classes in a picture; None where frame or camera are unknown."""

@@ -14,7 +14,7 @@ from av_fusion.bags import topics as names
 from av_fusion.bags.chain import Chain
 from av_fusion.bags.converters import AudioLayout
 from av_fusion.bags.errors import BagError
-from av_fusion.bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed
+from av_fusion.bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed, Plain
 from av_fusion.bags.frames import SensorFrames
 from av_fusion.bags.journal import Journal
 from av_fusion.bags.messages import MessageMaker
@@ -127,16 +127,12 @@ class Replay:
         told, taken = 0.0, 0
         try:
             for lump in self._feed.lumps():
-                for name, now, time_ns, data in lump:
-                    if name in self._aside:
-                        self._aside[name].append((now, data))
-                        continue
+                for name, now, time_ns, content, data in self._feed.contents(self._set_aside(lump)):
                     done = time_ns / SECOND - self._start
                     if progress is not None and done - told >= 1.0:
                         told = done
                         progress(done)
-                    for content, written in self._feed.contents(name, time_ns, data):
-                        self._take(name, now, content, written)
+                    self._take(name, now, content, data)
                 taken += len(lump)
                 if taken >= LUMP:
                     taken = 0
@@ -145,6 +141,17 @@ class Replay:
             self._settle()
         self._conclude()
         return self.log
+
+    def _set_aside(self, lump: list[Plain]) -> list[Plain]:
+        """Keep what can wait; returns the others."""
+        others = []
+        for piece in lump:
+            name, now, _, data = piece
+            if name in self._aside:
+                self._aside[name].append((now, data))
+            else:
+                others.append(piece)
+        return others
 
     def _take(self, name: str, now: float, content: Any, data: bytes | memoryview) -> None:
         """One message after the other: what it means, and its bytes."""
@@ -175,7 +182,7 @@ class Replay:
     def _learn(self, name: str, messages: list[bytes]) -> None:
         """Read the truth."""
         poses = read_alike(messages)
-        for pose in [poses] if poses else [pose for data in messages for pose, _ in self._feed.contents(name, 0, data)]:
+        for pose in [poses] if poses else [pose for data in messages for pose, _ in self._feed.meaning(name, 0, data)]:
             self._journal.know(name, pose)
 
     def _compare(self, content: Any, now: float) -> None:
