@@ -65,10 +65,10 @@ class Feed:
             lump = []
             for topic, time_ns, data in rows:
                 name = self._names[topic]
-                if self._first_stamp is None:
-                    now = max(now, time_ns / SECOND)
-                elif name in CLOCKED:
-                    now = max(now, stamp_of(data))
+                time = time_ns / SECOND
+                if self._first_stamp is not None:
+                    time = stamp_of(data) if name in CLOCKED else now
+                now = time if time > now else now
                 lump.append((name, now, time_ns, data))
             yield lump
 

@@ -6,7 +6,8 @@ Only messages and their index are packed here, those of a chunk at once: the lib
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Sequence
 from itertools import chain
 from typing import Protocol
 from zlib import crc32
@@ -40,6 +41,7 @@ _HEAD_BYTES, _LENGTH_END = _HEAD.itemsize, 9
 # Opcode, length of the rest, channel, length of what follows.
 _INDEX = struct.Struct('<BQHI')
 Message = tuple[int, int, bytes | memoryview]  # channel, time in ns, data
+AT_ONCE = 200  # messages: a chunk may get as many too large
 COMPRESSORS = {'': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
 
 
@@ -60,7 +62,7 @@ class McapFile:
         self._stream, self._compression, self._chunk_bytes = stream, compression, chunk_bytes
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._counts: list[int] = []
+        self._counts: list[int] = []  # messages by channel in the chunks that are complete
         self._chunks: list[ChunkIndex] = []
         self._start_chunk()
         stream.write(MAGIC)
@@ -69,7 +71,9 @@ class McapFile:
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic."""
-        return {channel.topic: count for channel, count in zip(self._channels, self._counts, strict=True)}
+        waiting = Counter(channel for channel, _, _ in self._messages)
+        return {channel.topic: count + waiting[channel.id]
+                for channel, count in zip(self._channels, self._counts, strict=True)}
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -91,14 +95,13 @@ class McapFile:
         self._announced += _bytes_of(self._channels[-1])
         return self._channels[-1].id
 
-    def add_messages(self, messages: Iterable[Message]) -> bool:
+    def add_messages(self, messages: Sequence[Message]) -> bool:
         """Append messages; whether they filled a chunk, which is then written."""
         filled = False
-        for message in messages:
-            self._messages.append(message)
-            channel, _, data = message
-            self._counts[channel - 1] += 1
-            self._size += _HEAD_BYTES + len(data)
+        for first in range(0, len(messages), AT_ONCE):
+            some = messages[first:first + AT_ONCE]
+            self._messages += some
+            self._size += sum(len(data) for _, _, data in some) + _HEAD_BYTES * len(some)
             if self._size > self._chunk_bytes:
                 self.end_chunk()
                 filled = True
@@ -109,7 +112,8 @@ class McapFile:
         if not self._messages:
             return
         content, index = self._pack()
-        start_ns, end_ns = (pick(int(pick(entries[:, 0])) for entries in index.values()) for pick in (min, max))
+        start_ns = min(int(entries[:, 0].min()) for entries in index.values())
+        end_ns = max(int(entries[:, 0].max()) for entries in index.values())
         packed = COMPRESSORS[self._compression](content)
         chunk = Chunk(compression=self._compression, data=packed, message_start_time=start_ns, message_end_time=end_ns,
                       uncompressed_crc=crc32(content), uncompressed_size=len(content))
@@ -170,7 +174,8 @@ class McapFile:
         index = {}
         for channel in dict.fromkeys(channels):
             of_it = np.flatnonzero(heads['channel'] == channel)
-            heads['sequence'][of_it] = self._counts[channel - 1] - len(of_it) + np.arange(len(of_it))
+            heads['sequence'][of_it] = self._counts[channel - 1] + np.arange(len(of_it))
+            self._counts[channel - 1] += len(of_it)
             index[channel] = np.stack([heads['log_time'][of_it], offsets[of_it].astype('<u8')], 1)
         parts = zip(heads.view(f'V{_HEAD_BYTES}').tolist(), data, strict=True)
         return b''.join((self._announced, *chain.from_iterable(parts))), index

@@ -133,5 +133,6 @@ def _padded(length: int) -> int:
     return length + -length % 4
 
 
+@lru_cache(8)  # a track's state changed once, and has the time of its bearing
 def _stamp(time: float) -> tuple[int, int]:
     return divmod(round(time * 1e9), 10**9)

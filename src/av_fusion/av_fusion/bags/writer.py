@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -81,7 +81,7 @@ class BagWriter:
         """
         self.write_many([(self._channels[topic], time_ns, data)])
 
-    def write_many(self, messages: Iterable[Message]) -> None:
+    def write_many(self, messages: Sequence[Message]) -> None:
         """The same for messages of topics by their numbers, each with its time in ns."""
         if self._mcap.add_messages(messages):
             self._stream.commit()
