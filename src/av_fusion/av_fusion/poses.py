@@ -32,7 +32,7 @@ class Pose(NamedTuple):
     @property
     def has_attitude(self) -> bool:
         """Whether the quaternion is one: unknown attitudes are left at zero."""
-        return self.qx**2 + self.qy**2 + self.qz**2 + self.qw**2 > 0.5
+        return self.qx * self.qx + self.qy * self.qy + self.qz * self.qz + self.qw * self.qw > 0.5
 
     @property
     def attitude(self) -> tuple[float, float, float, float]:

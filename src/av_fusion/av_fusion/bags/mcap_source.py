@@ -23,7 +23,8 @@ PLAUSIBLE_RECORD_BYTES = 2**31
 FOREVER = 2**63 - 1
 # The library takes ten times as long to part a chunk.
 _HEAD = struct.Struct('<BQ')
-_MESSAGE = struct.Struct('<BQHIQQ')  # the head again, channel, sequence, log and publish time
+_MESSAGE = struct.Struct('<xQH4xQ8x')  # of the head again the length, channel, of sequence, log and publish time the second
+_HEAD_BYTES, _MESSAGE_BYTES, _MESSAGE_OPCODE = _HEAD.size, _MESSAGE.size, int(Opcode.MESSAGE)
 
 Row = tuple[str, int, bytes]  # topic, log time in ns, data
 _TIME = itemgetter(1)
@@ -83,18 +84,19 @@ class McapSource:
 
     def _rows(self, file: BinaryIO, stretch: _Stretch, topics: Mapping[int, str]) -> list[Row]:
         rows: list[Row] = []
+        unpack = _MESSAGE.unpack_from
         try:
-            file.seek(stretch.offset + _HEAD.size)
+            file.seek(stretch.offset + _HEAD_BYTES)
             stream, size = get_chunk_data_stream(Chunk.read(ReadDataStream(file)), validate_crc=True)
             content, at = stream.read(size), 0
             while at < size:
-                if content[at] == Opcode.MESSAGE:
-                    _, length, channel, _, time_ns, _ = _MESSAGE.unpack_from(content, at)
-                    begin, at = at + _MESSAGE.size, at + _HEAD.size + length
+                if content[at] == _MESSAGE_OPCODE:
+                    length, channel, time_ns = unpack(content, at)
+                    begin, at = at + _MESSAGE_BYTES, at + _HEAD_BYTES + length
                     if channel in topics:
                         rows.append((topics[channel], time_ns, content[begin:at]))
                 else:
-                    at += _HEAD.size + _HEAD.unpack_from(content, at)[1]
+                    at += _HEAD_BYTES + _HEAD.unpack_from(content, at)[1]
         except DAMAGE as error:
             self._complain(stretch.offset, error)
         return rows
