@@ -34,7 +34,7 @@ class OfflineRun:
 
     def __init__(self, scenario: Scenario, rig: Rig, tracker: object, seed: int | None = None,
                  pointing: PointingController | None = None, baselines: tuple[str, ...] = (),
-                 detect: Callable[[NDArray], list[tuple[float, float, float, float, float]]] | None = None,
+                 detect: Callable[[NDArray, float], list[tuple[float, float, float, float, float]]] | None = None,
                  picture_every: int = 2, listening: LocalizerSettings | None = None) -> None:
         self.world = World(scenario, rig, seed, SAMPLE_RATE)
         self.log, self.recording = RunLog(), Recording()
@@ -92,7 +92,7 @@ class OfflineRun:
                                now - sound.time - 0.5 * self._window)
 
     def _look(self, view: View, now: float) -> None:
-        boxes = self._boxes(view)
+        boxes = self._boxes(view, now)
         table = np.array(boxes, float).reshape(-1, 5)
         look = look_in_body(now, self._rig.camera.model, 0.5 * (table[:, :2] + table[:, 2:4]), table[:, 2:4] - table[:, :2],
                             table[:, 4], self._rig.camera.optical_to_body)
@@ -100,8 +100,8 @@ class OfflineRun:
         best = look.best
         self.log.sight.add(now, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
 
-    def _boxes(self, view: View) -> list[tuple[float, float, float, float, float]]:
+    def _boxes(self, view: View, now: float) -> list[tuple[float, float, float, float, float]]:
         """Corners in pixels and confidence of what is detected."""
         if self._detect is not None:
-            return self._detect(self._renderer.render(view).bgr)
+            return self._detect(self._renderer.render(view).bgr, now)
         return [(box.min_x, box.min_y, box.max_x, box.max_y, box.credibility) for box in self._oracle.boxes(view)]

@@ -29,6 +29,7 @@ from av_fusion.sensor_geometry import look_in_body, sounds_in_body
 from av_sim_bridge.rig import CameraMount
 from av_vision import visibility
 from av_vision.models import shipped_model
+from av_vision.watching import Watcher
 from av_vision.yolo import Detector, DetectorSettings
 
 # Clips that the shipped detector was not trained on.
@@ -97,7 +98,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
     hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
-    detector = Detector(shipped_model(), DetectorSettings(keep=('drone',), threads=1))
+    watcher = Watcher(Detector(shipped_model(), DetectorSettings(keep=('drone',), threads=1)))
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
@@ -109,7 +110,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
             picture = np.zeros_like(picture) if covered else picture
-            found = detector.detect(picture)
+            found, _ = watcher.look(picture, number / VIDEO_HZ)
             boxes = np.column_stack([found.boxes.reshape(-1, 4), found.scores])
             hall.see((number + 1) / VIDEO_HZ, boxes, visibility.estimate(picture).share)
         hall.follow((number + 1) / VIDEO_HZ, float(azimuth))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from av_audio.localizer import METHODS as ESTIMATORS
 from av_audio.localizer import LocalizerSettings
@@ -32,6 +33,7 @@ from av_sim_bridge.config_reader import read
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import Scenario
 from av_vision.models import shipped_model
+from av_vision.watching import Watcher
 from av_vision.yolo import Detector, DetectorSettings
 
 KALMAN_NEEDS = 'phat'
@@ -145,10 +147,12 @@ def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _detect(model: str) -> Callable:
+    """Looks as detector_node does: pictures one after another, with a memory."""
     detector = Detector(shipped_model() if model == 'shipped' else model, DetectorSettings(keep=('drone',), threads=1))
+    watcher = Watcher(detector)
 
-    def detect(picture: object) -> list[tuple[float, float, float, float, float]]:
-        found = detector.detect(picture)
+    def detect(picture: NDArray, time: float) -> list[tuple[float, float, float, float, float]]:
+        found, _ = watcher.look(picture, time)
         return [(*map(float, box), float(score)) for box, score in zip(found.boxes, found.scores, strict=True)]
 
     return detect
