@@ -61,7 +61,7 @@ def read_alike(messages: Sequence[bytes]) -> Pose | None:
         at = _place(messages[0])
     except (struct.error, IndexError):
         return None
-    if any(len(data) != size for data in messages) or size < at + _YAW_RATE_AT + 8:
+    if set(map(len, messages)) != {size} or size < at + _YAW_RATE_AT + 8:
         return None
     table = np.frombuffer(b''.join(messages), np.uint8).reshape(-1, size)
     if (table[:, :4] != table[0, :4]).any() or (table[:, 12:at] != table[0, 12:at]).any():

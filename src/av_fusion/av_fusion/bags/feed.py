@@ -18,6 +18,8 @@ SECOND = 10**9
 # As fusion_node: a stamp further from the clock than this is of another clock.
 CLOCK_TOLERANCE_S = 2.0
 
+# Fewer messages are read faster one by one.
+FEW = 50
 # What the rig takes as plain numbers.
 READINGS = {names.DOA: HEARD, names.DETECTIONS: SEEN, names.VISIBILITY: CLARITY, names.ODOMETRY: POSE,
             names.TRUE_TARGET: POSE, names.TRUE_RIG: POSE}
@@ -106,7 +108,7 @@ class Feed:
 
     def _poses(self, messages: Sequence[bytes]) -> Iterator[Pose] | None:
         """All of the odometry at once, in a third of the time; None where each message must be read by itself."""
-        if len(messages) < 2 or self._readers.get(names.ODOMETRY) is not read_odometry:
+        if len(messages) < FEW or self._readers.get(names.ODOMETRY) is not read_odometry:
             return None
         columns = read_alike(messages)
         return map(Pose._make, zip(*(column.tolist() for column in columns), strict=True)) if columns else None
