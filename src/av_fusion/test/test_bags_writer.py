@@ -74,10 +74,9 @@ def test_many_messages_of_several_topics_are_written_at_once(tmp_path):
 
 
 def test_the_rigs_own_messages_carry_their_definition():
-    text, digest = definition('av_interfaces/msg/Bearing')
+    text = definition('av_interfaces/msg/Bearing')
     assert 'float32 azimuth_world_rate' in text
     assert 'STATE_COASTING=3' in text.replace(' = ', '=')
-    assert digest.startswith('RIHS01_')
 
 
 def test_a_type_of_a_missing_package_is_named():

@@ -52,14 +52,14 @@ def learn(name: str) -> Typestore:
     return store
 
 
-def definition(name: str) -> tuple[str, str]:
-    """A message's full definition (ros2msg: with the definitions of all parts) and its hash (REP-2011).
+def definition(name: str) -> str:
+    """A message's full definition (ros2msg: with the definitions of all parts).
 
     Raises UnknownTypeError.
     """
     store = learn(name)
     try:
-        return store.generate_msgdef(name, ros_version=2)[0], store.hash_rihs01(name)
+        return store.generate_msgdef(name, ros_version=2)[0]
     except TypesysError as error:
         raise UnknownTypeError(f'the message type {name} has no usable definition: {error}') from error
 

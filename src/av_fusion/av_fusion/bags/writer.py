@@ -67,7 +67,7 @@ class BagWriter:
         Raises UnknownTypeError when their package is missing.
         """
         if kind not in self._schemas:
-            content = (text or definition(kind)[0]).encode()
+            content = (text or definition(kind)).encode()
             self._schemas[kind] = self._mcap.add_schema(kind, 'ros2msg', content)
         metadata = {'offered_qos_profiles': qos.to_yaml()}
         self._channels[name] = self._mcap.add_channel(name, self._schemas[kind], metadata)
