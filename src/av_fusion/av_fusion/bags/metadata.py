@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -29,10 +30,7 @@ class TopicQos:
 
     def to_yaml(self) -> str:
         """As rosbag2 writes it."""
-        return to_yaml([{
-            'history': 3, 'depth': 0, 'reliability': self.reliability, 'durability': self.durability,
-            'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 1, 'liveliness_lease_duration': FOREVER,
-            'avoid_ros_namespace_conventions': False}])
+        return _profile(self)
 
 
 DEFAULT_QOS = TopicQos()
@@ -64,6 +62,14 @@ def write_metadata(file: Path, topics: list[TopicRecord], start_ns: int, end_ns:
     draft = file.with_name('metadata.yaml.tmp')
     draft.write_text(to_yaml(content), encoding='utf-8')
     draft.replace(file.with_name('metadata.yaml'))
+
+
+@cache
+def _profile(qos: TopicQos) -> str:
+    return to_yaml([{
+        'history': 3, 'depth': 0, 'reliability': qos.reliability, 'durability': qos.durability,
+        'deadline': FOREVER, 'lifespan': FOREVER, 'liveliness': 1, 'liveliness_lease_duration': FOREVER,
+        'avoid_ros_namespace_conventions': False}])
 
 
 def to_yaml(content: object) -> str:
