@@ -73,6 +73,28 @@ def test_many_messages_of_several_topics_are_written_at_once(tmp_path):
         assert sequence == list(range(len(sequence)))
 
 
+def test_what_is_bulky_has_chunks_of_its_own(tmp_path):
+    """mcap and rosbags read all in order of time; the chunks of small messages hold no large one."""
+    small, large = make.cdr(make.odometry(0.0)), make.cdr(make.odometry(0.0)) + bytes(20_000)
+    with BagWriter(tmp_path / 'bag.mcap') as bag:
+        numbers = bag.add_topic('/small', make.ODOMETRY), bag.add_topic('/large', make.ODOMETRY)
+        written = [(numbers[k % 3 == 0], k, large if k % 3 == 0 else small) for k in range(600)]
+        for k, message in enumerate(written):
+            bag.write_many([message])
+            if k == 250:
+                bag.flush()
+    with (tmp_path / 'bag.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        rows = [(message.channel_id, message.log_time, message.data) for _, _, message in reader.iter_messages()]
+        chunks = [set(chunk.message_index_offsets) for chunk in reader.get_summary().chunk_indexes]
+    assert rows == written
+    assert all(len(channels) == 1 for channels in chunks) and {numbers[0]} in chunks
+    with AnyReader([tmp_path / 'bag.mcap']) as reader:
+        assert [(time_ns, bytes(data)) for _, time_ns, data in reader.messages()] == [row[1:] for row in written]
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        assert [(time_ns, data) for _, time_ns, data in bag.messages()] == [row[1:] for row in written]
+
+
 def test_the_rigs_own_messages_carry_their_definition():
     text = definition('av_interfaces/msg/Bearing')
     assert 'float32 azimuth_world_rate' in text

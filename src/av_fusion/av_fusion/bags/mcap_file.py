@@ -41,7 +41,7 @@ _HEAD_BYTES, _LENGTH_END = _HEAD.itemsize, 9
 # Opcode, length of the rest, channel, length of what follows.
 _INDEX = struct.Struct('<BQHI')
 Message = tuple[int, int, bytes | memoryview]  # channel, time in ns, data
-AT_ONCE = 200  # messages: a chunk may get as many too large
+BULKY_BYTES = 4096  # topics whose first message is larger have chunks of their own
 COMPRESSORS = {'': bytes, 'lz4': lz4.frame.compress, 'zstd': zstandard.compress}
 
 
@@ -56,7 +56,10 @@ class Stream(Protocol):
 
 
 class McapFile:
-    """A file of chunks with an index. A chunk holds what came since the last, and names its channels itself."""
+    """A file of chunks with an index.
+
+    Pictures and sound have chunks of their own, so that whoever reads the rest need not unpack them.
+    """
 
     def __init__(self, stream: Stream, compression: str = '', chunk_bytes: int = 512 * 1024) -> None:
         self._stream, self._compression, self._chunk_bytes = stream, compression, chunk_bytes
@@ -64,14 +67,17 @@ class McapFile:
         self._channels: list[Channel] = []
         self._counts: list[int] = []  # messages by channel in the chunks that are complete
         self._chunks: list[ChunkIndex] = []
-        self._start_chunk()
+        self._announced = b''  # schemas and channels that no chunk holds yet
+        self._bulky: dict[int, bool] = {}  # by channel
+        self._waiting: dict[bool, list[Message]] = {False: [], True: []}
+        self._sizes = {False: 0, True: 0}
         stream.write(MAGIC)
         self._write(Header(profile='ros2', library=LIBRARY))
 
     @property
     def counts(self) -> dict[str, int]:
         """Messages by topic."""
-        waiting = Counter(channel for channel, _, _ in self._messages)
+        waiting = Counter(channel for messages in self._waiting.values() for channel, _, _ in messages)
         return {channel.topic: count + waiting[channel.id]
                 for channel, count in zip(self._channels, self._counts, strict=True)}
 
@@ -98,20 +104,24 @@ class McapFile:
     def add_messages(self, messages: Sequence[Message]) -> bool:
         """Append messages; whether they filled a chunk, which is then written."""
         filled = False
-        for first in range(0, len(messages), AT_ONCE):
-            some = messages[first:first + AT_ONCE]
-            self._messages += some
-            self._size += sum(len(data) for _, _, data in some) + _HEAD_BYTES * len(some)
-            if self._size > self._chunk_bytes:
-                self.end_chunk()
+        for message in messages:
+            channel, _, data = message
+            bulky = self._bulky.setdefault(channel, len(data) > BULKY_BYTES)
+            self._waiting[bulky].append(message)
+            self._sizes[bulky] += len(data) + _HEAD_BYTES
+            if self._sizes[bulky] > self._chunk_bytes:
+                self._write_chunk(bulky)
                 filled = True
         return filled
 
-    def end_chunk(self) -> None:
+    def end_chunks(self) -> None:
         """Write what came so far, so that it can be read from the stream."""
-        if not self._messages:
-            return
-        content, index = self._pack()
+        for bulky, messages in self._waiting.items():
+            if messages:
+                self._write_chunk(bulky)
+
+    def _write_chunk(self, bulky: bool) -> None:
+        content, index = self._pack(self._waiting[bulky])
         start_ns = min(int(entries[:, 0].min()) for entries in index.values())
         end_ns = max(int(entries[:, 0].max()) for entries in index.values())
         packed = COMPRESSORS[self._compression](content)
@@ -129,11 +139,11 @@ class McapFile:
             chunk_length=indices_begin - begin, message_index_offsets=offsets,
             message_index_length=self._stream.tell() - indices_begin, compression=self._compression,
             compressed_size=len(packed), uncompressed_size=len(content)))
-        self._start_chunk()
+        self._announced, self._waiting[bulky], self._sizes[bulky] = b'', [], 0
 
     def finish(self) -> None:
         """Write the last chunk and the summary."""
-        self.end_chunk()
+        self.end_chunks()
         self._write(DataEnd(data_section_crc=0))
         summary = self._stream.tell()
         groups = []
@@ -158,14 +168,9 @@ class McapFile:
             message_start_time=start_ns, message_end_time=end_ns,
             channel_message_counts={channel.id: count for channel, count in zip(self._channels, self._counts, strict=True)})
 
-    def _start_chunk(self) -> None:
-        self._announced = b''
-        self._messages: list[Message] = []
-        self._size = 0
-
-    def _pack(self) -> tuple[bytes, dict[int, NDArray]]:
-        """Content of the chunk, and times and offsets (n, 2) of the messages of each channel."""
-        channels, times, data = zip(*self._messages, strict=True)
+    def _pack(self, messages: list[Message]) -> tuple[bytes, dict[int, NDArray]]:
+        """Content of a chunk, and times and offsets (n, 2) of the messages of each channel."""
+        channels, times, data = zip(*messages, strict=True)
         sizes = _HEAD_BYTES + np.fromiter(map(len, data), np.int64, len(data))
         offsets = len(self._announced) + np.cumsum(sizes) - sizes
         heads = np.empty(len(data), _HEAD)

@@ -91,7 +91,7 @@ class BagWriter:
 
         Raises OSError; may then be called again, without loss.
         """
-        self._mcap.end_chunk()
+        self._mcap.end_chunks()
         self._stream.commit()
         if sync:
             self._stream.sync()
