@@ -48,7 +48,7 @@ class RigNode(LifecycleNode):
     def __init__(self, name: str, parameters: ModuleType | None = None, **kwargs: Any) -> None:
         """Declare the parameters that `parameters` (a module generated from YAML) describes and set up the lifecycle."""
         super().__init__(name, **kwargs)
-        self.done = Future()
+        self.done = Future()  # when it is, the node's process ends
         self._problem = ''
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []

@@ -22,9 +22,6 @@ class Outbox:
         self._numbers: dict[str, int] = {}
         self._waiting: list[Message] = []
 
-    def __len__(self) -> int:
-        return len(self._waiting)
-
     def put(self, name: str, time: float, data: bytes | memoryview) -> None:
         """Take a message of a time in s."""
         if name not in self._numbers:

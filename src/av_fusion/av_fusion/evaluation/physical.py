@@ -88,6 +88,11 @@ class Hall:
                            time - track.measured)
 
 
+def watcher_of(model: str | Path) -> Watcher:
+    """Looks for drones as detector_node does: pictures one after another, with a memory."""
+    return Watcher(Detector(model, DetectorSettings(keep=('drone',), threads=1)))
+
+
 def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
     """A real clip with real sound. Raises FileNotFoundError without the recordings, OSError for a broken film."""
     truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
@@ -98,7 +103,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
     hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
-    watcher = Watcher(Detector(shipped_model(), DetectorSettings(keep=('drone',), threads=1)))
+    watcher = watcher_of(shipped_model())
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()

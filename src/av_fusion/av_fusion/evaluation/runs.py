@@ -22,7 +22,7 @@ from av_fusion.evaluation.cases import Case
 from av_fusion.evaluation.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_fusion.evaluation.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
 from av_fusion.evaluation.offline_run import OfflineRun
-from av_fusion.evaluation.physical import FILMED, ROOM, filmed, room
+from av_fusion.evaluation.physical import FILMED, ROOM, filmed, room, watcher_of
 from av_fusion.evaluation.picture import draw
 from av_fusion.evaluation.recording import Recording
 from av_fusion.evaluation.results import MethodResult, RunResult
@@ -33,8 +33,6 @@ from av_sim_bridge.config_reader import read
 from av_sim_bridge.rig import load_rig
 from av_sim_bridge.scenario import Scenario
 from av_vision.models import shipped_model
-from av_vision.watching import Watcher
-from av_vision.yolo import Detector, DetectorSettings
 
 KALMAN_NEEDS = 'phat'
 
@@ -147,9 +145,7 @@ def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _detect(model: str) -> Callable:
-    """Looks as detector_node does: pictures one after another, with a memory."""
-    detector = Detector(shipped_model() if model == 'shipped' else model, DetectorSettings(keep=('drone',), threads=1))
-    watcher = Watcher(detector)
+    watcher = watcher_of(shipped_model() if model == 'shipped' else model)
 
     def detect(picture: NDArray, time: float) -> list[tuple[float, float, float, float, float]]:
         found, _ = watcher.look(picture, time)
