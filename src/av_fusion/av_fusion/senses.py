@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurements import Look, Sound
+from av_fusion.measurements import Detection, Look, Sound
 from av_fusion.readings import Heard, Seen
-from av_fusion.sensor_geometry import look_in_body, sounds_in_body
+from av_fusion.sensor_geometry import detections_in_body, look_in_body, sounds_in_body
 from av_vision.camera import PinholeCamera
 
 EMPTY = np.empty((0, 2))
@@ -37,6 +38,7 @@ class Senses:
     def camera(self, camera: PinholeCamera | None) -> None:
         self._camera = camera
         self._empty: dict[str, Look] = {}  # by frame
+        self._found: dict[int, tuple[Detection, ...]] = {}  # by picture
 
     def sounds(self, heard: Heard, least_confidence: float = 0.0) -> list[Sound]:
         """The sounds of a window, strongest first; none where their frame is unknown."""
@@ -51,20 +53,38 @@ class Senses:
 
     def look(self, seen: Seen, visibility: float = math.nan) -> Look | None:
         """The detections of the target's classes in a picture; None where frame or camera are unknown."""
-        if self.camera is None:
-            return None
-        rotation = self._rotation_of(seen.frame)
+        rotation = self._rotation_of(seen.frame) if self.camera is not None else None
         if rotation is None:
             return None
-        boxes = []
-        for box in seen.boxes:
-            scores = [score for name, score in box.scores if name in self._target_classes]
-            if scores:
-                boxes.append((box.x, box.y, box.width, box.height, max(scores)))
+        empty = self._empty.get(seen.frame)
+        if empty is None:
+            empty = self._empty[seen.frame] = look_in_body(0.0, self.camera, EMPTY, EMPTY, EMPTY[:, 0], rotation)
+        found = self._found.get(id(seen))
+        if found is None:
+            found = self._detections([seen], rotation)[0] if seen.boxes else ()
+        return Look(seen.time, found, empty.view_azimuth, empty.half_view, visibility)
+
+    def look_ahead(self, several: Sequence[Seen]) -> None:
+        """Find the directions in many pictures at once, in a tenth of the time; `look` then knows them until the next call."""
+        self._found.clear()
+        for frame in {seen.frame for seen in several if seen.boxes} if self.camera is not None else ():
+            rotation = self._rotation_of(frame)
+            if rotation is not None:
+                alike = [seen for seen in several if seen.frame == frame]
+                self._found.update(zip(map(id, alike), self._detections(alike, rotation), strict=True))
+
+    def _detections(self, several: Sequence[Seen], rotation: NDArray) -> list[tuple[Detection, ...]]:
+        """Detections of the target's classes, by picture."""
+        boxes, counts = [], []
+        for seen in several:
+            before = len(boxes)
+            for box in seen.boxes:
+                scores = [score for name, score in box.scores if name in self._target_classes]
+                if scores:
+                    boxes.append((box.x, box.y, box.width, box.height, max(scores)))
+            counts.append(len(boxes) - before)
         if not boxes:  # most pictures of a search: nothing to be computed
-            empty = self._empty.get(seen.frame)
-            if empty is None:
-                empty = self._empty[seen.frame] = look_in_body(0.0, self.camera, EMPTY, EMPTY, EMPTY[:, 0], rotation)
-            return Look(seen.time, (), empty.view_azimuth, empty.half_view, visibility)
+            return [()] * len(several)
         table = np.array(boxes)
-        return look_in_body(seen.time, self.camera, table[:, :2], table[:, 2:4], table[:, 4], rotation, visibility)
+        found = iter(detections_in_body(self.camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))
+        return [tuple(islice(found, count)) for count in counts]

@@ -40,6 +40,14 @@ def look_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: 
 
     `rotation` (3, 3) turns vectors of the camera's optical frame into the body frame.
     """
+    found = detections_in_body(camera, centres, sizes, scores, rotation, model)
+    axis = math.atan2(rotation[1, 2], rotation[0, 2])
+    return Look(time, tuple(found), axis, 0.5 * camera.horizontal_fov_rad, visibility)
+
+
+def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike, rotation: NDArray,
+                       model: BearingModel | None = None) -> list[Detection]:
+    """The same boxes one by one."""
     bearings = bearings_of_boxes(camera, centres, sizes, scores, model or BearingModel())
     rows = (rotation @ FLU_TO_OPTICAL).tolist()
     columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
@@ -49,8 +57,7 @@ def look_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: 
         direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
         x, y, z = _turned(rows, direction)
         detections.append(Detection(math.atan2(y, x), variance, score, math.atan2(z, math.hypot(x, y)), elevation_variance))
-    axis = math.atan2(rotation[1, 2], rotation[0, 2])
-    return Look(time, tuple(detections), axis, 0.5 * camera.horizontal_fov_rad, visibility)
+    return detections
 
 
 def _turned(rows: list[list[float]], vector: Sequence[float]) -> tuple[float, float, float]:

@@ -55,10 +55,9 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
     and the stretch of the pinhole towards the edges are in it), and the calibration's variance is added.
     """
     centres = np.asarray(centres, float).reshape(-1, 2)
-    x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).reshape(len(STEPS), -1, 2).transpose(2, 0, 1)
-    azimuth, elevation = -np.arctan(x), -np.arctan(y / np.sqrt(1.0 + x * x))
-    in_x, in_y = model.pixel_variance(sizes, scores).T
+    x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).T
+    angles = -np.arctan([x, y / np.sqrt(1.0 + x * x)]).reshape(2, len(STEPS), -1)
+    slopes = angles[:, 1::2] - angles[:, 2::2]  # of azimuth and elevation, along x and y, by pixel
     azimuth_variance, elevation_variance = (
-        (angle[1] - angle[2]) ** 2 * in_x + (angle[3] - angle[4]) ** 2 * in_y + model.calibration_sigma_rad**2
-        for angle in (azimuth, elevation))
-    return Bearings(azimuth[0], elevation[0], azimuth_variance, elevation_variance)
+        np.square(slopes) * model.pixel_variance(sizes, scores).T).sum(axis=1) + model.calibration_sigma_rad**2
+    return Bearings(*angles[:, 0], azimuth_variance, elevation_variance)

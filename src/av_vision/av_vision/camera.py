@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -66,12 +67,16 @@ class PinholeCamera:
         distortion = np.asarray(info.d, float)
         return cls(int(info.width), int(info.height), k[0], k[4], k[2], k[5], tuple(distortion if distortion.any() else ()))
 
-    @property
+    @cached_property
     def matrix(self) -> NDArray[np.float64]:
         """Intrinsic matrix K (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    @property
+    @cached_property
+    def _coefficients(self) -> NDArray[np.float64]:
+        return np.array(self.distortion)
+
+    @cached_property
     def horizontal_fov_rad(self) -> float:
         """Angle between the left and the right edge of the image, distortion ignored."""
         return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
@@ -89,7 +94,7 @@ class PinholeCamera:
         ahead = points[:, 2] > 0.0
         if ahead.any():
             zero = np.zeros(3)
-            pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, np.array(self.distortion))[0][:, 0]
+            pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, self._coefficients)[0][:, 0]
         return pixels
 
     def on_plane(self, pixels: ArrayLike) -> NDArray[np.float64]:
@@ -97,7 +102,7 @@ class PinholeCamera:
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         if not len(pixels) or not self.distortion:
             return (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-        return UNDISTORT(pixels[:, None], self.matrix, np.array(self.distortion), R=None, P=None, criteria=PRECISE)[:, 0]
+        return UNDISTORT(pixels[:, None], self.matrix, self._coefficients, R=None, P=None, criteria=PRECISE)[:, 0]
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """Unit vectors (n, 3) in the optical frame towards pixels (n, 2), with the distortion taken out."""

@@ -11,7 +11,6 @@ from av_fusion.bags.feed import READINGS
 from av_fusion.bags.journal import Journal, track_of
 from av_fusion.bags.stages import Fusing, Hearing, Output, Pointing, Seeing
 from av_fusion.measurements import Track
-from av_fusion.poses import Pose
 from av_fusion.senses import Senses
 
 
@@ -38,10 +37,10 @@ class Chain:
         for track in self._fusing.wait(now) if self._fusing is not None else ():
             self._say(track)
 
-    def move(self, pose: Pose, now: float) -> None:
+    def move(self, time: float, yaw: float, yaw_rate: float, now: float) -> None:
         """The rig's own motion."""
         if self._fusing is not None:
-            self._fusing.move(pose, now)
+            self._fusing.move(time, yaw, yaw_rate, now)
 
     def take(self, name: str, content: Any, now: float) -> None:
         """A message, or what it means."""

@@ -23,6 +23,8 @@ from av_fusion.bags.mcap_source import McapSource, Row
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 FOREVER = 2**63 - 1
+# A lump of messages needs no more memory than about this.
+LUMP_BYTES = 8 * 2**20
 
 
 @dataclass(frozen=True)
@@ -76,15 +78,21 @@ class Bag:
             yield from lump
 
     def lumps(self, topics: Collection[str] | None = None, start_ns: int = 0,
-              stop_ns: int = FOREVER) -> Iterator[list[Row]]:
-        """The same, as many at a time as are at hand."""
-        reached = start_ns
+              stop_ns: int = FOREVER, least: int = 1) -> Iterator[list[Row]]:
+        """The same, as many at a time as are at hand, but at least so many or LUMP_BYTES of them, except for the last."""
+        reached, lump, size = start_ns, [], 0
         try:
-            for lump in self._source.lumps(topics or self.topics, start_ns, stop_ns):
-                yield lump
-                reached = lump[-1][1] if lump else reached
+            for rows in self._source.lumps(topics or self.topics, start_ns, stop_ns):
+                lump += rows
+                size += sum([len(data) for _, _, data in rows])
+                if len(lump) >= least or size >= LUMP_BYTES:
+                    reached, ready, lump, size = lump[-1][1], lump, [], 0
+                    yield ready
         except Exception as error:  # noqa: BLE001  whatever a library makes of broken bytes
+            reached = lump[-1][1] if lump else reached
             self._problems.append(f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})')
+        if lump:
+            yield lump
 
     def definition(self, topic: str) -> str:
         """How the bag itself defines a topic's messages (ros2msg), empty where it does not."""

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+
 from av_audio.array import MicrophoneArray
+from av_common.frames import heading_of
 from av_fusion.bags import algorithms
 from av_fusion.bags import topics as names
 from av_fusion.bags.chain import Chain
@@ -28,7 +32,6 @@ from av_fusion.evaluation.recording import Recording, RecordingTracker
 from av_fusion.evaluation.run_log import RunLog
 from av_fusion.from_parameters import make_tracker, pointing_settings
 from av_fusion.pointing import PointingController
-from av_fusion.poses import read_alike
 from av_fusion.readings import read_heard
 from av_fusion.senses import Senses
 from av_sim_bridge.config_files import find_config
@@ -39,10 +42,8 @@ from av_vision.from_parameters import make_detector
 STAGES = ('raw', 'doa', 'bearing')
 # Known as a whole before anything else is read.
 READ_AHEAD = (names.CAMERA, names.FRAMES)
-# Needed at the end only: read many at once, in a tenth of the time.
+# Needed at the end only.
 TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
-# So many messages are taken before those that were set aside are dealt with.
-LUMP = 1000
 # What is done without topics that are not in the bag.
 WITHOUT = {
     names.CAMERA: "the camera of the rig's description is assumed",
@@ -108,8 +109,8 @@ class Replay:
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
         self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
-        self._aside: dict[str, list[tuple[float, bytes]]] = {
-            name: [] for name in (*READ_AHEAD, *TRUTHS) if name in self._topics and not self._feed.is_converted(name)}
+        self._aside: dict[str, list[Plain]] = {name: [] for name in (*READ_AHEAD, *TRUTHS, names.ODOMETRY)}
+        self._moves: deque[list[float]] = deque()  # of the rig, to come: when it comes, its time, yaw, yaw rate
         self._start = start_ns / SECOND
         self._chain = self._build(load_rig(settings.rig or find_config('rig')))
 
@@ -124,66 +125,85 @@ class Replay:
         `progress` is called about each second of the bag with the time done, in s since the bag's start.
         """
         self._out = Outbox(out, self._settings.namespace) if out is not None else None
-        told, taken = 0.0, 0
+        told = 0.0
         try:
             for lump in self._feed.lumps():
-                for name, now, time_ns, content, data in self._feed.contents(self._set_aside(lump)):
+                others = self._set_aside(lump)
+                self._read_moves()
+                for name, now, time_ns, content, data in self._contents(others):
                     done = time_ns / SECOND - self._start
                     if progress is not None and done - told >= 1.0:
                         told = done
                         progress(done)
+                    self._go_on(now)
                     self._take(name, now, content, data)
-                taken += len(lump)
-                if taken >= LUMP:
-                    taken = 0
-                    self._settle()
+                self._go_on(math.inf)
+                self._settle()
         finally:
             self._settle()
         self._conclude()
         return self.log
 
     def _set_aside(self, lump: list[Plain]) -> list[Plain]:
-        """Keep what can wait; returns the others."""
+        """Keep what is read many at a time; returns the others."""
         others = []
         for piece in lump:
-            name, now, _, data = piece
-            if name in self._aside:
-                self._aside[name].append((now, data))
-            else:
-                others.append(piece)
+            self._aside.get(piece[0], others).append(piece)
         return others
+
+    def _contents(self, pieces: list[Plain]) -> Iterable[tuple[str, float, int, Any, bytes | memoryview]]:
+        """What they mean; but for sound and pictures, of which more than one would need much memory, all at once."""
+        contents = self._feed.contents(pieces)
+        if self.stage != 'raw':
+            contents = list(contents)
+            self._senses.look_ahead([content for name, _, _, content, _ in contents if name == names.DETECTIONS])
+        return contents
+
+    def _read_moves(self) -> None:
+        """Read how the rig moves."""
+        nows, poses, messages = self._feed.poses(self._aside[names.ODOMETRY])
+        self._aside[names.ODOMETRY].clear()
+        if self._fusing is not None:
+            usable = self._fusing.are_timely(names.ODOMETRY, poses.time, nows) & poses.has_attitude
+            columns = nows, poses.time, np.arctan2(*heading_of(poses.attitude)), poses.yaw_rate
+            self._moves = deque(np.stack(columns, 1)[usable].tolist())
+        if self._out is not None and messages:
+            self._out.put_all(names.ODOMETRY, zip(nows.tolist(), messages, strict=True))
+
+    def _go_on(self, now: float) -> None:
+        """What comes until `now` by itself: the rig moves, and says something when it has heard and seen nothing for long."""
+        chain, moves = self._chain, self._moves
+        due = chain.due
+        while moves and moves[0][0] <= now:
+            came, time, yaw, yaw_rate = moves.popleft()
+            if came >= due:
+                chain.wait(came)
+                due = chain.due
+            chain.move(time, yaw, yaw_rate, came)
+        if due <= now < math.inf:
+            chain.wait(now)
 
     def _take(self, name: str, now: float, content: Any, data: bytes | memoryview) -> None:
         """One message after the other: what it means, and its bytes."""
-        if now >= self._chain.due:
-            self._chain.wait(now)
         if self._out is not None and name not in (names.AUDIO, names.IMAGE):
             self._out.put(name, now, data)
-        if name == names.ODOMETRY:
-            self._chain.move(content, now)
-        elif name in TRUTHS:
-            self._journal.know(name, content)
-        else:
-            if self._others and name == names.AUDIO:
-                self._compare(content, now)
-            self._chain.take(name, content, now)
+        if self._others and name == names.AUDIO:
+            self._compare(content, now)
+        self._chain.take(name, content, now)
 
     def _settle(self) -> None:
         """Deal with what was set aside, and write."""
-        for name, messages in self._aside.items():
-            if messages and name in TRUTHS:
-                self._learn(name, [data for _, data in messages])
+        for name, pieces in self._aside.items():
+            if pieces and name in TRUTHS:
+                nows, poses, messages = self._feed.poses(pieces)
+                self._journal.know(name, poses)
+            else:
+                nows, messages = [now for _, now, _, _ in pieces], [data for _, _, _, data in pieces]
             if self._out is not None and messages:
-                self._out.put_all(name, messages)
-            messages.clear()
+                self._out.put_all(name, zip(nows, messages, strict=True))
+            pieces.clear()
         if self._out is not None:
             self._out.flush()
-
-    def _learn(self, name: str, messages: list[bytes]) -> None:
-        """Read the truth."""
-        poses = read_alike(messages)
-        for pose in [poses] if poses else [pose for data in messages for pose, _ in self._feed.meaning(name, 0, data)]:
-            self._journal.know(name, pose)
 
     def _compare(self, content: Any, now: float) -> None:
         """What the other estimators hear in the same sound."""

@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.frames import yaw_of
 from av_common.stamps import to_seconds
 from av_fusion.bags import topics as names
 from av_fusion.bags.feed import CLOCK_TOLERANCE_S
@@ -21,7 +20,6 @@ from av_fusion.bayes import BayesTracker
 from av_fusion.gated import GatedTracker
 from av_fusion.measurements import Track
 from av_fusion.pointing import PointingController
-from av_fusion.poses import Pose
 from av_fusion.readings import Clarity, Heard, Seen
 from av_fusion.senses import Senses
 from av_vision import visibility
@@ -136,10 +134,10 @@ class Fusing:
         while self.due <= now:
             yield self._estimate(self.due)
 
-    def move(self, pose: Pose, now: float) -> None:
-        """Where the rig is: nothing follows from that alone."""
-        if self._is_timely(names.ODOMETRY, pose.time, now) and pose.has_attitude:
-            self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
+    def move(self, time: float, yaw: float, yaw_rate: float, now: float) -> None:
+        """How the rig stands: nothing follows from that alone."""
+        self._came[names.ODOMETRY] = now
+        self._tracker.add_pose(time, yaw, yaw_rate)
 
     def take(self, name: str, content: Heard | Seen | Clarity, now: float) -> Track | None:
         """The track that follows from what the senses say, if one does."""
@@ -170,12 +168,16 @@ class Fusing:
         self._tracker.add_look(look)
         return self._estimate(now)
 
+    def are_timely(self, name: str, stamps: ArrayLike, nows: ArrayLike) -> NDArray[np.bool_]:
+        """Whether messages have stamps of the bag's clock; those that have not are counted."""
+        timely = np.abs(np.subtract(stamps, nows)) <= CLOCK_TOLERANCE_S
+        if not timely.all():
+            self.foreign[name] = self.foreign.get(name, 0) + int(np.sum(~timely))
+        return timely
+
     def _is_timely(self, name: str, stamp: float, now: float) -> bool:
         self._came[name] = now
-        timely = abs(stamp - now) <= CLOCK_TOLERANCE_S
-        if not timely:
-            self.foreign[name] = self.foreign.get(name, 0) + 1
-        return timely
+        return abs(stamp - now) <= CLOCK_TOLERANCE_S or bool(self.are_timely(name, stamp, now))
 
     def _estimate(self, now: float) -> Track:
         self._published = now
