@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_audio.array import MicrophoneArray
 from av_audio.baselines import Music, Mvdr
+from av_audio.own_noise import NoiseRecording, OwnNoise
 from av_audio.own_rotors import find_blade_pass, notch
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
@@ -90,10 +91,12 @@ class DoaEstimate:
 class Localizer:
     """Cuts a stream into overlapping windows and estimates the direction of arrival in each.
 
-    Raises ValueError when the settings do not fit the array or the sample rate.
+    `own_noise` is a recording of the rig alone, whose noise is taken off. Raises ValueError when it or the settings do not
+    fit the array or the sample rate.
     """
 
-    def __init__(self, array: MicrophoneArray, sample_rate: int, settings: LocalizerSettings | None = None) -> None:
+    def __init__(self, array: MicrophoneArray, sample_rate: int, settings: LocalizerSettings | None = None,
+                 own_noise: NoiseRecording | None = None) -> None:
         settings = settings or LocalizerSettings()
         self.array = array
         self.sample_rate = sample_rate
@@ -107,6 +110,8 @@ class Localizer:
         estimator, weighting = METHODS[settings.method]
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting)
+        if own_noise is not None:
+            self._estimator.own_noise = self._learn(own_noise)
         self._elevations = np.radians(settings.elevation_deg)
         # Room for two windows, so that one slides a whole window before it is copied back to the beginning.
         self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
@@ -150,6 +155,14 @@ class Localizer:
                 estimates.append(self._estimate(window, first_sample + taken - self._window))
                 self._slide()
         return estimates
+
+    def _learn(self, own_noise: NoiseRecording) -> OwnNoise:
+        own_noise.check(self.array.channels, self.sample_rate)
+        starts = range(0, len(own_noise.samples) - self._window + 1, max(1, self._window // 2))
+        windows = [self._analyzer.spectra(own_noise.samples[start:start + self._window].T) for start in starts]
+        if not windows:
+            raise ValueError(f'{own_noise.name} is shorter than a window of {self.settings.window_s:g} s')
+        return OwnNoise(windows, self.sample_rate / self._window)
 
     def _slide(self) -> None:
         self._filled -= self._hop

@@ -184,6 +184,17 @@ def test_own_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
 
+def test_a_recording_of_the_rig_alone_that_does_not_fit_is_said(rig, tmp_path, array_file):
+    """When the file is missing, and when its rate is not that of the stream."""
+    rig.add(DoaNode, array_file=array_file, own_noise=str(tmp_path / 'alone.wav'))
+    rig.says('alone.wav does not exist', DiagnosticStatus.ERROR)
+    soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE // 2)
+    soundfile.write(tmp_path / 'sound.wav', sound(1.0), RATE)
+    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
+    rig.add(DoaNode, array_file=array_file, own_noise=str(tmp_path / 'alone.wav'))
+    rig.says(f'alone.wav was recorded at {RATE // 2} Hz', DiagnosticStatus.ERROR)
+
+
 def test_missing_input_is_said(rig, array_file, tmp_path):
     rig.add(DoaNode, array_file=array_file)
     rig.says('no audio frames', DiagnosticStatus.WARN)

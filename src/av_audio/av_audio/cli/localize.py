@@ -15,6 +15,7 @@ from av_audio.array import MicrophoneArray
 from av_audio.capture import open_sound, pick_channels
 from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
+from av_audio.own_noise import NoiseRecording
 
 
 def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,6 +36,7 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
     parser.add_argument('--own-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
                         help='so many rotors of the rig itself are found in the sound and left out (default: %(default)s)')
+    parser.add_argument('--own-noise', metavar='FILE', help='sound of the rig alone, which is taken off')
 
 
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
@@ -45,9 +47,10 @@ def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
-                  progress: bool = False) -> Iterator[DoaEstimate]:
+                  progress: bool = False, own_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
     """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit.
 
+    `own_noise` is a file of the same microphones with the rig alone.
     What is wrong with the channels (clipping, dead, identical, ...) is said on standard error at the end.
     """
     with open_sound(path) as file:
@@ -55,7 +58,10 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         if len(picked) != array.channels:
             raise ValueError(f'{path} gives {len(picked)} channel(s), but the array {array.name} has {array.channels} '
                              f'microphones; choose with --channels')
-        localizer = Localizer(array, file.samplerate, settings)
+        alone = NoiseRecording.load(own_noise) if own_noise else None
+        if alone is not None:
+            alone = alone._replace(samples=alone.samples[:, pick_channels(alone.samples.shape[1], channels, alone.name)])
+        localizer = Localizer(array, file.samplerate, settings, alone)
         if file.frames < settings.window_s * file.samplerate:
             raise ValueError(f'{path} lasts {file.frames / file.samplerate:.3f} s, less than one window of '
                              f'{settings.window_s:g} s; choose with --window')
@@ -123,7 +129,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         array = MicrophoneArray.load(options.array)
         progress = sys.stderr.isatty()
         records = [to_record(estimate) for estimate in
-                   localize_file(options.file, array, settings_from(options), options.channels, progress)]
+                   localize_file(options.file, array, settings_from(options), options.channels, progress,
+                                 options.own_noise)]
     except (OSError, ValueError) as error:
         sys.exit(f'localize: {error}')
     if options.json:

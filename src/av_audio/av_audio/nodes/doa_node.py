@@ -11,6 +11,7 @@ from av_audio.array import MicrophoneArray
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
+from av_audio.own_noise import NoiseRecording
 from av_common.angles import angles_to_direction
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
@@ -37,6 +38,7 @@ class DoaNode(RigNode):
                              'config/arrays/two_microphones.yaml')
         self._array = MicrophoneArray.load(values.array_file)
         self._localizer_settings = self._read_settings()
+        self._own_noise = NoiseRecording.load(values.own_noise) if values.own_noise else None
         self._blades = values.own_rotor_blades if values.own_rotors == 'topic' else 0
         self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
@@ -111,7 +113,7 @@ class DoaNode(RigNode):
         if len(frame.samples) % channels:
             raise ValueError(f'{len(frame.samples)} samples are not a multiple of {channels} channels')
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
-            self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings)
+            self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings, self._own_noise)
         samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
         self._localizer.blade_pass_hz = self._blade_pass_hz
         before = self._localizer.restarts

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from av_audio.array import MicrophoneArray
+from av_audio.own_noise import NoiseRecording
 from av_common.frames import heading_of
 from av_fusion.bags import algorithms
 from av_fusion.bags import topics as names
@@ -247,8 +248,9 @@ class Replay:
             p = self._parameters('av_audio', 'doa_node')
             listening = algorithms.localizer_settings(p)
             blades = p.own_rotor_blades if p.own_rotors == 'topic' else 0
-            self._hearing = Hearing(array, listening, self._make, blades)
-            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades)
+            own_noise = NoiseRecording.load(p.own_noise) if p.own_noise else None
+            self._hearing = Hearing(array, listening, self._make, blades, own_noise)
+            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades, own_noise)
                             for method in self._estimators}
         if names.IMAGE in self._topics:
             model = self._settings.model if self._settings.model != 'shipped' else ''

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.own_noise import NoiseRecording
 from av_common.angles import angles_to_direction
 from av_fusion.evaluation.oracle import Oracle
 from av_fusion.evaluation.recording import Recording, RecordingTracker
@@ -24,6 +25,9 @@ from av_sim_bridge.world import World
 
 STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000
+# Before a rig with rotors flies after drones, it is recorded alone for so long.
+OWN_NOISE_S = 10.0
+SILENT_DB = -120.0
 
 
 class OfflineRun:
@@ -43,7 +47,10 @@ class OfflineRun:
         self._renderer = self.world.renderer() if detect else None
         self._oracle = Oracle(rig.camera.model, self.world.solids())
         settings = replace(listening or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
-        self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method))
+        own_noise = own_noise_of(scenario, rig, self.world.seed) if scenario.noise.own_rotors else None
+        if own_noise is not None:
+            self.log.notes['own noise'] = f'known from {OWN_NOISE_S:.0f} s of the rig alone'
+        self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method), own_noise)
                             for method in ('ml', *baselines)}
         self._window = settings.window_s
         self._picture_every = picture_every
@@ -105,3 +112,11 @@ class OfflineRun:
         if self._detect is not None:
             return self._detect(self._renderer.render(view).bgr, now)
         return [(box.min_x, box.min_y, box.max_x, box.max_y, box.credibility) for box in self._oracle.boxes(view)]
+
+
+def own_noise_of(scenario: Scenario, rig: Rig, seed: int) -> NoiseRecording:
+    """The rig of a scenario recorded at another time, with no drone to be heard."""
+    silent = tuple(replace(target, gain_db=SILENT_DB) for target in scenario.targets)
+    world = World(replace(scenario, targets=silent), rig, seed + 1000, SAMPLE_RATE)
+    steps = round(OWN_NOISE_S * SAMPLE_RATE / STEP)
+    return NoiseRecording(np.concatenate([world.advance(STEP) for _ in range(steps)]), SAMPLE_RATE)

@@ -1,0 +1,105 @@
+"""A target under the rig's own noise, which is known from a recording of the rig alone."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+
+from av_audio.array import MicrophoneArray
+from av_audio.cli import localize
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.own_noise import NoiseRecording
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
+
+RATE, SECONDS = 16_000, 8.0
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), name='pair')
+ROTORS = np.array([[0.2, 0.2, -0.3], [0.2, -0.2, -0.3], [-0.2, 0.2, -0.3], [-0.2, -0.2, -0.3]])
+AZIMUTH = np.radians(50.0)
+C = speed_of_sound(20.0)
+
+
+def delayed(sound, seconds):
+    """A sound (n,), periodic, as it arrives after each of some delays: (n, m)."""
+    frequencies = np.fft.rfftfreq(len(sound), 1.0 / RATE)
+    return np.fft.irfft(np.fft.rfft(sound)[:, None] * np.exp(-2j * np.pi * np.outer(frequencies, seconds)), len(sound), axis=0)
+
+
+def rig_alone(rng):
+    """Four independent rotors that hiss near the microphones (n, 2), of power 1, and the microphones' own noise."""
+    heard = np.zeros((round(SECONDS * RATE), 2))
+    for place in ROTORS:
+        distances = np.linalg.norm(PAIR.positions - place, axis=1)
+        heard += delayed(rng.normal(size=len(heard)), distances / C) / distances
+    return heard / heard.std() + 0.05 * rng.normal(size=heard.shape)
+
+
+def target(rng):
+    """Something far away that hisses, of power 1."""
+    return delayed(rng.normal(size=round(SECONDS * RATE)), -PAIR.positions @ angles_to_direction(AZIMUTH) / C)
+
+
+def errors(sound, method='ml', recording=None):
+    """Degrees between the target and the nearer of the mirror images, by window."""
+    settings = LocalizerSettings(method=method, hop_s=0.25)
+    estimates = Localizer(PAIR, RATE, settings, recording).process(sound, 0)
+    azimuths = np.degrees([estimate.azimuth for estimate in estimates])
+    return np.abs((azimuths - np.degrees(AZIMUTH) + 180.0) % 360.0 - 180.0).min(axis=1)
+
+
+@pytest.fixture(scope='module')
+def recording():
+    """The rig alone, at another time."""
+    return NoiseRecording(rig_alone(np.random.default_rng(1)).astype(np.float32), RATE)
+
+
+@pytest.mark.parametrize('method', ['ml', 'phat', 'music', 'mvdr'])
+def test_a_target_is_heard_through_rotors_twice_as_strong(recording, method):
+    """Nobody hears it without the recording, every method with it."""
+    rng = np.random.default_rng(2)
+    sound = rig_alone(rng) + np.sqrt(0.5) * target(rng)
+    assert np.mean(errors(sound, method) < 8.0) < 0.2
+    found = errors(sound, method, recording)
+    assert np.mean(found < 8.0) > 0.9
+    assert np.median(found) < 3.0
+
+
+@pytest.mark.parametrize('gain_db', [-60.0, -10.0, 0.0, 10.0])
+def test_the_level_may_differ_from_the_recording(recording, gain_db):
+    """Only where the noise is and how it sounds must be as it was; a rig that stands on the ground is silent."""
+    rng = np.random.default_rng(3)
+    gain = 10.0 ** (gain_db / 20.0)
+    sound = gain * rig_alone(rng) + max(gain, 0.1) * target(rng)
+    found = errors(sound, recording=recording)
+    assert np.mean(found < 8.0) > 0.95
+    assert np.median(found) < 2.0
+
+
+@pytest.mark.parametrize(('samples', 'rate', 'complaint'), [
+    (np.zeros((48_000, 1)), RATE, r'my.wav has samples of shape \(48000, 1\), expected \(n, 2\)'),
+    (np.zeros((48_000, 2)), 48_000, 'my.wav was recorded at 48000 Hz, expected 16000 Hz'),
+    (np.zeros((1600, 2)), RATE, 'my.wav lasts 0.1 s, expected 2 s or more'),
+    (np.full((48_000, 2), np.nan), RATE, 'my.wav has samples that are no numbers'),
+    (np.ones((48_000, 2)) * [1.0, 0.0], RATE, 'my.wav has a silent channel'),
+])
+def test_a_recording_that_does_not_fit_is_refused(samples, rate, complaint):
+    """By name, and with what would be right."""
+    with pytest.raises(ValueError, match=complaint):
+        Localizer(PAIR, RATE, own_noise=NoiseRecording(samples.astype(np.float32), rate, 'my.wav'))
+
+
+def test_localize_takes_a_file_of_the_rig_alone(recording, tmp_path, capsys):
+    """As in the README: what was recorded while hovering is taken off what is heard in flight."""
+    rng = np.random.default_rng(5)
+    for name, sound in (('alone', recording.samples), ('flight', rig_alone(rng) + np.sqrt(0.5) * target(rng))):
+        soundfile.write(tmp_path / f'{name}.wav', 0.1 * sound, RATE)
+    (tmp_path / 'array.yaml').write_text('microphones: [[0, 0.1, 0], [0, -0.1, 0]]\n')
+    localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--json',
+                   '--own-noise', str(tmp_path / 'alone.wav')])
+    azimuths = [record['azimuth_deg'][0] for record in json.loads(capsys.readouterr().out)]
+    assert np.median(azimuths) == pytest.approx(50.0, abs=3.0)
+    with pytest.raises(SystemExit, match='sound file .*missing.wav does not exist'):
+        localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--own-noise', 'missing.wav'])
