@@ -24,8 +24,8 @@ def test_surprises_raise_it_at_once_and_their_absence_lowers_it():
 
 
 def test_only_who_moves_evenly_for_long_counts_as_calm():
-    """Little changes in ten measurements, much in a hundred, nothing for one that hangs in the air; a surprise ends it."""
-    assert after(10, 0.5, 0.2).value > 0.7
+    """Little changes in four measurements, much in a hundred, nothing for one that hangs in the air; a surprise ends it."""
+    assert after(4, 0.5, 0.2).value > 0.7
     calm = after(100, 0.5, 0.2)
     assert calm.value == LEAST
     assert after(100, 0.5, 0.0).value == 1.0
