@@ -7,6 +7,7 @@ import math
 USUAL_SURPRISE, MOST_SURPRISE = 1.0, 9.0
 ALERT, CALM = 3.0, 1.0  # how fast it rises, and falls
 LEAST, MOST = 0.03, 10.0
+LEAST_SEEN = 0.1  # eyes follow without the faith that ears need
 EVEN = 7.0  # so many independent measurements without a surprise halve what is usual
 STARTLED = 2.0  # what goes beyond this is such a surprise
 SLOW = math.radians(5.0)  # a second; who hardly moves has not shown how

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import remainder, tau
 
-from av_fusion.agility import Agility
+from av_fusion.agility import LEAST_SEEN, Agility
 from av_fusion.coasting import LastKnown
 from av_fusion.heard import Directions, MirrorImages
 from av_fusion.machine import MachineSettings, StateMachine
@@ -22,6 +22,7 @@ from av_fusion.trust import Trust
 UNIFORM = 1.0 / (2.0 * math.pi)
 SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Source.SOUND,
            (1.0, 1.0): Source.SIGHT | Source.SOUND}  # by whether sight and sound are fresh
+SEEN_S = 0.5  # a target seen so lately is in sight
 MAX_GAP_S = 5.0  # what is this old says nothing of now; a larger jump of the clock starts anew
 
 
@@ -84,7 +85,7 @@ class BayesTracker:
                        settings.usual_elevation, settings.usual_elevation_sigma**2)
         self._mixture = Mixture(usual, settings.rate_sigma**2, settings.lost_sigma**2)
         self._agility = Agility()
-        self._newest_sound = self._newest_look = -math.inf
+        self._newest_sound = self._newest_look = self._newest_sighting = -math.inf
         self._seen = SeenCourse()
         self._known = LastKnown(self.settings.coast)
         self._resolved = False
@@ -164,8 +165,11 @@ class BayesTracker:
         time = look.time - self.settings.sight_delay
         lag = self._advance(time)
         settings = self.settings
-        fresh = _fresh(time, self._newest_look, settings.sight_correlation)
+        # What is seen for the first time, or again, is news, however many pictures did not show it.
+        fresh = _fresh(time, self._newest_sighting if look.detections else self._newest_look, settings.sight_correlation)
         self._newest_look = max(self._newest_look, time)
+        if look.detections:
+            self._newest_sighting = max(self._newest_sighting, time)
         self._visibility = look.visibility
         visibility = look.visibility if math.isfinite(look.visibility) else settings.assumed_visibility
         yaw, width = self.motion.yaw(time), 2.0 * look.half_view
@@ -261,7 +265,8 @@ class BayesTracker:
         if dt <= 0.0:
             return -dt
         kept = math.exp(-self.settings.loss_rate * dt)
-        self._mixture.predict(dt, self._agility.value, kept)
+        seen = time - self._newest_sighting < SEEN_S
+        self._mixture.predict(dt, max(self._agility.value, LEAST_SEEN) if seen else self._agility.value, kept)
         self._time = time
         return 0.0
 
