@@ -200,7 +200,8 @@ class BayesTracker:
                 self._seen.add(time, remainder(yaw + clear.azimuth, tau), clear.elevation, clear.azimuth_variance)
             # A calibrated confidence is the probability that this is the target, wherever it was thought to be.
             self._mixture.give_birth(lag, self._agility.value, [
-                Newborn(azimuth, d.azimuth_variance, o * fresh, d) for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
+                Newborn(azimuth, d.azimuth_variance, o * fresh, d, o)
+                for azimuth, d, o in zip(azimuths, seen, odds, strict=True)])
             confidence = clear.confidence if best is None else confidence
         self._mixture.tidy()
         self.machine.see(time, confidence)

@@ -19,12 +19,13 @@ WEIGHT = attrgetter('weight')
 
 
 class Newborn(NamedTuple):
-    """A direction in the world that may start a mode: `ratio` of the background's weight belongs to it."""
+    """A direction in the world that may start a mode: `ratio` of the background's weight goes to it, `least` it has then."""
 
     azimuth: float
     variance: float
     ratio: float
     detection: Detection | None = None
+    least: float = 0.0
 
 
 class Mixture:
@@ -78,13 +79,13 @@ class Mixture:
         """
         known = tuple(self.modes)
         for new in newborns:
-            weight = self.background * min(new.ratio, 50.0)
+            weight, least = self.background * min(new.ratio, 50.0), self.background * min(new.least, 50.0)
             for mode in known:
                 if mode.explains(new.azimuth, new.variance, lag):
-                    mode.weight += weight
+                    mode.weight = max(mode.weight + weight, least)
                     break
             else:
-                self.modes.append(self._born(new, weight, lag, agility))
+                self.modes.append(self._born(new, max(weight, least), lag, agility))
 
     def _born(self, new: Newborn, weight: float, lag: float, agility: float) -> Mode:
         mode = Mode(weight, new.azimuth, new.variance, 0.0, self._rate_variance, self._motion.usual_elevation,
