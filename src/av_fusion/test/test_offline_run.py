@@ -46,3 +46,13 @@ def test_another_tracker_is_given_the_same_data(run):
                    for method in ('fused', 'gated'))
     assert ours < gated
     assert len(run.recording.feed(GatedTracker())) == len(again)
+
+
+def test_a_rig_that_flies_hears_through_its_own_rotors():
+    """They are as loud as the drone, but known from a recording of the rig alone; else it hears hardly anything but them."""
+    run = OfflineRun(load_scenario(find_config('own_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
+                     pointing=PointingController(PointingSettings(move_gimbal=False)))
+    run.run(25.0)
+    senses = summarise(run.log).senses
+    assert senses['fused'].coverage == 1.0 and senses['fused'].rmse_deg < 1.0
+    assert senses['sound'].rmse_deg < 2.0 and senses['sight'].coverage < 0.9
