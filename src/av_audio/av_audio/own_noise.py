@@ -15,6 +15,8 @@ from av_audio.capture import open_sound
 LEAST_S = 2.0  # a shorter recording knows hardly more than its own chance
 # Width of the running mean over frequency: speeds of rotors, and so their lines, wander.
 SMOOTH_HZ = 40.0
+# So much more than the mean is subtracted, against what is chance in a window (Berouti, Schwartz, Makhoul, 1979).
+OVER_SUBTRACTION = 1.5
 
 
 class NoiseRecording(NamedTuple):
@@ -49,25 +51,34 @@ class OwnNoise:
     """Spatial covariance of the own noise by frequency.
 
     Rotors beside the microphones are as loud as any target, but always in the same places: what they make of the
-    cross-spectra is known up to their level, which is taken from each window. It is subtracted before anything is weighed
-    (Boll, 1979, does so with spectra; of cross-spectra even the chance in a single window averages out over frequency).
+    cross-spectra is known up to their level, and is subtracted before anything is weighed (Boll, 1979, does so with spectra; of
+    cross-spectra even the chance in a single window averages out over frequency). The level is that of the own noise in
+    the cross-spectra of each window by weighted least squares: what comes from elsewhere has other phases, and no share in it.
     """
 
     def __init__(self, windows: Sequence[NDArray], bin_hz: float) -> None:
         """`windows` are spectra (m, k) of the recording."""
         self._bins = max(1, round(SMOOTH_HZ / bin_hz))
-        covariance = np.mean([spectra[:, None] * spectra[None].conj() for spectra in windows], axis=0)
+        covariance = np.mean([_covariance(spectra) for spectra in windows], axis=0)
         smooth = self._smooth(covariance.real) + 1j * self._smooth(covariance.imag)
-        self._covariance = smooth.astype(np.complex64)  # (m, m, k)
-        self._power = np.einsum('iik->k', smooth.real)
-        self._known = self._power > 1e-6 * self._power.max()
+        self._own = smooth.astype(np.complex64)  # (m, m, k)
+        self._pairs = np.triu_indices(len(covariance), 1)
 
     def covariance_in(self, spectra: NDArray) -> NDArray:
         """Covariance (m, m, k) of the own noise in a window with spectra (m, k), 0 where these are 0."""
-        power = np.sum(np.abs(spectra) ** 2, axis=0)
-        used = self._known & (power > 0.0)
-        level = float(np.median(self._smooth(power)[used] / self._power[used])) if used.any() else 0.0
-        return self._covariance * (level * used).astype(np.float32)
+        covariance = _covariance(spectra)
+        power = np.einsum('iik->k', covariance.real)
+        used = power > 0.0
+        if not used.any():
+            return np.zeros_like(covariance)
+        weights = used / np.maximum(self._smooth(power) / power.mean(), 1e-6) ** 2
+        heard, own = covariance[self._pairs], self._own[self._pairs]
+        level = float(np.sum(weights * (heard * own.conj()).real) / np.sum(weights * np.abs(own) ** 2))
+        return self._own * (OVER_SUBTRACTION * max(level, 0.0) * used).astype(np.float32)
 
     def _smooth(self, values: NDArray) -> NDArray:
         return uniform_filter1d(values, self._bins, axis=-1, mode='nearest')
+
+
+def _covariance(spectra: NDArray) -> NDArray:
+    return spectra[:, None] * spectra[None].conj()

@@ -78,6 +78,13 @@ def test_the_level_may_differ_from_the_recording(recording, gain_db):
     assert np.median(found) < 2.0
 
 
+def test_a_loud_target_is_heard_no_worse_for_it(recording):
+    """Rotors 10 dB below it: no more than their noise is taken off, not what sounds alike and comes from elsewhere."""
+    rng = np.random.default_rng(6)
+    sound = np.sqrt(0.1) * rig_alone(rng) + target(rng)
+    assert np.median(errors(sound, recording=recording)) < 1.1 * np.median(errors(sound))
+
+
 @pytest.mark.parametrize(('samples', 'rate', 'complaint'), [
     (np.zeros((48_000, 1)), RATE, r'my.wav has samples of shape \(48000, 1\), expected \(n, 2\)'),
     (np.zeros((48_000, 2)), 48_000, 'my.wav was recorded at 48000 Hz, expected 16000 Hz'),
