@@ -159,9 +159,9 @@ class Localizer:
     def _learn(self, own_noise: NoiseRecording) -> OwnNoise:
         own_noise.check(self.array.channels, self.sample_rate)
         starts = range(0, len(own_noise.samples) - self._window + 1, max(1, self._window // 2))
-        windows = [self._analyzer.spectra(own_noise.samples[start:start + self._window].T) for start in starts]
-        if not windows:
+        if not starts:
             raise ValueError(f'{own_noise.name} is shorter than a window of {self.settings.window_s:g} s')
+        windows = (self._analyzer.spectra(own_noise.samples[start:start + self._window].T) for start in starts)
         return OwnNoise(windows, self.sample_rate / self._window)
 
     def _slide(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,10 +56,10 @@ class OwnNoise:
     the cross-spectra of each window by weighted least squares: what comes from elsewhere has other phases, and no share in it.
     """
 
-    def __init__(self, windows: Sequence[NDArray], bin_hz: float) -> None:
-        """`windows` are spectra (m, k) of the recording."""
+    def __init__(self, windows: Iterable[NDArray], bin_hz: float) -> None:
+        """`windows` are spectra (m, k) of the recording, at least one, of which one at a time is held; the scale is free."""
         self._bins = max(1, round(SMOOTH_HZ / bin_hz))
-        covariance = np.mean([_covariance(spectra) for spectra in windows], axis=0)
+        covariance = sum(map(_covariance, windows))
         smooth = self._smooth(covariance.real) + 1j * self._smooth(covariance.imag)
         self._own = smooth.astype(np.complex64)  # (m, m, k)
         self._pairs = np.triu_indices(len(covariance), 1)

@@ -19,7 +19,7 @@ class Agility:
     Surprise is innovation squared over its variance (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking
     and Navigation, 2001, section 11.2.2), over all modes by their weight. It belongs to the target: were it each mode's own,
     a false image that is often surprised could soon follow anything, and would outlive the true one. Below the usual it
-    falls late: who flew evenly for long will not turn back just where nothing would tell, at end-fire.
+    falls as evenness lasts: who flew evenly for seconds will rarely turn back just where nothing would tell, at end-fire.
     """
 
     def __init__(self) -> None:

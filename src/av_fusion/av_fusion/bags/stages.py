@@ -175,13 +175,19 @@ class Fusing:
     def are_timely(self, name: str, stamps: ArrayLike, nows: ArrayLike) -> NDArray[np.bool_]:
         """Whether messages have stamps of the bag's clock; those that have not are counted."""
         timely = np.abs(np.subtract(stamps, nows)) <= CLOCK_TOLERANCE_S
-        if not timely.all():
-            self.foreign[name] = self.foreign.get(name, 0) + int(np.sum(~timely))
+        self._leave_out(name, int(np.sum(~timely)))
         return timely
 
     def _is_timely(self, name: str, stamp: float, now: float) -> bool:
         self._came[name] = now
-        return abs(stamp - now) <= CLOCK_TOLERANCE_S or bool(self.are_timely(name, stamp, now))
+        timely = abs(stamp - now) <= CLOCK_TOLERANCE_S
+        if not timely:
+            self._leave_out(name, 1)
+        return timely
+
+    def _leave_out(self, name: str, count: int) -> None:
+        if count:
+            self.foreign[name] = self.foreign.get(name, 0) + count
 
     def _estimate(self, now: float) -> Track:
         self._published = now
