@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yolo_models
 
+from av_vision.models import shipped_model
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
@@ -32,3 +33,11 @@ def test_boxes_of_tiles_come_back_at_their_place_and_once(tmp_path):
     # The constant network sees the same drone in the whole picture (twice as large) and at its place in each of 3 tiles.
     expected = {(192, 320, 320, 400), (96, 160, 160, 200), (96 + 208, 160, 160 + 208, 200), (96 + 416, 160, 160 + 416, 200)}
     assert {tuple(np.rint(box).astype(int).tolist()) for box in found.boxes} == expected
+
+
+def test_tiles_are_enlarged_to_the_models_input(monkeypatch):
+    detector = Detector(shipped_model(), DetectorSettings(slice_size=320))
+    shapes, run = [], detector.model.run
+    monkeypatch.setattr(detector.model, 'run', lambda tensor: shapes.append(tensor.shape) or run(tensor))
+    detector.detect(np.zeros((320, 640, 3), np.uint8))
+    assert shapes == [(1, 3, 320, 640), (3, 3, 640, 640)]

@@ -22,8 +22,8 @@ class DetectorSettings:
     score_threshold 0 takes the model's own (metadata `score_threshold`) or 0.25. Of two boxes that overlap by more than
     `nms_iou`, or of which more than `nms_nested` of the smaller lies in the other, the less likely goes. Classes named in
     `rename` are reported under another name; of the names after that, only those in `keep` are reported (all when empty).
-    `slices` cuts the picture into overlapping tiles of `slice_size` pixels that are looked at besides the whole, for small
-    far targets.
+    `slice_size` cuts the picture into overlapping tiles of so many pixels, which are looked at besides the whole, enlarged to
+    the model's input, for small far targets.
     """
 
     score_threshold: float = 0.0
@@ -103,11 +103,10 @@ class Detector:
         looks = [self._look(image, floor)]
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
-            size = fitting_size(side, side, max(side, 32)) if model.dynamic_size else model.size
-            fitted = [letterbox(tile, *size) for tile in tiles]
+            fitted = [letterbox(tile, *model.size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
-                boxes, probabilities = model.layout.decode(output, size, floor)
+                boxes, probabilities = model.layout.decode(output, model.size, floor)
                 boxes = boxes / scale + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
                 looks.append(self._named(boxes[whole], probabilities[whole]))
