@@ -15,6 +15,7 @@ import av_fusion
 import av_sim_bridge
 import av_vision
 from av_sim_bridge.config_files import find_config
+from av_vision.models import shipped_model
 
 BAG_ENDINGS = ('.mcap', '.db3')
 
@@ -120,9 +121,10 @@ def _content(name: str) -> str:
 
 @cache
 def _code() -> str:
-    """Digest of the code that takes part."""
+    """Digest of the code that takes part and of the shipped detector."""
     digest = hashlib.sha256()
     for package in (av_audio, av_common, av_fusion, av_sim_bridge, av_vision):
         for file in sorted(Path(package.__file__).parent.rglob('*.py')):
             digest.update(file.read_bytes())
+    digest.update(shipped_model().read_bytes())
     return digest.hexdigest()
