@@ -35,9 +35,11 @@ def test_boxes_of_tiles_come_back_at_their_place_and_once(tmp_path):
     assert {tuple(np.rint(box).astype(int).tolist()) for box in found.boxes} == expected
 
 
-def test_tiles_are_enlarged_to_the_models_input(monkeypatch):
-    detector = Detector(shipped_model(), DetectorSettings(slice_size=320))
+@pytest.mark.parametrize(('side', 'expected'), [(320, [(1, 3, 320, 640), (3, 3, 640, 640)]),
+                                                (800, [(1, 3, 320, 640), (3, 3, 800, 800)])])
+def test_tiles_are_enlarged_to_the_models_input_and_never_shrunk(monkeypatch, side, expected):
+    detector = Detector(shipped_model(), DetectorSettings(slice_size=side))
     shapes, run = [], detector.model.run
     monkeypatch.setattr(detector.model, 'run', lambda tensor: shapes.append(tensor.shape) or run(tensor))
-    detector.detect(np.zeros((320, 640, 3), np.uint8))
-    assert shapes == [(1, 3, 320, 640), (3, 3, 640, 640)]
+    detector.detect(np.zeros((side, 2 * side, 3), np.uint8))
+    assert shapes == expected

@@ -103,10 +103,11 @@ class Detector:
         looks = [self._look(image, floor)]
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
-            fitted = [letterbox(tile, *model.size) for tile in tiles]
+            size = fitting_size(side, side, max(side, model.longest)) if model.dynamic_size else model.size
+            fitted = [letterbox(tile, *size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
-                boxes, probabilities = model.layout.decode(output, model.size, floor)
+                boxes, probabilities = model.layout.decode(output, size, floor)
                 boxes = boxes / scale + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
                 looks.append(self._named(boxes[whole], probabilities[whole]))
