@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from clips import HEIGHT, WIDTH, Frames, build_cache
+from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, scaled
 from measure import look_at, match, measure
 from numpy.typing import NDArray
 from samples import paste
@@ -57,7 +57,7 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
 def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: int, count: int = 120) -> None:
     """Recall of drones of builds never trained on, pasted over frames of clips never trained on, by size."""
     for low, high in BANDS:
-        found = 0
+        found, near = 0, 0
         rng = np.random.default_rng([low, width])
         for _ in range(count):
             frame = frames.image(int(rng.integers(len(frames))))
@@ -70,9 +70,11 @@ def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: in
                 real_boxes = paste(rng, square, real_boxes, sprites, size, 1.0, np.zeros(3), 0)
                 canvas[:, x:x + HEIGHT] = square
             box = real_boxes[:, 1:] + np.array([x, 0, x, 0], np.float32)
-            overlap, _ = match(detect(canvas).boxes, box)
-            found += bool((overlap >= 0.3).any())
-        print(f'  {low:3}-{high:3} px: {found / count:.3f}')
+            overlap, off = match(detect(canvas).boxes, box)
+            good = overlap >= 0.3
+            found += bool(good.any())
+            near += bool((off[good] <= max(5.0, 0.1 * size)).any())
+        print(f'  {low:3}-{high:3} px: {found / count:.3f}, centre within 5 px or a tenth of its size {near / count:.3f}')
 
 
 Shot = tuple[Picture, PinholeCamera, Drone, View]
@@ -108,8 +110,8 @@ def simulator(detector: Detector, threshold: float) -> None:
                     continue
                 visible += 1
                 found = detector.detect(picture.bgr)
-                truth = boxes if len(boxes) else np.zeros((1, 4), np.float32)
-                overlap, _ = match(found.boxes, truth)
+                truth = np.pad(boxes if len(boxes) else np.zeros((1, 4), np.float32), ((0, 0), (1, 0)))
+                overlap, _ = match(found.boxes, scaled(truth, 1.0, NO_MARGIN)[:, 1:])
                 good = np.flatnonzero(overlap >= 0.3)
                 best.append(float(found.scores[good[0]]) if good.size else 0.0)
                 if good.size and found.scores[good[0]] >= threshold:

@@ -1,10 +1,12 @@
 """Export a checkpoint to ONNX in the layout of YOLOv8 (n, 4 + classes, cells), calibrated and with its metadata.
 
-`python export.py CHECKPOINT OUT.onnx --cache FOLDER --data DRONE_DETECTION`. All that is fitted here comes from the split
-`choose` alone: logistic regression (Platt 1999, with the other classes' logits as further evidence against) is folded into
-the graph, so that a drone's score is the probability that it is one; how the pictures of one thing belong together
-(`av_vision.evidence`) is fitted to the clips as a rig sees them, and the threshold after it to these and to rendered drones
-of all sizes (of builds of the split `train`).
+`python export.py CHECKPOINT [CHECKPOINT ...] OUT.onnx --cache FOLDER --data DRONE_DETECTION`. Of several checkpoints of one
+run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407): it is surer about places that no clip shows.
+
+All that is fitted here comes from the split `choose` alone: logistic regression (Platt 1999, with the other classes' logits as
+further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; how the pictures
+of one thing belong together (`av_vision.evidence`) is fitted to the clips as a rig sees them, and the threshold after it to
+these and to rendered drones of all sizes (of builds of the split `train`).
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from clips import CLASSES, HEIGHT, WIDTH, Frames
 from measure import Look, Measurement, look_at, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
-from samples import clip_boxes, log_uniform, paste
+from painted import log_uniform
+from samples import clip_boxes, paste
 from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
@@ -60,6 +63,12 @@ class Decoded(nn.Module):
         centre = (raw[..., :2] + corner) * step
         size = torch.exp(raw[..., 2:].clamp(max=6.0)) * step
         return torch.cat([centre, size, torch.sigmoid(logits @ self.mixing.T + self.shift)], -1).transpose(1, 2)
+
+
+def mean_of(weights: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Tensor by tensor; counters are the last one's."""
+    return {name: torch.stack([each[name] for each in weights]).mean(0) if last.dtype.is_floating_point else last
+            for name, last in weights[-1].items()}
 
 
 def write(model: Decoded, path: Path, metadata: dict[str, str]) -> None:
@@ -154,22 +163,23 @@ def recalibrate(look: Look, gain: float, shift: float) -> Look:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('checkpoint', type=Path)
+    parser.add_argument('checkpoints', type=Path, nargs='+', metavar='checkpoint')
     parser.add_argument('out', type=Path)
     parser.add_argument('--cache', type=Path, required=True)
     parser.add_argument('--data', type=Path, required=True)
     args = parser.parse_args()
-    state = torch.load(args.checkpoint)
+    states = [torch.load(checkpoint) for checkpoint in args.checkpoints]
+    steps = ' + '.join(str(state['step']) for state in states)
     network = Network()
-    network.load_state_dict(state['average'])
+    network.load_state_dict(mean_of([state['average'] for state in states]))
     network.eval()
     frames = Frames(args.cache, 'choose')
     names = json.dumps(dict(enumerate(CLASSES)))
     weights, shift = fit(*candidates(network, frames))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
-    metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'license': 'Apache-2.0', 'steps': str(state['step']),
-                'description': 'Drone detector trained from scratch; see the model card'}
+    metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'license': 'Apache-2.0', 'steps': steps,
+                'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)
     looks = look_at(Detector(args.out, low), args.data, 'choose')
@@ -184,7 +194,7 @@ def main() -> None:
     result = measure(looks + rendered(final, frames, build_bank(args.cache)['train/drone']), final)
     metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
-    print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, step {state["step"]}, weights {np.round(mixing[0], 3)}, '
+    print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, steps {steps}, weights {np.round(mixing[0], 3)}, '
           f'shift {shift:.3f}, evidence {metadata["evidence"]}, threshold {metadata["score_threshold"]}')
     for t in (float(metadata['score_threshold']), 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
         print(f'  at {t}: F1 {result.f1(t):.3f}, with false frames {result.f1(t, everywhere=True):.3f}, '

@@ -17,6 +17,7 @@ from torch.nn import functional
 
 ANSWERS, LENIENT = 0.75, 1.75  # distances from the centre in cells
 SIZE_IN_CELLS = 4.5            # of an object in the middle of its level's range
+CONFUSED, EMPTY = 2.0, 2.5     # weights of a wrong class for an object, and of an object where there is none
 BORDER = 0.35                  # of an octave to both sides of the border between two levels
 
 
@@ -75,7 +76,8 @@ def loss(logits: Tensor, raw: Tensor, truth: list[Tensor], corners: Tensor, stri
     for one, near, row in zip(truth, lenient, let_off, strict=True):
         some = torch.nonzero(near >= 0)[:, 0]
         row[some, one[near[some], 0].long()] = True
-    weight = torch.where(answering[..., None], 1.0, torch.where(let_off, 0.0, scores))
+    named = torch.where(target > 0, 1.0, CONFUSED)
+    weight = torch.where(answering[..., None], named, torch.where(let_off, 0.0, EMPTY * scores))
     class_loss = (functional.binary_cross_entropy_with_logits(logits, target, reduction='none') * weight).sum() / norm
     predicted, real = to_boxes(raw, corners, strides)[answering], real[:, 1:]
     box_loss = (1.0 - complete_iou(predicted, real)).sum() / norm

@@ -1,6 +1,8 @@
-"""The detector's network: a small convolutional pyramid with one anchor-free head, in plain convolutions and ReLU.
+"""The detector's network: that of YOLOX-nano (Ge et al. 2021, arXiv:2107.08430) with one class answer a cell.
 
-Plain 3 x 3 convolutions are what CPUs run and train fastest for the same arithmetic; depthwise ones wait for memory.
+A CSP-Darknet of depthwise convolutions, a path-aggregating pyramid and decoupled heads. It starts from trained weights
+(`start.py`), whose batch normalisation is folded away; instead each channel has a gain of its own and weights of length one
+(Salimans and Kingma 2016, arXiv:1602.07868), so that one learning rate fits all.
 Input (n, 3, h, w) RGB in 0-1. One prediction a cell of strides 8, 16, 32 (order of `av_vision.yolo.layout.grid`).
 """
 
@@ -8,80 +10,119 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 STRIDES = (8, 16, 32)
 
 
-def conv(inputs: int, outputs: int, size: int = 3, stride: int = 1) -> nn.Sequential:
-    """Convolution, batch normalisation, ReLU."""
-    return nn.Sequential(nn.Conv2d(inputs, outputs, size, stride, size // 2, bias=False),
-                         nn.BatchNorm2d(outputs, eps=1e-3, momentum=0.03), nn.ReLU(inplace=True))
+class Conv(nn.Module):
+    """Convolution and, unless it is a last layer, SiLU."""
 
-
-class Residual(nn.Module):
-    """Two convolutions past which the input is passed on; the inner one is narrower."""
-
-    def __init__(self, width: int, inner: int) -> None:
+    def __init__(self, inputs: int, outputs: int, size: int = 1, stride: int = 1, groups: int = 1, last: bool = False) -> None:
         super().__init__()
-        self.body = nn.Sequential(conv(width, inner, 1), conv(inner, width, 3))
+        self.stride, self.groups, self.last = stride, groups, last
+        self.padding = (size - 1) // 2
+        self.weight = nn.Parameter(torch.zeros(outputs, inputs // groups, size, size))
+        self.gain, self.bias = nn.Parameter(torch.ones(outputs, 1, 1, 1)), nn.Parameter(torch.zeros(outputs))
+
+    @torch.no_grad()
+    def set(self, weight: Tensor, bias: Tensor) -> None:
+        """Take over plain weights (outputs, inputs / groups, size, size) and bias (outputs,)."""
+        size = weight.flatten(1).norm(dim=1).clamp(min=1e-6)[:, None, None, None]
+        self.weight.copy_(weight / size)
+        self.gain.copy_(size)
+        self.bias.copy_(bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(n, width, h, w) to the same."""
-        return x + self.body(x)
+        """(n, inputs, h, w) to (n, outputs, h / stride, w / stride)."""
+        y = functional.conv2d(x, self.weight * self.gain, self.bias, self.stride, self.padding, 1, self.groups)
+        return y if self.last else functional.silu(y)
+
+
+def separable(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    """3 x 3 a channel, then 1 x 1."""
+    return nn.Sequential(Conv(inputs, inputs, 3, stride, inputs), Conv(inputs, outputs))
+
+
+class Stage(nn.Module):
+    """Half of the channels go through bottlenecks, half past them (CSPNet, Wang et al. 2019)."""
+
+    def __init__(self, inputs: int, outputs: int, count: int, residual: bool) -> None:
+        super().__init__()
+        half = outputs // 2
+        self.through, self.past, self.join = Conv(inputs, half), Conv(inputs, half), Conv(2 * half, outputs)
+        self.body = nn.ModuleList(nn.Sequential(Conv(half, half), separable(half, half)) for _ in range(count))
+        self.residual = residual
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(n, inputs, h, w) to (n, outputs, h, w)."""
+        y = self.through(x)
+        past = self.past(x)
+        for block in self.body:
+            y = block(y) + y if self.residual else block(y)
+        return self.join(torch.cat([y, past], 1))
 
 
 class Pool(nn.Module):
-    """Spatial pyramid pooling: what is in the neighbourhood, near and far (He et al. 2015; the fast form of YOLOv5)."""
+    """Spatial pyramid pooling: what is in the neighbourhood, near and far (He et al. 2015)."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.narrow, self.join = conv(width, width // 2, 1), conv(2 * width, width, 1)
-        self.pool = nn.MaxPool2d(5, 1, 2)
+        self.narrow, self.join = Conv(width, width // 2), Conv(2 * width, width)
 
     def forward(self, x: Tensor) -> Tensor:
         """(n, width, h, w) to the same."""
-        steps = [self.narrow(x)]
-        for _ in range(3):
-            steps.append(self.pool(steps[-1]))
-        return self.join(torch.cat(steps, 1))
+        x = self.narrow(x)
+        return self.join(torch.cat([x] + [functional.max_pool2d(x, size, 1, size // 2) for size in (5, 9, 13)], 1))
+
+
+class Head(nn.Module):
+    """Class and box of every cell of a level: what it is and that it is anything at all are added up as log-odds."""
+
+    def __init__(self, inputs: int, classes: int, width: int = 64) -> None:
+        super().__init__()
+        self.stem = Conv(inputs, width)
+        self.what = nn.Sequential(separable(width, width), separable(width, width))
+        self.where = nn.Sequential(separable(width, width), separable(width, width))
+        self.classes, self.box, self.object = (Conv(width, count, last=True) for count in (classes, 4, 1))
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """(n, inputs, h, w) to class logits (n, classes, h w) and raw boxes (n, 4, h w)."""
+        x = self.stem(x)
+        what, where = self.what(x), self.where(x)
+        return (self.classes(what) + self.object(where)).flatten(2), self.box(where).flatten(2)
 
 
 class Network(nn.Module):
-    """Backbone, feature pyramid (top-down and bottom-up), shared-width heads for class and box."""
+    """Backbone, feature pyramid (top-down and bottom-up), heads for class and box."""
 
-    def __init__(self, classes: int = 4, widths: tuple[int, ...] = (16, 24, 48, 96, 128), neck: int = 48) -> None:
+    def __init__(self, classes: int = 4) -> None:
         super().__init__()
-        a, b, c, d, e = widths
-        self.stem = nn.Sequential(conv(3, a, 3, 2), conv(a, b, 3, 2), Residual(b, b // 2))
-        self.fine = nn.Sequential(conv(b, c, 3, 2), Residual(c, c // 2), Residual(c, c // 2))
-        self.middle = nn.Sequential(conv(c, d, 3, 2), Residual(d, d // 2), Residual(d, d // 2))
-        self.coarse = nn.Sequential(conv(d, e, 3, 2), Residual(e, e // 2), Pool(e))
-        self.lateral = nn.ModuleList(conv(width, neck, 1) for width in (c, d, e))
-        self.down = nn.ModuleList(conv(neck, neck) for _ in range(2))
-        self.up = nn.ModuleList(conv(neck, neck, 3, 2) for _ in range(2))
-        self.head = nn.ModuleList(nn.Sequential(conv(neck, neck), conv(neck, neck)) for _ in STRIDES)
-        self.classes = nn.ModuleList(nn.Conv2d(neck, classes, 1) for _ in STRIDES)
-        self.box = nn.ModuleList(nn.Conv2d(neck, 4, 1) for _ in STRIDES)
-        for layer in self.classes:
-            nn.init.constant_(layer.bias, -5.0)  # at the start nothing is seen anywhere
-        for layer in self.box:
-            nn.init.zeros_(layer.weight)
-            layer.bias.data = torch.tensor([0.5, 0.5, 1.0, 1.0])
+        self.stem = Conv(3, 16, 6, 2)
+        self.dark2 = nn.Sequential(separable(16, 32, 2), Stage(32, 32, 1, True))
+        self.dark3 = nn.Sequential(separable(32, 64, 2), Stage(64, 64, 3, True))
+        self.dark4 = nn.Sequential(separable(64, 128, 2), Stage(128, 128, 3, True))
+        self.dark5 = nn.Sequential(separable(128, 256, 2), Pool(256), Stage(256, 256, 1, False))
+        self.lateral5, self.join4 = Conv(256, 128), Stage(256, 128, 1, False)
+        self.lateral4, self.join3 = Conv(128, 64), Stage(128, 64, 1, False)
+        self.down3, self.up4 = separable(64, 64, 2), Stage(128, 128, 1, False)
+        self.down4, self.up5 = separable(128, 128, 2), Stage(256, 256, 1, False)
+        self.heads = nn.ModuleList(Head(width, classes) for width in (64, 128, 256))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Class logits (n, cells, classes) and raw boxes (n, cells, 4): offset from the cell in cells, log size in cells."""
-        fine = self.fine(self.stem(x))
-        middle = self.middle(fine)
-        coarse = self.coarse(middle)
-        p3, p4, p5 = (layer(level) for layer, level in zip(self.lateral, (fine, middle, coarse), strict=True))
-        p4 = self.down[1](p4 + nn.functional.interpolate(p5, scale_factor=2.0))
-        p3 = self.down[0](p3 + nn.functional.interpolate(p4, scale_factor=2.0))
-        p4 = p4 + self.up[0](p3)
-        p5 = p5 + self.up[1](p4)
-        features = [head(level) for head, level in zip(self.head, (p3, p4, p5), strict=True)]
-        logits = torch.cat([layer(f).flatten(2) for layer, f in zip(self.classes, features, strict=True)], 2)
-        boxes = torch.cat([layer(f).flatten(2) for layer, f in zip(self.box, features, strict=True)], 2)
-        return logits.transpose(1, 2), boxes.transpose(1, 2)
+        c3 = self.dark3(self.dark2(self.stem(x)))
+        c4 = self.dark4(c3)
+        c5 = self.dark5(c4)
+        l5 = self.lateral5(c5)
+        p4 = self.join4(torch.cat([functional.interpolate(l5, scale_factor=2.0), c4], 1))
+        l4 = self.lateral4(p4)
+        p3 = self.join3(torch.cat([functional.interpolate(l4, scale_factor=2.0), c3], 1))
+        p4 = self.up4(torch.cat([self.down3(p3), l4], 1))
+        p5 = self.up5(torch.cat([self.down4(p4), l5], 1))
+        answers = [head(level) for head, level in zip(self.heads, (p3, p4, p5), strict=True)]
+        logits, boxes = (torch.cat(parts, 2).transpose(1, 2) for parts in zip(*answers, strict=True))
+        return logits, boxes
 
 
 def cells(height: int, width: int) -> tuple[Tensor, Tensor]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from clips import CLASSES, HEIGHT, WIDTH, Frames
+from clips import CLASSES, HEIGHT, NO_MARGIN, WIDTH, Frames, scaled
 from numpy.typing import NDArray
+from painted import Rng, branches, log_uniform, painted_background
 
-Rng = np.random.Generator
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
-PAINTED = 120  # backgrounds
-MIXTURE = {'DRONE': 0.2, 'BIRD': 0.2, 'AIRPLANE': 0.22, 'HELICOPTER': 0.1, 'PAINTED': 0.06, 'SIMULATED': 0.22}
+PAINTED, BRANCHES = 120, 150  # pictures
+MIXTURE = {'DRONE': 0.25, 'BIRD': 0.18, 'AIRPLANE': 0.19, 'HELICOPTER': 0.08, 'PAINTED': 0.05, 'SIMULATED': 0.25}
 CUTOUTS = 12  # of each clip
+ENLARGED = 0.25  # share of the squares
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -24,7 +25,9 @@ class Sampler:
 
     def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None, use: str = 'train') -> None:
         self._frames, self._simulated = frames, simulated
-        self._drones, self._others = bank[f'{use}/drone'], bank[f'{use}/other']
+        self._sprites = [bank[f'{use}/{kind}'] for kind in CLASSES]
+        self._others = bank[f'{use}/other']
+        self._branches = [branches(np.random.default_rng([number, 4])) for number in range(BRANCHES)]
         self._painted_before: dict[int, NDArray[np.uint8]] = {}
         # Clips in which a class is rare are drawn as often as the others.
         kinds = np.array([clip.split('_')[1] for clip in frames.clips])
@@ -32,7 +35,15 @@ class Sampler:
         self._cutouts = cutouts(frames)
 
     def draw(self, rng: Rng, side: int) -> Sample:
-        """One square of side x side."""
+        """One square of side x side; some are enlarged as tiles are, so that what is small may be blurred, too."""
+        if rng.random() >= ENLARGED:
+            return finish(rng, *self._compose(rng, side))
+        smaller = side // 2 if rng.random() < 0.5 else side * 4 // 5
+        image, boxes = self._compose(rng, smaller)
+        return finish(rng, cv2.resize(image, (side, side), interpolation=cv2.INTER_LINEAR), scaled(boxes, side / smaller))
+
+    def _compose(self, rng: Rng, side: int) -> Sample:
+        """A window of a frame with what is pasted into it."""
         kind = rng.choice(list(MIXTURE), p=list(MIXTURE.values()))
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
@@ -45,30 +56,45 @@ class Sampler:
         if clearness < 1.0:
             image = fog(image, clearness, veil)
         # Large squares are few, and only they hold near drones.
-        if rng.random() < (0.75 if kind == 'PAINTED' else 0.15 if side < 256 else 0.35):
-            for _ in range(1 + (rng.random() < 0.15)):
+        if rng.random() < (0.8 if kind == 'PAINTED' else 0.3 if side < 200 else 0.4 if side < 400 else 0.6):
+            for _ in range(1 + (rng.random() < 0.2)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
-                boxes = paste(rng, image, boxes, self._drones, log_uniform(rng, 6.0, min(0.95 * side, 320.0)), nearer, veil, 0)
+                size = log_uniform(rng, 6.0 if side < 400 else 24.0, 0.9 * side)
+                boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0)
+        return image, self._paste_others(rng, image, boxes, clearness, veil)
+
+    def _paste_others(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
+        """Paste what flies besides rendered drones, what was cut out of other frames, branches and other things."""
+        side = len(image)
+        if rng.random() < 0.32:  # airplanes above all: lit by the sun and far away they are most like drones
+            label = int(rng.choice([1, 2, 3], p=[0.2, 0.65, 0.15]))
+            boxes = paste(rng, image, boxes, self._sprites[label], log_uniform(rng, 10.0, 0.6 * side), clearness, veil, label)
         if rng.random() < 0.3:  # a real one before another sky, nearer or further than it was filmed
-            label = int(rng.choice(len(self._cutouts), p=[0.25, 0.25, 0.35, 0.15]))
-            boxes = paste(rng, image, boxes, self._cutouts[label], log_uniform(rng, 10.0, 0.6 * side), clearness, veil, label)
-        if rng.random() < 0.15:
+            # Nothing tells the smallest apart: how often they are drones has to be learnt from the clips.
+            label = int(rng.choice(len(self._cutouts), p=[0.4, 0.2, 0.3, 0.1]))
+            size = log_uniform(rng, 10.0 if label else 5.0, 0.5 * side)
+            boxes = paste(rng, image, boxes, self._cutouts[label], size, clearness, veil, label)
+        if rng.random() < 0.12:
+            for _ in range(rng.integers(1, 4)):
+                size = log_uniform(rng, 0.3 * side, 0.95 * side)
+                boxes = paste(rng, image, boxes, self._branches, size, clearness, veil, None)
+        if rng.random() < 0.1:
             boxes = paste(rng, image, boxes, self._others, log_uniform(rng, 6.0, 0.7 * side), clearness, veil, None)
-        return finish(rng, image, boxes)
+        return boxes
 
     def _painted(self, rng: Rng, side: int) -> NDArray[np.uint8]:
         """A window of one of the painted backgrounds, which are made when first asked for."""
         number = int(rng.integers(PAINTED))
         if number not in self._painted_before:
             self._painted_before[number] = painted_background(np.random.default_rng([number, 3]), 512)
-        x, y = rng.integers(0, 512 - side, 2)
+        x, y = rng.integers(0, 513 - side, 2)
         return self._painted_before[number][y:y + side, x:x + side].copy()
 
 
 def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
     """For each class the objects (h, w, 4) BGRA, sides of their boxes, that stand before a sky plain enough to cut them out.
 
-    What differs from the colour around the box is the object; the box stays as loose as the label.
+    What differs from the colour around the box is the object.
     """
     made: list[list[NDArray[np.uint8]]] = [[] for _ in CLASSES]
     of_clip: dict[str, list[int]] = {}
@@ -84,7 +110,8 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
                     continue
                 crop = frames.image(i)[y1:y2, x1:x2]
                 off = np.abs(crop - np.median(rim, axis=0)).max(axis=2)
-                made[int(label)].append(np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8))
+                sprite = np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
+                made[int(label)].append(outlined(sprite))
     return made
 
 
@@ -108,14 +135,8 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
     crop = frame[y:y + cut, x:x + cut]
     scale = side / np.array(crop.shape[1::-1], float)
     image = cv2.resize(crop, (side, side), interpolation=cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR)
-    placed = boxes.copy()
-    placed[:, 1:] = (boxes[:, 1:] - np.tile([x, y], 2)) * np.tile(scale, 2)
-    return image, clip_boxes(placed, side)
-
-
-def log_uniform(rng: Rng, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    moved = boxes - np.array([0, x, y, x, y], np.float32)
+    return image, clip_boxes(scaled(moved, float(scale.mean()), frames.margin), side)
 
 
 def clip_boxes(boxes: NDArray, side: int, least: float = 0.45) -> NDArray[np.float32]:
@@ -125,36 +146,6 @@ def clip_boxes(boxes: NDArray, side: int, least: float = 0.45) -> NDArray[np.flo
     area = np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)
     left = np.prod(cut[:, 3:] - cut[:, 1:3], axis=1)
     return cut[left >= least * np.maximum(area, 1e-6)].astype(np.float32)
-
-
-def painted_background(rng: Rng, side: int) -> NDArray[np.uint8]:
-    """A sky of two colours with clouds, often with ground, woods or blocks below: nothing real, much variety."""
-    height = np.linspace(0.0, 1.0, side)[:, None, None]
-    blue = np.array([rng.uniform(120, 255), rng.uniform(90, 230), rng.uniform(50, 220)])
-    image = np.ones((side, side, 1)) * (blue * (1 - height) + (blue + rng.uniform(-60, 60, 3)) * height)
-    image += rng.uniform(0, 60) * (noise(rng, side, rng.uniform(1.0, 2.0)) - 0.4)[..., None]
-    if rng.random() < 0.65:
-        for _ in range(rng.integers(1, 4)):  # layers of land, nearer ones below
-            horizon = rng.uniform(0.1, 1.0) + rng.uniform(0, 0.25) * (noise(rng, side, rng.uniform(0.6, 1.8))[0] - 0.5)
-            land = height[..., 0] > horizon[None]
-            texture = noise(rng, side, rng.uniform(0.2, 1.2))[..., None] * rng.uniform(20, 140)
-            image = np.where(land[..., None], rng.uniform(10, 170, 3) - 40 + texture, image)
-    for _ in range(rng.integers(0, 5) if rng.random() < 0.5 else 0):  # trunks, poles, houses
-        x, y = rng.integers(0, side, 2)
-        w, h = int(log_uniform(rng, 2, side / 3)), int(log_uniform(rng, 4, side))
-        cv2.rectangle(image, (int(x), int(y)), (int(x) + w, int(y) + h), tuple(rng.uniform(0, 255, 3)), -1)
-    return np.clip(image, 0, 255).astype(np.uint8)
-
-
-def noise(rng: Rng, side: int, smoothness: float) -> NDArray[np.float32]:
-    """Fractal noise (side, side) in 0-1: random grids of doubling fineness, amplitude falling with it."""
-    total, weight = np.zeros((side, side), np.float32), 0.0
-    for octave in range(1, 8):
-        cells, amplitude = 2**octave, 2.0 ** (-smoothness * octave)
-        grid = rng.random((cells + 1, cells + 1), np.float32)
-        total += amplitude * cv2.resize(grid, (side, side), interpolation=cv2.INTER_CUBIC)
-        weight += amplitude
-    return np.clip(total / weight, 0, 1)
 
 
 def fog(image: NDArray, transmission: float, veil: NDArray) -> NDArray[np.uint8]:
@@ -171,7 +162,7 @@ def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size
     """
     side = image.shape[0]
     sprite = sprites[rng.integers(len(sprites))]
-    scale = size / max(sprite.shape[:2])
+    scale = min(size / max(sprite.shape[:2]), 3.0)
     small = cv2.resize(sprite, (max(round(sprite.shape[1] * scale), 2), max(round(sprite.shape[0] * scale), 2)),
                        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
     small = small[:, ::-1] if rng.random() < 0.5 else small
@@ -184,7 +175,7 @@ def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size
     alpha = small[..., 3:].astype(np.float32) / 255.0
     if size > 12 and rng.random() < 0.5:
         alpha = cv2.GaussianBlur(alpha, (0, 0), 0.6)[..., None]
-    light = rng.uniform(0.5, 1.2)
+    light = rng.uniform(0.5, 1.6)
     shade = fog(np.clip(small[..., :3] * light, 0, 255), transmission, veil).astype(np.float32)
     under = image[y:y + h, x:x + w].astype(np.float32)
     blended = alpha * shade + (1 - alpha) * under
@@ -198,7 +189,8 @@ def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size
         boxes = boxes[shared < 0.4 * np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)]
     if label is None:
         return boxes
-    return np.concatenate([boxes, np.append(label, box)[None]]).astype(np.float32)
+    loose = np.clip(scaled(np.array([[label, *box]], np.float32), 1.0, NO_MARGIN), 0, side)
+    return np.concatenate([boxes, loose]).astype(np.float32)
 
 
 def visible(image: NDArray[np.uint8], box: NDArray) -> bool:
@@ -208,17 +200,21 @@ def visible(image: NDArray[np.uint8], box: NDArray) -> bool:
     return part.size > 0 and float(np.ptp(np.percentile(part, [1, 99]))) > 6.0
 
 
+def outlined(sprite: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A sprite cut to its outline, where it has one of three pixels or more."""
+    rows, columns = np.flatnonzero((sprite[..., 3] > 50).any(1)), np.flatnonzero((sprite[..., 3] > 50).any(0))
+    if min(rows.size, columns.size) < 3:
+        return sprite
+    return sprite[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
+
+
 def tilt(sprite: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
     """A sprite turned in the picture and cut to its outline again."""
     h, w = sprite.shape[:2]
     turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
     wide = int(np.hypot(h, w)) + 2
     turn[:, 2] += 0.5 * wide - np.array([w, h]) / 2
-    turned = cv2.warpAffine(sprite, turn, (wide, wide))
-    rows, columns = np.flatnonzero((turned[..., 3] > 50).any(1)), np.flatnonzero((turned[..., 3] > 50).any(0))
-    if rows.size < 2 or columns.size < 2:
-        return sprite
-    return turned[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
+    return outlined(cv2.warpAffine(sprite, turn, (wide, wide)))
 
 
 def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sample:

@@ -13,30 +13,11 @@ os.environ.setdefault('MUJOCO_GL', 'egl')
 
 import mujoco
 import numpy as np
+from flyers import airplane, bird, helicopter
+from mjcf import UP, Rng, colour, geom, rod
 from numpy.typing import NDArray
 
 SIZE = 288
-UP = np.array([0.0, 0.0, 1.0])
-Rng = np.random.Generator
-
-
-def geom(kind: str, size: list[float], place: list[float], colour: NDArray, more: str = '') -> str:
-    """One MJCF geom; numbers in metres."""
-    text = (' '.join(f'{value:.4f}' for value in values) for values in (size, place, colour))
-    size_text, place_text, colour_text = text
-    return f'<geom type="{kind}" size="{size_text}" pos="{place_text}" rgba="{colour_text}" {more}/>'
-
-
-def rod(start: NDArray, end: NDArray, radius: float, colour: NDArray) -> str:
-    """A capsule from one point to another."""
-    numbers = ' '.join(f'{value:.4f}' for value in (*start, *end))
-    return f'<geom type="capsule" size="{radius:.4f}" fromto="{numbers}" rgba="{" ".join(f"{c:.3f}" for c in colour)}"/>'
-
-
-def colour(rng: Rng, spread: float = 0.12) -> NDArray:
-    """Mostly black, grey or white as real airframes are, sometimes anything."""
-    base = rng.random(3) if rng.random() < 0.2 else np.full(3, rng.choice([0.05, 0.15, 0.35, 0.6, 0.9]))
-    return np.append(np.clip(base + rng.uniform(-spread, spread, 3), 0.0, 1.0), 1.0)
 
 
 def multirotor(rng: Rng) -> list[str]:
@@ -76,26 +57,15 @@ def multirotor(rng: Rng) -> list[str]:
 
 
 def not_a_drone(rng: Rng) -> list[str]:
-    """A balloon, a kite, an aeroplane of ellipsoids, a bird-like pair of wings, a pole, a clump."""
+    """A balloon, a kite, a pole, a clump."""
     shade = colour(rng)
-    match rng.integers(6):
+    match rng.integers(4):
         case 0:
             return [geom('ellipsoid', [0.5, 0.5, rng.uniform(0.4, 0.7)], [0, 0, 0], shade),
                     rod(np.zeros(3), np.array([0, 0, -1.0]), 0.01, shade)]
         case 1:
             return [geom('box', [rng.uniform(0.3, 1), rng.uniform(0.3, 1), 0.02], [0, 0, 0], shade)]
         case 2:
-            tail = colour(rng)
-            return [geom('ellipsoid', [1.0, 0.13, 0.13], [0, 0, 0], shade),
-                    geom('box', [rng.uniform(0.12, 0.2), rng.uniform(0.8, 1.1), 0.015], [0.1, 0, 0], shade),
-                    geom('box', [0.09, 0.35, 0.012], [-0.85, 0, 0], tail),
-                    geom('box', [0.1, 0.012, 0.2], [-0.85, 0, 0.2], tail)]
-        case 3:
-            lift, reach = rng.uniform(-0.5, 0.6), rng.uniform(0.6, 1.0)
-            wings = [rod(np.zeros(3), np.array([rng.uniform(-0.3, 0.1), side * reach, lift]), rng.uniform(0.03, 0.09), shade)
-                     for side in (-1, 1)]
-            return [geom('ellipsoid', [0.4, 0.12, 0.11], [0, 0, 0], shade), *wings]
-        case 4:
             tilt = rng.normal(size=3)
             end = tilt / np.linalg.norm(tilt)
             return [rod(-end, end, rng.uniform(0.01, 0.06), shade)]
@@ -120,10 +90,14 @@ def scene(parts: list[str], background: float, rng: Rng) -> mujoco.MjModel:
       {''.join(parts)}</worldbody></mujoco>''')
 
 
-def render(build: int, drone: bool, views: int = 8) -> list[NDArray[np.uint8]]:
+KINDS = {'other': not_a_drone, 'drone': multirotor, 'bird': bird, 'airplane': airplane, 'helicopter': helicopter}
+BUILDS = {'other': 120, 'drone': 400, 'bird': 80, 'airplane': 120, 'helicopter': 60}
+
+
+def render(build: int, kind: str, views: int = 8) -> list[NDArray[np.uint8]]:
     """Sprites (h, w, 4) BGRA, cut to the object's outline, of one object seen from several sides."""
-    rng = np.random.default_rng([build, int(drone)])
-    parts = multirotor(rng) if drone else not_a_drone(rng)
+    rng = np.random.default_rng([build, list(KINDS).index(kind)])
+    parts = KINDS[kind](rng)
     # Most drones are seen from below or from the side.
     sides = [(rng.uniform(0, 360), float(np.clip(rng.normal(8, 28), -85, 85)), rng.uniform(12, 16)) for _ in range(views)]
     pictures = []
@@ -153,20 +127,16 @@ def cut(black: NDArray, white: NDArray) -> NDArray[np.uint8] | None:
     return sprite[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
 
 
-def build_bank(cache: Path, drones: int = 400, others: int = 150) -> dict[str, list[NDArray[np.uint8]]]:
-    """All sprites, rendered once: {'drone': [...], 'other': [...]}; the last tenth of the builds is for tests."""
-    file = cache / 'sprites.npz'
-    if not file.exists():
-        sprites = {}
-        for kind, count in (('drone', drones), ('other', others)):
-            for build in range(count):
-                use = 'test' if build >= 0.9 * count else 'train'
-                for view, sprite in enumerate(render(build, kind == 'drone')):
-                    sprites[f'{use}/{kind}/{build:04d}/{view}'] = sprite
-        np.savez_compressed(file, **sprites)
-    loaded = np.load(file)
+def build_bank(cache: Path) -> dict[str, list[NDArray[np.uint8]]]:
+    """All sprites, rendered once: {'train/drone': [...], ...}; the last tenth of the builds of a kind is for tests."""
     bank: dict[str, list] = {}
-    for name in loaded.files:
-        use, kind, *_ = name.split('/')
-        bank.setdefault(f'{use}/{kind}', []).append(loaded[name])
+    for kind, count in BUILDS.items():
+        file = cache / f'sprites_{kind}.npz'
+        if not file.exists():
+            rendered = ((build, view, sprite) for build in range(count) for view, sprite in enumerate(render(build, kind)))
+            np.savez_compressed(file, **{f'{build:04d}/{view}': sprite for build, view, sprite in rendered})
+        stored = np.load(file)
+        for name in stored.files:
+            use = 'test' if int(name.split('/')[0]) >= 0.9 * count else 'train'
+            bank.setdefault(f'{use}/{kind}', []).append(stored[name])
     return bank

@@ -1,4 +1,4 @@
-"""Train the drone detector: `python train.py --data DRONE_DETECTION --cache FOLDER --out FOLDER` (see README.md).
+"""Train the drone detector: `python train.py --start YOLOX_NANO --data DRONE_DETECTION --cache FOLDER --out FOLDER`.
 
 Stops and goes on where it stopped; every random number follows from the seed and the step, so that a run can be repeated.
 """
@@ -9,8 +9,9 @@ import argparse
 import math
 import signal
 import time
-from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Event
 
@@ -22,28 +23,46 @@ from network import Network, cells
 from samples import Sampler
 from simulated import build_simulated
 from sprites import build_bank
+from start import start_from
 from torch import Tensor
 
 # (side of the squares, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
 # things and how much in a picture is nothing.
-BATCHES = ((128, 40, 0.55), (256, 14, 0.25), (448, 6, 0.2))
-WARM_UP, DECAY = 200, 0.25
+BATCHES = ((128, 40, 0.5), (256, 14, 0.27), (512, 5, 0.23))
+WARM_UP, DECAY = 200, 0.5
 
 
 def rate_at(step: int, steps: int, peak: float) -> float:
-    """Learning rate: a warm-up, a plateau, and a fall to nothing over the last quarter (the plateau's end can be moved)."""
+    """Learning rate: a warm-up, a plateau, and a fall to nothing over the last half (the plateau's end can be moved)."""
     left = (steps - step) / (DECAY * steps)
     return peak * min(1.0, (step + 1) / WARM_UP, max(left, 0.0) ** 1.2)
 
 
-def batch(sampler: Sampler, seed: int, step: int) -> tuple[Tensor, list[Tensor]]:
-    """Pictures (n, 3, side, side) RGB in 0-1 and their labels."""
-    rng = np.random.default_rng([seed, step])
-    side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
-    drawn = [sampler.draw(rng, side) for _ in range(count)]
-    pictures = np.stack([image[..., ::-1] for image, _ in drawn]).transpose(0, 3, 1, 2)
-    tensor = torch.from_numpy(np.ascontiguousarray(pictures)).float().div_(255.0)
-    return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(boxes) for _, boxes in drawn]
+class Loader:
+    """Makes the squares of the next step in a process of its own while the network learns from the last ones."""
+
+    def __init__(self, sampler: Sampler, seed: int, step: int) -> None:
+        forked = get_context('fork')
+        self._ask, theirs = forked.Pipe()
+        forked.Process(target=make_squares, args=(theirs, sampler, seed), daemon=True).start()
+        self._ask.send(step)
+
+    def get(self, next_step: int) -> tuple[Tensor, list[Tensor]]:
+        """Pictures (n, 3, side, side) RGB in 0-1 and their labels (k, 5) of the step asked for before."""
+        pictures, boxes = self._ask.recv()
+        self._ask.send(next_step)
+        tensor = torch.from_numpy(pictures).flip(-1).permute(0, 3, 1, 2).float().div_(255.0)
+        return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one) for one in boxes]
+
+
+def make_squares(answer: Connection, sampler: Sampler, seed: int) -> None:
+    """For each step asked for: pictures (n, side, side, 3) BGR and n times labels."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
+    while True:
+        rng = np.random.default_rng([seed, answer.recv()])
+        side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
+        drawn = [sampler.draw(rng, side) for _ in range(count)]
+        answer.send((np.stack([image for image, _ in drawn]), [boxes for _, boxes in drawn]))
 
 
 @torch.no_grad()
@@ -69,8 +88,9 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--data', type=Path, required=True, help='the drone_detection data set')
     parser.add_argument('--cache', type=Path, required=True, help='folder for decoded frames (7 GB) and renders')
     parser.add_argument('--out', type=Path, required=True, help='folder for checkpoints')
-    parser.add_argument('--steps', type=int, default=20000, help='steps in all; may be changed when going on')
-    parser.add_argument('--rate', type=float, default=2e-3, help='peak learning rate (AdamW)')
+    parser.add_argument('--steps', type=int, default=13000, help='steps in all; may be changed when going on')
+    parser.add_argument('--start', type=Path, required=True, help='an ONNX file of YOLOX-nano, trained on COCO')
+    parser.add_argument('--rate', type=float, default=8e-4, help='peak learning rate (AdamW)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--pause-file', type=Path, help='training sleeps while this file exists')
@@ -85,10 +105,12 @@ def main() -> None:
     build_cache(args.data, args.cache)
     build_simulated(args.cache / 'simulated')
     sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache), Frames(args.cache / 'simulated', 'train'))
-    network = Network().to(memory_format=torch.channels_last)
+    network = Network()
+    start_from(network, args.start)
+    network = network.to(memory_format=torch.channels_last)
     average = deepcopy(network).eval()
-    decayed = [p for p in network.parameters() if p.ndim > 1]
-    plain = [p for p in network.parameters() if p.ndim <= 1]
+    decayed = [p for p in network.parameters() if p[0].numel() > 1]
+    plain = [p for p in network.parameters() if p[0].numel() == 1]
     groups = [{'params': decayed, 'weight_decay': 0.02}, {'params': plain, 'weight_decay': 0.0}]
     optimizer = torch.optim.AdamW(groups, lr=args.rate)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -99,16 +121,14 @@ def main() -> None:
         average.load_state_dict(state['average'])
         optimizer.load_state_dict(state['optimizer'])
         step = state['step']
-    loader = ThreadPoolExecutor(1)
-    ready = loader.submit(batch, sampler, args.seed, step)
+    loader = Loader(sampler, args.seed, step)
     last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
     stopped = Event()
     signal.signal(signal.SIGTERM, lambda *_: stopped.set())
     while step < args.steps and not stopped.is_set():
         while args.pause_file and args.pause_file.exists():
             time.sleep(1.0)
-        pictures, truth = ready.result()
-        ready = loader.submit(batch, sampler, args.seed, step + 1)
+        pictures, truth = loader.get(step + 1)
         for group in optimizer.param_groups:
             group['lr'] = rate_at(step, args.steps, args.rate)
         logits, raw = network(pictures)

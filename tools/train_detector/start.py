@@ -1,0 +1,61 @@
+"""Where training starts: the weights of YOLOX-nano as trained on COCO (Megvii, Apache-2.0), from a shared ONNX file of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import onnx
+import torch
+from network import Conv, Network
+from onnx import numpy_helper
+from torch import Tensor
+
+AIRPLANE, BIRD, KITE = 4, 14, 33  # of COCO's 80 classes
+FOCUS = ((0, 0), (1, 0), (0, 1), (1, 1))  # row and column of the four pixels that YOLOX puts on top of one another
+
+
+@torch.no_grad()
+def start_from(network: Network, path: Path) -> None:
+    """Take over all weights of an undecoded YOLOX-nano; raises ValueError when the file holds another network.
+
+    A drone is at first what is half an airplane, a bird and a kite.
+    """
+    graph = onnx.load(str(path)).graph
+    stored = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in graph.initializer}
+    theirs = [node.input[1:3] for node in graph.node if node.op_type == 'Conv' and 'preds' not in node.input[1]]
+    ours = in_order(network)
+    if len(theirs) != len(ours):
+        raise ValueError(f'{path} has {len(theirs)} convolutions, expected the {len(ours)} of YOLOX-nano')
+    for layer, (weight, bias) in zip(ours, theirs, strict=True):
+        taken = first(stored[weight]) if layer is ours[0] else stored[weight]
+        if taken.shape != layer.weight.shape:
+            raise ValueError(f'{path}: {weight} is {tuple(taken.shape)}, expected {tuple(layer.weight.shape)}')
+        layer.set(taken, stored[bias])
+    for level, head in enumerate(network.heads):
+        for layer, name in ((head.classes, 'cls'), (head.box, 'reg'), (head.object, 'obj')):
+            weight, bias = (stored[f'head.{name}_preds.{level}.{kind}'] for kind in ('weight', 'bias'))
+            layer.set(*((as_ours(weight), as_ours(bias)) if name == 'cls' else (weight, bias)))
+
+
+def in_order(network: Network) -> list[Conv]:
+    """The convolutions but the last ones in the order in which a picture meets them."""
+    met: list[Conv] = []
+    hooks = [layer.register_forward_hook(lambda layer, *_: met.append(layer)) for layer in network.modules()
+             if isinstance(layer, Conv) and not layer.last]
+    network(torch.zeros(1, 3, 64, 64))
+    for hook in hooks:
+        hook.remove()
+    return met
+
+
+def first(weight: Tensor) -> Tensor:
+    """YOLOX's first layer (n, 12, 3, 3) for BGR in 0-255 as one (n, 3, 6, 6) of stride 2 for RGB in 0-1."""
+    wide = torch.zeros(len(weight), 3, 6, 6)
+    for k, (row, column) in enumerate(FOCUS):
+        wide[:, :, row::2, column::2] = weight[:, 3 * k:3 * k + 3]
+    return wide.flip(1) * 255.0
+
+
+def as_ours(rows: Tensor) -> Tensor:
+    """Rows of COCO's classes as those of drone, bird, airplane, helicopter."""
+    return torch.stack([rows[[AIRPLANE, BIRD, KITE]].mean(0), rows[BIRD], rows[AIRPLANE], rows[AIRPLANE]])
