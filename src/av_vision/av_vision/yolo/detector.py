@@ -103,7 +103,7 @@ class Detector:
         looks = [self._look(image, floor)]
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
-            size = fitting_size(side, side, max(side, model.longest)) if model.dynamic_size else model.size
+            size = self._input_size(side, side, max(side, model.longest))
             fitted = [letterbox(tile, *size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
@@ -116,11 +116,15 @@ class Detector:
     def _look(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the picture and probabilities of names, before suppression."""
         model, layout = self.model, self.model.layout
-        size = fitting_size(*image.shape[:2], model.longest) if model.dynamic_size else model.size
+        size = self._input_size(*image.shape[:2], model.longest)
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
         boxes, probabilities = layout.decode(output, size, floor)
         return self._named(boxes / scale, probabilities)
+
+    def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:
+        """What the model takes for a picture whose longer side shall be `longest`: anything that fits, or its only size."""
+        return fitting_size(height, width, longest) if self.model.dynamic_size else self.model.size
 
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
         """Of each name the likeliest class; boxes of classes without a name and doubtful numbers go."""
