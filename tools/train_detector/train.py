@@ -88,7 +88,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--data', type=Path, required=True, help='the drone_detection data set')
     parser.add_argument('--cache', type=Path, required=True, help='folder for decoded frames (7 GB) and renders')
     parser.add_argument('--out', type=Path, required=True, help='folder for checkpoints')
-    parser.add_argument('--steps', type=int, default=13000, help='steps in all; may be changed when going on')
+    parser.add_argument('--steps', type=int, default=30100, help='steps in all; may be changed when going on')
     parser.add_argument('--start', type=Path, required=True, help='an ONNX file of YOLOX-nano, trained on COCO')
     parser.add_argument('--rate', type=float, default=8e-4, help='peak learning rate (AdamW)')
     parser.add_argument('--seed', type=int, default=0)
