@@ -1,4 +1,4 @@
-"""Where training starts: the weights of YOLOX-nano as trained on COCO (Megvii, Apache-2.0), from a shared ONNX file of them."""
+"""Where training starts: YOLOX-nano as trained on COCO (Megvii, Apache-2.0), or a detector of this project to be trained on."""
 
 from __future__ import annotations
 
@@ -16,13 +16,20 @@ FOCUS = ((0, 0), (1, 0), (0, 1), (1, 1))  # row and column of the four pixels th
 
 @torch.no_grad()
 def start_from(network: Network, path: Path) -> None:
-    """Take over all weights of an undecoded YOLOX-nano; raises ValueError when the file holds another network.
+    """Take over all weights of an exported detector of ours or of an undecoded YOLOX-nano; ValueError for any other network.
 
-    A drone is at first what is half an airplane, a bird and a kite.
+    Of an exported detector the calibration is left behind. With YOLOX-nano a drone is at first what is half an airplane, a
+    bird and a kite.
     """
     graph = onnx.load(str(path)).graph
     stored = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in graph.initializer}
     theirs = [node.input[1:3] for node in graph.node if node.op_type == 'Conv' and 'preds' not in node.input[1]]
+    by_name = {bias.removeprefix('network.').removesuffix('.bias'): (weight, bias) for weight, bias in theirs}
+    layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)}
+    if by_name.keys() == layers.keys():
+        for name, layer in layers.items():
+            layer.set(*(stored[key] for key in by_name[name]))
+        return
     ours = in_order(network)
     if len(theirs) != len(ours):
         raise ValueError(f'{path} has {len(theirs)} convolutions, expected the {len(ours)} of YOLOX-nano')

@@ -9,6 +9,7 @@ import argparse
 import math
 import signal
 import time
+from contextlib import suppress
 from copy import deepcopy
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -44,7 +45,8 @@ class Loader:
     def __init__(self, sampler: Sampler, seed: int, step: int) -> None:
         forked = get_context('fork')
         self._ask, theirs = forked.Pipe()
-        forked.Process(target=make_squares, args=(theirs, sampler, seed), daemon=True).start()
+        forked.Process(target=make_squares, args=(self._ask, theirs, sampler, seed), daemon=True).start()
+        theirs.close()
         self._ask.send(step)
 
     def get(self, next_step: int) -> tuple[Tensor, list[Tensor]]:
@@ -55,14 +57,16 @@ class Loader:
         return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one) for one in boxes]
 
 
-def make_squares(answer: Connection, sampler: Sampler, seed: int) -> None:
-    """For each step asked for: pictures (n, side, side, 3) BGR and n times labels."""
+def make_squares(asking: Connection, answer: Connection, sampler: Sampler, seed: int) -> None:
+    """For each step asked for: pictures (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
-    while True:
-        rng = np.random.default_rng([seed, answer.recv()])
-        side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
-        drawn = [sampler.draw(rng, side) for _ in range(count)]
-        answer.send((np.stack([image for image, _ in drawn]), [boxes for _, boxes in drawn]))
+    asking.close()  # the trainer's end, inherited: were it open here, nobody's asking would never show
+    with suppress(EOFError, BrokenPipeError):
+        while True:
+            rng = np.random.default_rng([seed, answer.recv()])
+            side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
+            drawn = [sampler.draw(rng, side) for _ in range(count)]
+            answer.send((np.stack([image for image, _ in drawn]), [boxes for _, boxes in drawn]))
 
 
 @torch.no_grad()
@@ -89,7 +93,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--cache', type=Path, required=True, help='folder for decoded frames (7 GB) and renders')
     parser.add_argument('--out', type=Path, required=True, help='folder for checkpoints')
     parser.add_argument('--steps', type=int, default=30100, help='steps in all; may be changed when going on')
-    parser.add_argument('--start', type=Path, required=True, help='an ONNX file of YOLOX-nano, trained on COCO')
+    parser.add_argument('--start', type=Path, required=True, help='ONNX: YOLOX-nano, trained on COCO, or an exported detector')
     parser.add_argument('--rate', type=float, default=8e-4, help='peak learning rate (AdamW)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
