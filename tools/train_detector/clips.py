@@ -70,6 +70,7 @@ def build_cache(data: Path, cache: Path, stride: int = 8) -> None:
     if (cache / 'index.json').exists():
         return
     cache.mkdir(parents=True, exist_ok=True)
+    print(f'decoding the clips of {data} into {cache} (7 GB)', flush=True)
     index = []
     with (cache / 'frames.u8').open('wb') as out:
         for label_file in sorted((data / 'labels').glob('*.csv')):

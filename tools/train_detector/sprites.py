@@ -133,6 +133,7 @@ def build_bank(cache: Path) -> dict[str, list[NDArray[np.uint8]]]:
     for kind, count in BUILDS.items():
         file = cache / f'sprites_{kind}.npz'
         if not file.exists():
+            print(f'rendering {count} builds: {kind}', flush=True)
             rendered = ((build, view, sprite) for build in range(count) for view, sprite in enumerate(render(build, kind)))
             np.savez_compressed(file, **{f'{build:04d}/{view}': sprite for build, view, sprite in rendered})
         stored = np.load(file)
