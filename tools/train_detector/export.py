@@ -66,9 +66,8 @@ class Decoded(nn.Module):
 
 
 def mean_of(weights: list[dict[str, Tensor]]) -> dict[str, Tensor]:
-    """Tensor by tensor; counters are the last one's."""
-    return {name: torch.stack([each[name] for each in weights]).mean(0) if last.dtype.is_floating_point else last
-            for name, last in weights[-1].items()}
+    """Tensor by tensor."""
+    return {name: torch.stack([each[name] for each in weights]).mean(0) for name in weights[0]}
 
 
 def write(model: Decoded, path: Path, metadata: dict[str, str]) -> None:

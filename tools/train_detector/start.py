@@ -26,18 +26,18 @@ def start_from(network: Network, path: Path) -> None:
     theirs = [node.input[1:3] for node in graph.node if node.op_type == 'Conv' and 'preds' not in node.input[1]]
     by_name = {bias.removeprefix('network.').removesuffix('.bias'): (weight, bias) for weight, bias in theirs}
     layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)}
-    if by_name.keys() == layers.keys():
-        for name, layer in layers.items():
-            layer.set(*(stored[key] for key in by_name[name]))
-        return
-    ours = in_order(network)
+    own = by_name.keys() == layers.keys()
+    ours = list(layers.values()) if own else in_order(network)
+    theirs = [by_name[name] for name in layers] if own else theirs
     if len(theirs) != len(ours):
         raise ValueError(f'{path} has {len(theirs)} convolutions, expected the {len(ours)} of YOLOX-nano')
     for layer, (weight, bias) in zip(ours, theirs, strict=True):
-        taken = first(stored[weight]) if layer is ours[0] else stored[weight]
+        taken = first(stored[weight]) if layer is network.stem and not own else stored[weight]
         if taken.shape != layer.weight.shape:
             raise ValueError(f'{path}: {weight} is {tuple(taken.shape)}, expected {tuple(layer.weight.shape)}')
         layer.set(taken, stored[bias])
+    if own:
+        return
     for level, head in enumerate(network.heads):
         for layer, name in ((head.classes, 'cls'), (head.box, 'reg'), (head.object, 'obj')):
             weight, bias = (stored[f'head.{name}_preds.{level}.{kind}'] for kind in ('weight', 'bias'))

@@ -74,10 +74,7 @@ def follow(average: Network, network: Network, step: int) -> None:
     """Exponential moving average of the weights: it is what is shipped."""
     keep = min(0.998, (1 + step) / (10 + step))
     for mean, new in zip(average.state_dict().values(), network.state_dict().values(), strict=True):
-        if mean.dtype.is_floating_point:
-            mean.mul_(keep).add_(new, alpha=1.0 - keep)
-        else:
-            mean.copy_(new)
+        mean.mul_(keep).add_(new, alpha=1.0 - keep)
 
 
 def save(path: Path, **state: object) -> None:
