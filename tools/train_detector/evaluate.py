@@ -145,7 +145,7 @@ def main() -> None:
     if args.only in (None, 'real'):
         real(low, threshold, args.data, args.clips)
     if args.only in (None, 'rendered'):
-        sprites, frames = build_bank(args.cache)['test/drone'], Frames(args.cache, 'test_clip', 'test_scene')
+        sprites, frames = build_bank(args.cache, 'test')['drone'], Frames(args.cache, 'test_clip', 'test_scene')
         print('rendered drones, recall at IoU 0.3, 512 x 512 pictures:')
         rendered(Detector(args.model, DetectorSettings(**settings)).detect, frames, sprites, HEIGHT)
         print(f'1280 x 512 pictures in tiles of {SLICE}:')

@@ -6,7 +6,7 @@ run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407)
 All that is fitted here comes from the split `choose` alone: logistic regression (Platt 1999, with the other classes' logits as
 further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; how the pictures
 of one thing belong together (`av_vision.evidence`) is fitted to the clips as a rig sees them, and the threshold after it to
-these and to rendered drones of all sizes (of builds of the split `train`).
+these and to rendered drones of all sizes (of builds of its own).
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ def main() -> None:
     metadata['evidence'] = json.dumps(asdict(fit_evidence(looks)))
     write(Decoded(network, mixing, shift), args.out, metadata)
     final = Detector(args.out, low)
-    result = measure(looks + rendered(final, frames, build_bank(args.cache)['train/drone']), final)
+    result = measure(looks + rendered(final, frames, build_bank(args.cache, 'choose')['drone']), final)
     metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, steps {steps}, weights {np.round(mixing[0], 3)}, '

@@ -11,9 +11,10 @@ from painted import Rng, branches, log_uniform, painted_background
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED, BRANCHES = 120, 150  # pictures
-MIXTURE = {'DRONE': 0.25, 'BIRD': 0.18, 'AIRPLANE': 0.19, 'HELICOPTER': 0.08, 'PAINTED': 0.05, 'SIMULATED': 0.25}
+MIXTURE = {'DRONE': 0.20, 'BIRD': 0.14, 'AIRPLANE': 0.16, 'HELICOPTER': 0.09, 'PAINTED': 0.07, 'SIMULATED': 0.34}
 CUTOUTS = 12  # of each clip
 ENLARGED = 0.25  # share of the squares
+DARK, BEFORE_DARK = 90, 0.7  # grey of walls and woods, share of the simulator's squares with a drone before them
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -23,16 +24,19 @@ class Sampler:
     Labels are (k, 5): class, x1, y1, x2, y2 in pixels of the square.
     """
 
-    def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None, use: str = 'train') -> None:
+    def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None) -> None:
         self._frames, self._simulated = frames, simulated
-        self._sprites = [bank[f'{use}/{kind}'] for kind in CLASSES]
-        self._others = bank[f'{use}/other']
+        self._sprites = [bank[kind] for kind in CLASSES]
+        self._others = bank['other']
         self._branches = [branches(np.random.default_rng([number, 4])) for number in range(BRANCHES)]
         self._painted_before: dict[int, NDArray[np.uint8]] = {}
         # Clips in which a class is rare are drawn as often as the others.
         kinds = np.array([clip.split('_')[1] for clip in frames.clips])
         self._by_kind = {kind: np.flatnonzero(kinds == kind) for kind in np.unique(kinds)}
         self._cutouts = cutouts(frames)
+        # A dark drone before a dark wall or wood is the hardest to find.
+        dark = np.array([before_dark(simulated, i) for i in range(len(simulated))]) if simulated else np.zeros(0, bool)
+        self._before_dark, self._before_light = np.flatnonzero(dark), np.flatnonzero(~dark)
 
     def draw(self, rng: Rng, side: int) -> Sample:
         """One square of side x side; some are enlarged as tiles are, so that what is small may be blurred, too."""
@@ -48,38 +52,49 @@ class Sampler:
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
         elif kind == 'SIMULATED':
-            image, boxes = window_of(rng, self._simulated, int(rng.integers(len(self._simulated))), side)
+            some = self._before_dark if rng.random() < BEFORE_DARK else self._before_light
+            image, boxes = window_of(rng, self._simulated, int(rng.choice(some)), side)
         else:
             image, boxes = window_of(rng, self._frames, int(rng.choice(self._by_kind[kind])), side)
         clearness = np.exp(-rng.exponential(0.8)) if rng.random() < 0.2 else 1.0
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
-        # Large squares are few, and only they hold near drones.
-        if rng.random() < (0.8 if kind == 'PAINTED' else 0.3 if side < 200 else 0.4 if side < 400 else 0.6):
-            for _ in range(1 + (rng.random() < 0.2)):
-                nearer = clearness ** rng.uniform(0.15, 1.0)
-                size = log_uniform(rng, 6.0 if side < 400 else 24.0, 0.9 * side)
-                boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0)
+        boxes = self._paste_drones(rng, image, boxes, clearness, veil)
         return image, self._paste_others(rng, image, boxes, clearness, veil)
+
+    def _paste_drones(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
+        """Paste rendered drones: at every size up to twice as many as other things.
+
+        To take another thing for a drone costs double (`loss.CONFUSED`); where fewer drones are shown, drones score low.
+        """
+        side = len(image)
+        if rng.random() < (0.7 if side < 400 else 0.8):
+            for _ in range(1 + (rng.random() < 0.35)):
+                nearer = clearness ** rng.uniform(0.15, 1.0)
+                # Large squares are few, and only they hold near drones.
+                least, most = 40.0 if side >= 400 else 6.0 if side < 200 else 10.0, 0.9 * side
+                size = log_uniform(rng, least, most if side >= 400 or rng.random() < 0.5 else 60.0)
+                boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0)
+        return boxes
 
     def _paste_others(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
         """Paste what flies besides rendered drones, what was cut out of other frames, branches and other things."""
         side = len(image)
-        if rng.random() < 0.32:  # airplanes above all: lit by the sun and far away they are most like drones
+        # Nothing tells the smallest apart: only drones are pasted so small; how often they are drones the clips have to teach.
+        if rng.random() < 0.1:  # airplanes above all: lit by the sun they are most like drones
             label = int(rng.choice([1, 2, 3], p=[0.2, 0.65, 0.15]))
-            boxes = paste(rng, image, boxes, self._sprites[label], log_uniform(rng, 10.0, 0.6 * side), clearness, veil, label)
+            boxes = paste(rng, image, boxes, self._sprites[label], log_uniform(rng, 20.0, 0.6 * side), clearness, veil, label)
         if rng.random() < 0.3:  # a real one before another sky, nearer or further than it was filmed
-            # Nothing tells the smallest apart: how often they are drones has to be learnt from the clips.
-            label = int(rng.choice(len(self._cutouts), p=[0.4, 0.2, 0.3, 0.1]))
-            size = log_uniform(rng, 10.0 if label else 5.0, 0.5 * side)
+            label = int(rng.choice(len(self._cutouts), p=[0.5, 0.15, 0.25, 0.1]))
+            size = log_uniform(rng, 16.0 if label else 5.0, 0.5 * side)
             boxes = paste(rng, image, boxes, self._cutouts[label], size, clearness, veil, label)
         if rng.random() < 0.12:
             for _ in range(rng.integers(1, 4)):
                 size = log_uniform(rng, 0.3 * side, 0.95 * side)
                 boxes = paste(rng, image, boxes, self._branches, size, clearness, veil, None)
-        if rng.random() < 0.1:
-            boxes = paste(rng, image, boxes, self._others, log_uniform(rng, 6.0, 0.7 * side), clearness, veil, None)
+        if rng.random() < 0.05:
+            boxes = paste(rng, image, boxes, self._others, log_uniform(rng, 20.0, 0.7 * side), clearness, veil, None)
         return boxes
 
     def _painted(self, rng: Rng, side: int) -> NDArray[np.uint8]:
@@ -113,6 +128,16 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
                 sprite = np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
                 made[int(label)].append(outlined(sprite))
     return made
+
+
+def before_dark(frames: Frames, i: int) -> bool:
+    """Whether there is something dark around any object of a frame."""
+    for x1, y1, x2, y2 in np.rint(frames.boxes[i][:, 1:]).astype(int):
+        around = frames.image(i)[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4].mean(axis=2)
+        rim = np.concatenate([around[:3].ravel(), around[-3:].ravel(), around[:, :3].ravel(), around[:, -3:].ravel()])
+        if np.percentile(rim, 10) < DARK:
+            return True
+    return False
 
 
 def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
@@ -223,11 +248,11 @@ def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sa
     if rng.random() < 0.5:
         image = image[:, ::-1]
         boxes = boxes[:, [0, 3, 2, 1, 4]] * [1, -1, 1, -1, 1] + np.array([0, side, 0, side, 0])
-    if rng.random() < 0.6:
-        gain, gamma, tint = rng.uniform(0.65, 1.2), np.exp(rng.normal(0, 0.25)), rng.uniform(0.93, 1.07, 3)
+    if rng.random() < 0.7:
+        gain, gamma, tint = rng.uniform(0.65, 1.2), np.exp(rng.normal(0, 0.3)), rng.uniform(0.88, 1.12, 3)
         table = np.clip(255 * gain * tint * (np.arange(256)[:, None] / 255.0) ** gamma + rng.uniform(-15, 15), 0, 255)
         image = cv2.LUT(image, table.astype(np.uint8)[None])
-    if rng.random() < 0.06:
+    if rng.random() < 0.08:
         image = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     if rng.random() < 0.12:
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.2))

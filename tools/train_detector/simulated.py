@@ -23,7 +23,7 @@ from av_vision.camera import PinholeCamera
 FIRST_SEED = 9000
 
 
-def build_simulated(folder: Path, worlds: int = 70, pictures: int = 50) -> None:
+def build_simulated(folder: Path, worlds: int = 210, pictures: int = 30) -> None:
     """Render `worlds` scenes with `pictures` each, once, in the form that `clips.Frames` reads."""
     if (folder / 'index.json').exists():
         return

@@ -91,7 +91,11 @@ def scene(parts: list[str], background: float, rng: Rng) -> mujoco.MjModel:
 
 
 KINDS = {'other': not_a_drone, 'drone': multirotor, 'bird': bird, 'airplane': airplane, 'helicopter': helicopter}
+# Builds of each kind, the last tenth of them for tests; then more for training, from fewer sides, because builds are learnt by
+# heart; then those by which the threshold is chosen.
 BUILDS = {'other': 120, 'drone': 400, 'bird': 80, 'airplane': 120, 'helicopter': 60}
+MORE = {'drone': 1200, 'bird': 200, 'airplane': 360, 'helicopter': 140}
+CHOOSE = {'drone': 40}
 
 
 def render(build: int, kind: str, views: int = 8) -> list[NDArray[np.uint8]]:
@@ -127,17 +131,22 @@ def cut(black: NDArray, white: NDArray) -> NDArray[np.uint8] | None:
     return sprite[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
 
 
-def build_bank(cache: Path) -> dict[str, list[NDArray[np.uint8]]]:
-    """All sprites, rendered once: {'train/drone': [...], ...}; the last tenth of the builds of a kind is for tests."""
+def build_bank(cache: Path, use: str) -> dict[str, list[NDArray[np.uint8]]]:
+    """The sprites of each kind for one use (train, choose, test), rendered once: {'drone': [...], 'bird': [...], ...}."""
     bank: dict[str, list] = {}
-    for kind, count in BUILDS.items():
-        file = cache / f'sprites_{kind}.npz'
-        if not file.exists():
-            print(f'rendering {count} builds: {kind}', flush=True)
-            rendered = ((build, view, sprite) for build in range(count) for view, sprite in enumerate(render(build, kind)))
-            np.savez_compressed(file, **{f'{build:04d}/{view}': sprite for build, view, sprite in rendered})
-        stored = np.load(file)
-        for name in stored.files:
-            use = 'test' if int(name.split('/')[0]) >= 0.9 * count else 'train'
-            bank.setdefault(f'{use}/{kind}', []).append(stored[name])
+    for kind, first in BUILDS.items():
+        tested, more = round(0.9 * first), first + MORE.get(kind, 0)
+        parts = {'train': [(range(tested), 8), (range(first, more), 4)], 'test': [(range(tested, first), 8)],
+                 'choose': [(range(more, more + CHOOSE.get(kind, 0)), 8)]}
+        bank[kind] = [sprite for builds, views in parts[use] if builds for sprite in stored(cache, kind, builds, views)]
     return bank
+
+
+def stored(cache: Path, kind: str, builds: range, views: int) -> list[NDArray[np.uint8]]:
+    """The sprites of some builds from their file, which is made where it is missing."""
+    file = cache / f'sprites_{kind}_{builds.start}.npz'
+    if not file.exists():
+        print(f'rendering {len(builds)} builds: {kind}', flush=True)
+        rendered = ((build, view, sprite) for build in builds for view, sprite in enumerate(render(build, kind, views)))
+        np.savez_compressed(file, **{f'{build:04d}/{view}': sprite for build, view, sprite in rendered})
+    return list(np.load(file).values())

@@ -105,7 +105,7 @@ def main() -> None:
     torch.manual_seed(args.seed)
     build_cache(args.data, args.cache)
     build_simulated(args.cache / 'simulated')
-    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache), Frames(args.cache / 'simulated', 'train'))
+    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), Frames(args.cache / 'simulated', 'train'))
     network = Network()
     start_from(network, args.start)
     network = network.to(memory_format=torch.channels_last)
