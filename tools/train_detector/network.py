@@ -1,7 +1,8 @@
-"""The detector's network: that of YOLOX-nano (Ge et al. 2021, arXiv:2107.08430) with one class answer a cell.
+"""The detector's network: that of YOLOX-nano (Ge et al. 2021, arXiv:2107.08430), its pyramid one level finer.
 
-A CSP-Darknet of depthwise convolutions, a path-aggregating pyramid and decoupled heads. It starts from trained weights
-(`start.py`), whose batch normalisation is folded away; instead each channel has a gain of its own and weights of length one
+A CSP-Darknet of depthwise convolutions, a path-aggregating pyramid and decoupled heads with one class answer a cell. What is
+seen at stride 4 is added to level 8 (as bottom-up paths do, Liu et al. 2018, arXiv:1803.01534) for the sake of small drones; it
+has no head of its own. Training starts from trained weights (`start.py`), whose batch normalisation is folded away; instead each channel has a gain of its own and weights of length one
 (Salimans and Kingma 2016, arXiv:1602.07868), so that one learning rate fits all.
 Input (n, 3, h, w) RGB in 0-1. One prediction a cell of strides 8, 16, 32 (order of `av_vision.yolo.layout.grid`).
 """
@@ -16,14 +17,15 @@ STRIDES = (8, 16, 32)
 
 
 class Conv(nn.Module):
-    """Convolution and, unless it is a last layer, SiLU."""
+    """Convolution and, unless it is a last layer, SiLU; random at first."""
 
     def __init__(self, inputs: int, outputs: int, size: int = 1, stride: int = 1, groups: int = 1, last: bool = False) -> None:
         super().__init__()
         self.stride, self.groups, self.last = stride, groups, last
         self.padding = (size - 1) // 2
-        self.weight = nn.Parameter(torch.zeros(outputs, inputs // groups, size, size))
-        self.gain, self.bias = nn.Parameter(torch.ones(outputs, 1, 1, 1)), nn.Parameter(torch.zeros(outputs))
+        self.weight = nn.Parameter(torch.empty(outputs, inputs // groups, size, size))
+        self.gain, self.bias = nn.Parameter(torch.empty(outputs, 1, 1, 1)), nn.Parameter(torch.empty(outputs))
+        self.set(1.5 * functional.normalize(torch.randn_like(self.weight).flatten(1)).view_as(self.weight), torch.zeros(outputs))
 
     @torch.no_grad()
     def set(self, weight: Tensor, bias: Tensor) -> None:
@@ -105,23 +107,33 @@ class Network(nn.Module):
         self.dark5 = nn.Sequential(separable(128, 256, 2), Pool(256), Stage(256, 256, 1, False))
         self.lateral5, self.join4 = Conv(256, 128), Stage(256, 128, 1, False)
         self.lateral4, self.join3 = Conv(128, 64), Stage(128, 64, 1, False)
+        self.lateral3, self.fine, self.down2 = Conv(64, 32), separable(32, 32), separable(32, 64, 2)
+        nn.init.zeros_(self.down2[1].gain)
         self.down3, self.up4 = separable(64, 64, 2), Stage(128, 128, 1, False)
         self.down4, self.up5 = separable(128, 128, 2), Stage(256, 256, 1, False)
         self.heads = nn.ModuleList(Head(width, classes) for width in (64, 128, 256))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Class logits (n, cells, classes) and raw boxes (n, cells, 4): offset from the cell in cells, log size in cells."""
-        c3 = self.dark3(self.dark2(self.stem(x)))
+        logits, boxes = self.answers(x)
+        return logits.transpose(1, 2), boxes.transpose(1, 2)
+
+    def answers(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """The same with the cells last: (n, classes, cells) and (n, 4, cells)."""
+        c2 = self.dark2(self.stem(x))
+        c3 = self.dark3(c2)
         c4 = self.dark4(c3)
         c5 = self.dark5(c4)
         l5 = self.lateral5(c5)
         p4 = self.join4(torch.cat([functional.interpolate(l5, scale_factor=2.0), c4], 1))
         l4 = self.lateral4(p4)
         p3 = self.join3(torch.cat([functional.interpolate(l4, scale_factor=2.0), c3], 1))
+        p2 = functional.interpolate(self.lateral3(p3), scale_factor=2.0) + c2
+        p3 = p3 + self.down2(p2 + self.fine(p2))
         p4 = self.up4(torch.cat([self.down3(p3), l4], 1))
         p5 = self.up5(torch.cat([self.down4(p4), l5], 1))
         answers = [head(level) for head, level in zip(self.heads, (p3, p4, p5), strict=True)]
-        logits, boxes = (torch.cat(parts, 2).transpose(1, 2) for parts in zip(*answers, strict=True))
+        logits, boxes = (torch.cat(parts, 2) for parts in zip(*answers, strict=True))
         return logits, boxes
 
 

@@ -73,8 +73,8 @@ class Sampler:
             for _ in range(1 + (rng.random() < 0.35)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 # Large squares are few, and only they hold near drones.
-                least, most = 40.0 if side >= 400 else 6.0 if side < 200 else 10.0, 0.9 * side
-                size = log_uniform(rng, least, most if side >= 400 or rng.random() < 0.5 else 60.0)
+                most = 0.9 * side if side >= 200 or rng.random() < 0.5 else 40.0
+                size = log_uniform(rng, 6.0 if side < 200 else 8.0 if side < 400 else 40.0, most)
                 boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0)
         return boxes
 

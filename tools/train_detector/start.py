@@ -11,6 +11,7 @@ from onnx import numpy_helper
 from torch import Tensor
 
 AIRPLANE, BIRD, KITE = 4, 14, 33  # of COCO's 80 classes
+FINE = ('lateral3', 'fine', 'down2')  # what this network has and YOLOX-nano has not
 FOCUS = ((0, 0), (1, 0), (0, 1), (1, 1))  # row and column of the four pixels that YOLOX puts on top of one another
 
 
@@ -19,14 +20,17 @@ def start_from(network: Network, path: Path) -> None:
     """Take over all weights of an exported detector of ours or of an undecoded YOLOX-nano; ValueError for any other network.
 
     Of an exported detector the calibration is left behind. With YOLOX-nano a drone is at first what is half an airplane, a
-    bird and a kite.
+    bird and a kite. What neither has (`FINE`) stays as it is.
     """
     graph = onnx.load(str(path)).graph
     stored = {one.name: torch.from_numpy(numpy_helper.to_array(one).copy()) for one in graph.initializer}
     theirs = [node.input[1:3] for node in graph.node if node.op_type == 'Conv' and 'preds' not in node.input[1]]
     by_name = {bias.removeprefix('network.').removesuffix('.bias'): (weight, bias) for weight, bias in theirs}
-    layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)}
-    own = by_name.keys() == layers.keys()
+    own = 'stem' in by_name
+    layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)
+              and not (name.startswith(FINE) and name not in by_name)}
+    if own and by_name.keys() != layers.keys():
+        raise ValueError(f'{path} has other convolutions than this network: {", ".join(sorted(by_name.keys() ^ layers.keys()))}')
     ours = list(layers.values()) if own else in_order(network)
     theirs = [by_name[name] for name in layers] if own else theirs
     if len(theirs) != len(ours):
@@ -52,7 +56,8 @@ def in_order(network: Network) -> list[Conv]:
     network(torch.zeros(1, 3, 64, 64))
     for hook in hooks:
         hook.remove()
-    return met
+    added = {layer for name, layer in network.named_modules() if name.startswith(FINE)}
+    return [layer for layer in met if layer not in added]
 
 
 def first(weight: Tensor) -> Tensor:
