@@ -5,8 +5,8 @@ run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407)
 
 All that is fitted here comes from the split `choose` alone: logistic regression (Platt 1999, with the other classes' logits as
 further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the threshold is
-the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes (of builds of its
-own), with few false drones on birds, airplanes and helicopters.
+the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes (of builds of
+their own), with few false drones on birds, airplanes and helicopters.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from av_vision.yolo.detections import Candidates, suppress
 
 LOWEST = 0.01
 FALSE = 0.05  # share of pictures without a drone that may show one
-# How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: there are few
-# clips, and fitted to some of them it judges the others worse (model card). Beyond 2 s memory changes the likelihood by less
-# than 1 %; the shorter it is, the sooner a mind is changed.
+# How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: of few clips
+# of known places it learns to be too sure at new ones (model card). Beyond 2 s memory changes the likelihood by less than 1 %;
+# the shorter it is, the sooner a mind is changed.
 EVIDENCE = EvidenceModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
 
 
@@ -126,9 +126,9 @@ def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: 
 
 
 def choose_threshold(result: Measurement) -> float:
-    """The threshold of the best F1 on pictures of drones, of those with false drones on fewer than FALSE of the other pictures."""
+    """That of the best F1 on pictures of drones, of those at which fewer than FALSE of the other pictures show one."""
     allowed = [t for t in np.arange(0.1, 0.96, 0.01) if result.false_frames(t) < FALSE]
-    return round(float(max(allowed, key=result.f1)), 2)
+    return round(float(max(allowed, key=result.f1, default=0.95)), 2)
 
 
 def recalibrate(look: Look, gain: float, shift: float) -> Look:

@@ -2,8 +2,9 @@
 
 A CSP-Darknet of depthwise convolutions, a path-aggregating pyramid and decoupled heads with one class answer a cell. What is
 seen at stride 4 is added to level 8 (as bottom-up paths do, Liu et al. 2018, arXiv:1803.01534) for the sake of small drones; it
-has no head of its own. Training starts from trained weights (`start.py`), whose batch normalisation is folded away; instead each channel has a gain of its own and weights of length one
-(Salimans and Kingma 2016, arXiv:1602.07868), so that one learning rate fits all.
+has no head of its own. Training starts from trained weights (`start.py`), whose batch normalisation is folded away; instead
+each channel has a gain of its own and weights of length one (Salimans and Kingma 2016, arXiv:1602.07868), so that one learning
+rate fits all.
 Input (n, 3, h, w) RGB in 0-1. One prediction a cell of strides 8, 16, 32 (order of `av_vision.yolo.layout.grid`).
 """
 
@@ -25,7 +26,8 @@ class Conv(nn.Module):
         self.padding = (size - 1) // 2
         self.weight = nn.Parameter(torch.empty(outputs, inputs // groups, size, size))
         self.gain, self.bias = nn.Parameter(torch.empty(outputs, 1, 1, 1)), nn.Parameter(torch.empty(outputs))
-        self.set(1.5 * functional.normalize(torch.randn_like(self.weight).flatten(1)).view_as(self.weight), torch.zeros(outputs))
+        random = functional.normalize(torch.randn_like(self.weight).flatten(1)).view_as(self.weight)
+        self.set(1.5 * random, torch.zeros(outputs))  # about what SiLU takes away
 
     @torch.no_grad()
     def set(self, weight: Tensor, bias: Tensor) -> None:

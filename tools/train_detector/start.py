@@ -30,7 +30,8 @@ def start_from(network: Network, path: Path) -> None:
     layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)
               and not (name.startswith(FINE) and name not in by_name)}
     if own and by_name.keys() != layers.keys():
-        raise ValueError(f'{path} has other convolutions than this network: {", ".join(sorted(by_name.keys() ^ layers.keys()))}')
+        other = ', '.join(sorted(by_name.keys() ^ layers.keys()))
+        raise ValueError(f'{path} has other convolutions than this network: {other}')
     ours = list(layers.values()) if own else in_order(network)
     theirs = [by_name[name] for name in layers] if own else theirs
     if len(theirs) != len(ours):
