@@ -24,10 +24,9 @@ class Conv(nn.Module):
         super().__init__()
         self.stride, self.groups, self.last = stride, groups, last
         self.padding = (size - 1) // 2
-        self.weight = nn.Parameter(torch.empty(outputs, inputs // groups, size, size))
-        self.gain, self.bias = nn.Parameter(torch.empty(outputs, 1, 1, 1)), nn.Parameter(torch.empty(outputs))
-        random = functional.normalize(torch.randn_like(self.weight).flatten(1)).view_as(self.weight)
-        self.set(1.5 * random, torch.zeros(outputs))  # about what SiLU takes away
+        self.weight = nn.Parameter(functional.normalize(torch.randn(outputs, inputs // groups, size, size), dim=(1, 2, 3)))
+        self.gain = nn.Parameter(torch.full((outputs, 1, 1, 1), 1.5))  # about what SiLU takes away
+        self.bias = nn.Parameter(torch.zeros(outputs))
 
     @torch.no_grad()
     def set(self, weight: Tensor, bias: Tensor) -> None:
@@ -110,7 +109,7 @@ class Network(nn.Module):
         self.lateral5, self.join4 = Conv(256, 128), Stage(256, 128, 1, False)
         self.lateral4, self.join3 = Conv(128, 64), Stage(128, 64, 1, False)
         self.lateral3, self.fine, self.down2 = Conv(64, 32), separable(32, 32), separable(32, 64, 2)
-        nn.init.zeros_(self.down2[1].gain)
+        nn.init.zeros_(self.down2[1].gain)  # begins as nothing, so that trained weights mean what they meant
         self.down3, self.up4 = separable(64, 64, 2), Stage(128, 128, 1, False)
         self.down4, self.up5 = separable(128, 128, 2), Stage(256, 256, 1, False)
         self.heads = nn.ModuleList(Head(width, classes) for width in (64, 128, 256))
@@ -135,8 +134,8 @@ class Network(nn.Module):
         p4 = self.up4(torch.cat([self.down3(p3), l4], 1))
         p5 = self.up5(torch.cat([self.down4(p4), l5], 1))
         answers = [head(level) for head, level in zip(self.heads, (p3, p4, p5), strict=True)]
-        logits, boxes = (torch.cat(parts, 2) for parts in zip(*answers, strict=True))
-        return logits, boxes
+        logits, boxes = zip(*answers, strict=True)
+        return torch.cat(logits, 2), torch.cat(boxes, 2)
 
 
 def cells(height: int, width: int) -> tuple[Tensor, Tensor]:

@@ -119,7 +119,7 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
         for i in rows[::max(len(rows) // CUTOUTS, 1)]:
             for label, *box in frames.boxes[i]:
                 x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
-                around = frames.image(i)[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4].astype(np.float32)
+                around = surroundings(frames.image(i), x1, y1, x2, y2).astype(np.float32)
                 rim = np.concatenate([around[:4].reshape(-1, 3), around[-4:].reshape(-1, 3), around[:, :4].reshape(-1, 3)])
                 if min(x2 - x1, y2 - y1) < 8 or rim.std(axis=0).max() > 6.0:
                     continue
@@ -130,10 +130,15 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
     return made
 
 
+def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:
+    """What a picture shows in a box and up to four pixels around it."""
+    return image[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4]
+
+
 def before_dark(frames: Frames, i: int) -> bool:
     """Whether there is something dark around any object of a frame."""
-    for x1, y1, x2, y2 in np.rint(frames.boxes[i][:, 1:]).astype(int):
-        around = frames.image(i)[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4].mean(axis=2)
+    for corners in np.rint(frames.boxes[i][:, 1:]).astype(int):
+        around = surroundings(frames.image(i), *corners).mean(axis=2)
         rim = np.concatenate([around[:3].ravel(), around[-3:].ravel(), around[:, :3].ravel(), around[:, -3:].ravel()])
         if np.percentile(rim, 10) < DARK:
             return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import onnx
@@ -28,11 +29,11 @@ def start_from(network: Network, path: Path) -> None:
     by_name = {bias.removeprefix('network.').removesuffix('.bias'): (weight, bias) for weight, bias in theirs}
     own = 'stem' in by_name
     layers = {name: layer for name, layer in network.named_modules() if isinstance(layer, Conv)
-              and not (name.startswith(FINE) and name not in by_name)}
+              and (name in by_name or not name.startswith(FINE))}
     if own and by_name.keys() != layers.keys():
         other = ', '.join(sorted(by_name.keys() ^ layers.keys()))
         raise ValueError(f'{path} has other convolutions than this network: {other}')
-    ours = list(layers.values()) if own else in_order(network)
+    ours = list(layers.values()) if own else in_order(network, layers.values())
     theirs = [by_name[name] for name in layers] if own else theirs
     if len(theirs) != len(ours):
         raise ValueError(f'{path} has {len(theirs)} convolutions, expected the {len(ours)} of YOLOX-nano')
@@ -49,16 +50,14 @@ def start_from(network: Network, path: Path) -> None:
             layer.set(*((as_ours(weight), as_ours(bias)) if name == 'cls' else (weight, bias)))
 
 
-def in_order(network: Network) -> list[Conv]:
-    """The convolutions but the last ones in the order in which a picture meets them."""
+def in_order(network: Network, layers: Iterable[Conv]) -> list[Conv]:
+    """Some convolutions but the last ones in the order in which a picture meets them."""
     met: list[Conv] = []
-    hooks = [layer.register_forward_hook(lambda layer, *_: met.append(layer)) for layer in network.modules()
-             if isinstance(layer, Conv) and not layer.last]
+    hooks = [layer.register_forward_hook(lambda layer, *_: met.append(layer)) for layer in layers if not layer.last]
     network(torch.zeros(1, 3, 64, 64))
     for hook in hooks:
         hook.remove()
-    added = {layer for name, layer in network.named_modules() if name.startswith(FINE)}
-    return [layer for layer in met if layer not in added]
+    return met
 
 
 def first(weight: Tensor) -> Tensor:
