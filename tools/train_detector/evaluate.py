@@ -13,7 +13,7 @@ import numpy as np
 from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, scaled
 from measure import look_at, match, measure
 from numpy.typing import NDArray
-from samples import paste
+from pasting import paste
 from simulated import boxes_of
 from sprites import build_bank
 

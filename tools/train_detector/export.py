@@ -24,7 +24,8 @@ from measure import Look, Measurement, look_at, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from painted import log_uniform
-from samples import clip_boxes, paste
+from pasting import paste
+from samples import clip_boxes
 from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn

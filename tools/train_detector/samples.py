@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from clips import CLASSES, HEIGHT, NO_MARGIN, WIDTH, Frames, scaled
+from clips import CLASSES, HEIGHT, WIDTH, Frames, scaled
+from material import before_dark, crowded_places, cutouts
 from numpy.typing import NDArray
 from painted import Rng, branches, log_uniform, painted_background
+from pasting import fog, paste
 
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED, BRANCHES = 120, 150  # pictures
-MIXTURE = {'DRONE': 0.20, 'BIRD': 0.14, 'AIRPLANE': 0.16, 'HELICOPTER': 0.09, 'PAINTED': 0.07, 'SIMULATED': 0.34}
-CUTOUTS = 12  # of each clip
+MIXTURE = {'DRONE': 0.17, 'BIRD': 0.13, 'AIRPLANE': 0.16, 'HELICOPTER': 0.09, 'CROWDED': 0.20, 'PAINTED': 0.04,
+           'SIMULATED': 0.21}
 ENLARGED = 0.25  # share of the squares
-DARK, BEFORE_DARK = 90, 0.7  # grey of walls and woods, share of the simulator's squares with a drone before them
+CROWDED = 0.6  # share of the renders that are pasted where there is something behind them
+BEFORE_DARK = 0.7  # share of the simulator's squares with a drone before something dark
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -34,6 +37,7 @@ class Sampler:
         kinds = np.array([clip.split('_')[1] for clip in frames.clips])
         self._by_kind = {kind: np.flatnonzero(kinds == kind) for kind in np.unique(kinds)}
         self._cutouts = cutouts(frames)
+        self._crowded = crowded_places(frames)
         # A dark drone before a dark wall or wood is the hardest to find.
         dark = np.array([before_dark(simulated, i) for i in range(len(simulated))]) if simulated else np.zeros(0, bool)
         self._before_dark, self._before_light = np.flatnonzero(dark), np.flatnonzero(~dark)
@@ -54,6 +58,9 @@ class Sampler:
         elif kind == 'SIMULATED':
             some = self._before_dark if rng.random() < BEFORE_DARK else self._before_light
             image, boxes = window_of(rng, self._simulated, int(rng.choice(some)), side)
+        elif kind == 'CROWDED':
+            i, *centre = rng.choice(self._crowded[rng.integers(len(self._crowded))])
+            image, boxes = window_of(rng, self._frames, int(i), side, np.array(centre))
         else:
             image, boxes = window_of(rng, self._frames, int(rng.choice(self._by_kind[kind])), side)
         clearness = np.exp(-rng.exponential(0.8)) if rng.random() < 0.2 else 1.0
@@ -75,7 +82,7 @@ class Sampler:
                 # Large squares are few, and only they hold near drones.
                 most = 0.9 * side if side >= 200 or rng.random() < 0.5 else 40.0
                 size = log_uniform(rng, 6.0 if side < 200 else 8.0 if side < 400 else 40.0, most)
-                boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0)
+                boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0, rng.random() < CROWDED)
         return boxes
 
     def _paste_others(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
@@ -84,7 +91,8 @@ class Sampler:
         # Nothing tells the smallest apart: only drones are pasted so small; how often they are drones the clips have to teach.
         if rng.random() < 0.1:  # airplanes above all: lit by the sun they are most like drones
             label = int(rng.choice([1, 2, 3], p=[0.2, 0.65, 0.15]))
-            boxes = paste(rng, image, boxes, self._sprites[label], log_uniform(rng, 20.0, 0.6 * side), clearness, veil, label)
+            size = log_uniform(rng, 20.0, 0.6 * side)
+            boxes = paste(rng, image, boxes, self._sprites[label], size, clearness, veil, label, rng.random() < CROWDED)
         if rng.random() < 0.3:  # a real one before another sky, nearer or further than it was filmed
             label = int(rng.choice(len(self._cutouts), p=[0.5, 0.15, 0.25, 0.1]))
             size = log_uniform(rng, 16.0 if label else 5.0, 0.5 * side)
@@ -106,47 +114,8 @@ class Sampler:
         return self._painted_before[number][y:y + side, x:x + side].copy()
 
 
-def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
-    """For each class the objects (h, w, 4) BGRA, sides of their boxes, that stand before a sky plain enough to cut them out.
-
-    What differs from the colour around the box is the object.
-    """
-    made: list[list[NDArray[np.uint8]]] = [[] for _ in CLASSES]
-    of_clip: dict[str, list[int]] = {}
-    for i, clip in enumerate(frames.clips):
-        of_clip.setdefault(clip, []).append(i)
-    for rows in of_clip.values():
-        for i in rows[::max(len(rows) // CUTOUTS, 1)]:
-            for label, *box in frames.boxes[i]:
-                x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
-                around = surroundings(frames.image(i), x1, y1, x2, y2).astype(np.float32)
-                rim = np.concatenate([around[:4].reshape(-1, 3), around[-4:].reshape(-1, 3), around[:, :4].reshape(-1, 3)])
-                if min(x2 - x1, y2 - y1) < 8 or rim.std(axis=0).max() > 6.0:
-                    continue
-                crop = frames.image(i)[y1:y2, x1:x2]
-                off = np.abs(crop - np.median(rim, axis=0)).max(axis=2)
-                sprite = np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
-                made[int(label)].append(outlined(sprite))
-    return made
-
-
-def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:
-    """What a picture shows in a box and up to four pixels around it."""
-    return image[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4]
-
-
-def before_dark(frames: Frames, i: int) -> bool:
-    """Whether there is something dark around any object of a frame."""
-    for corners in np.rint(frames.boxes[i][:, 1:]).astype(int):
-        around = surroundings(frames.image(i), *corners).mean(axis=2)
-        rim = np.concatenate([around[:3].ravel(), around[-3:].ravel(), around[:, :3].ravel(), around[:, -3:].ravel()])
-        if np.percentile(rim, 10) < DARK:
-            return True
-    return False
-
-
-def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
-    """A window of a frame, around an object nine times in ten, scaled by 0.5 to 3."""
+def window_of(rng: Rng, frames: Frames, i: int, side: int, centre: NDArray | None = None) -> Sample:
+    """A window of a frame, scaled by 0.5 to 3: around a place (x, y), or without one around an object nine times in ten."""
     frame, boxes = frames.image(i), frames.boxes[i]
     zoom = max(log_uniform(rng, 0.5, 3.0), 1.02 * side / HEIGHT)
     if len(boxes):  # no object may outgrow the square
@@ -155,9 +124,10 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int) -> Sample:
         zoom = min(zoom, 1.0) if len(boxes) and (boxes[:, 3:] - boxes[:, 1:3]).max() > 0.9 * side else 1.0
     window = min(side / zoom, HEIGHT)
     low, high = np.zeros(2), np.array([WIDTH, HEIGHT]) - window
-    if len(boxes) and rng.random() < 0.9:
+    if centre is None and len(boxes) and rng.random() < 0.9:
         box = boxes[rng.integers(len(boxes))]
         centre = 0.5 * (box[1:3] + box[3:5])
+    if centre is not None:
         low, high = np.clip(centre - 0.9 * window, 0, high), np.clip(centre - 0.1 * window, 0, high)
     corner = np.floor(rng.uniform(low, high + 1e-6))
     cut = round(window)
@@ -178,73 +148,11 @@ def clip_boxes(boxes: NDArray, side: int, least: float = 0.45) -> NDArray[np.flo
     return cut[left >= least * np.maximum(area, 1e-6)].astype(np.float32)
 
 
-def fog(image: NDArray, transmission: float, veil: NDArray) -> NDArray[np.uint8]:
-    """Beer-Lambert: what is left of the picture plus the light scattered on the way."""
-    table = np.clip(np.arange(256)[:, None] * transmission + (1.0 - transmission) * veil, 0, 255)
-    return cv2.LUT(np.clip(image, 0, 255).astype(np.uint8), table.astype(np.uint8)[None])
-
-
-def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size: float, transmission: float, veil: NDArray,
-          label: int | None) -> NDArray[np.float32]:
-    """Blend a sprite of `size` pixels into the picture in place; returns the boxes with its own, without those it hides.
-
-    A drone too faint for anybody to see is left out: it is neither there nor not there.
-    """
-    side = image.shape[0]
-    sprite = sprites[rng.integers(len(sprites))]
-    scale = min(size / max(sprite.shape[:2]), 3.0)
-    small = cv2.resize(sprite, (max(round(sprite.shape[1] * scale), 2), max(round(sprite.shape[0] * scale), 2)),
-                       interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-    small = small[:, ::-1] if rng.random() < 0.5 else small
-    if rng.random() < 0.4:
-        small = tilt(small, rng.uniform(-35, 35))
-    h, w = small.shape[:2]
-    if h >= side or w >= side:
-        return boxes
-    x, y = int(rng.integers(0, side - w)), int(rng.integers(0, side - h))
-    alpha = small[..., 3:].astype(np.float32) / 255.0
-    if size > 12 and rng.random() < 0.5:
-        alpha = cv2.GaussianBlur(alpha, (0, 0), 0.6)[..., None]
-    light = rng.uniform(0.5, 1.6)
-    shade = fog(np.clip(small[..., :3] * light, 0, 255), transmission, veil).astype(np.float32)
-    under = image[y:y + h, x:x + w].astype(np.float32)
-    blended = alpha * shade + (1 - alpha) * under
-    change = np.abs(blended - under).mean(axis=2)
-    if label is not None and np.percentile(change, 90) < 7.0:
-        return boxes
-    image[y:y + h, x:x + w] = blended.astype(np.uint8)
-    box = np.array([x, y, x + w, y + h], np.float32)
-    if len(boxes):
-        shared = np.clip(np.minimum(boxes[:, 3:], box[2:]) - np.maximum(boxes[:, 1:3], box[:2]), 0, None).prod(1)
-        boxes = boxes[shared < 0.4 * np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)]
-    if label is None:
-        return boxes
-    loose = np.clip(scaled(np.array([[label, *box]], np.float32), 1.0, NO_MARGIN), 0, side)
-    return np.concatenate([boxes, loose]).astype(np.float32)
-
-
 def visible(image: NDArray[np.uint8], box: NDArray) -> bool:
     """Whether anything stands out in a box."""
     x1, y1, x2, y2 = np.rint(box).astype(int)
     part = image[y1:y2, x1:x2]
     return part.size > 0 and float(np.ptp(np.percentile(part, [1, 99]))) > 6.0
-
-
-def outlined(sprite: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A sprite cut to its outline, where it has one of three pixels or more."""
-    rows, columns = np.flatnonzero((sprite[..., 3] > 50).any(1)), np.flatnonzero((sprite[..., 3] > 50).any(0))
-    if min(rows.size, columns.size) < 3:
-        return sprite
-    return sprite[rows[0]:rows[-1] + 1, columns[0]:columns[-1] + 1]
-
-
-def tilt(sprite: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
-    """A sprite turned in the picture and cut to its outline again."""
-    h, w = sprite.shape[:2]
-    turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
-    wide = int(np.hypot(h, w)) + 2
-    turn[:, 2] += 0.5 * wide - np.array([w, h]) / 2
-    return outlined(cv2.warpAffine(sprite, turn, (wide, wide)))
 
 
 def finish(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32]) -> Sample:
