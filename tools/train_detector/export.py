@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from clips import CLASSES, HEIGHT, WIDTH, Frames
+from clips import CLASSES, HEIGHT, MARGIN, WIDTH, Frames, scaled
 from measure import Look, Measurement, look_at, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
@@ -33,7 +33,9 @@ from torch import Tensor, nn
 from av_vision.evidence import EvidenceModel, logit
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.detections import Candidates, suppress
+from av_vision.yolo.letterbox import letterbox, to_tensor
 
+INPUT = 800  # pixels of the longer side: a little enlarged, what is small is told apart better
 LOWEST = 0.01
 FALSE = 0.05  # share of pictures without a drone that may show one
 # How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: of few clips
@@ -100,14 +102,15 @@ def fit(logits: NDArray, hits: NDArray) -> tuple[NDArray, float]:
 def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
     """Logits (n, classes) of the places that might be drones, and whether they are (IoU at least 0.3, each drone once)."""
     found, hits = [], []
-    corners, strides = cells(HEIGHT, WIDTH)
+    width, height = INPUT, INPUT * HEIGHT // WIDTH
+    corners, strides = cells(height, width)
     for i in range(len(frames)):
-        picture = torch.from_numpy(frames.image(i)[..., ::-1].transpose(2, 0, 1).copy()).float()[None] / 255.0
-        logits, raw = network(picture)
+        picture = to_tensor([letterbox(frames.image(i), height, width)[0]], True, 1.0 / 255.0, np.float32)
+        logits, raw = network(torch.from_numpy(picture))
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
         kept = suppress(boxes, logits[:, 0] + 10.0, DetectorSettings.nms_iou, DetectorSettings.nms_nested)
-        real = frames.boxes[i][frames.boxes[i][:, 0] == 0, 1:]
+        real = scaled(frames.boxes[i], INPUT / WIDTH)[frames.boxes[i][:, 0] == 0, 1:]
         found.append(logits[kept])
         hits.append(match(boxes[kept], real)[0] >= 0.3)
     return np.concatenate(found), np.concatenate(hits)
@@ -157,7 +160,8 @@ def main() -> None:
     weights, shift = fit(*candidates(network, frames))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
-    metadata = {'names': names, 'task': 'detect', 'imgsz': '640', 'license': 'Apache-2.0', 'steps': steps,
+    metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'margin': str(MARGIN.tolist()), 'license': 'Apache-2.0',
+                'steps': steps,
                 'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)

@@ -68,6 +68,21 @@ def test_dynamic_input_takes_the_size_asked_for(tmp_path):
         Detector(yolo_models.write(tmp_path / 'fixed.onnx'), DetectorSettings(input_size=640))
 
 
+@pytest.mark.parametrize('times', [1, 2, 4])
+def test_boxes_are_as_loose_in_any_picture_as_they_are_in_the_input(tmp_path, times):
+    path = yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'margin': '[20, 18]'})
+    found = Detector(path).detect(np.zeros((416 * times, 416 * times, 3), np.uint8))
+    told = np.array([box[:4] for box in yolo_models.TRUTH])
+    tight = told + 0.5 * np.array([20, 18, -20, -18])
+    assert found.boxes == pytest.approx(times * tight - 0.5 * np.array([20, 18, -20, -18]), abs=1e-3)
+
+
+@pytest.mark.parametrize('margin', ['wide', '[20]', '[20, -1]', '[20, "a"]', '[[1, 2], [3, 4]]', '[nan, 3]', '20'])
+def test_a_margin_that_is_none_is_refused(tmp_path, margin):
+    with pytest.raises(ModelError, match='margin'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'margin': margin}))
+
+
 @pytest.mark.parametrize(('output', 'reason'), [
     (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 7)), 'no known YOLO export'),
     (np.zeros((1, 8400, 85)), r'\(1, 3549, 5\+C\)'), (np.zeros((2, 300, 6)), 'expected')])

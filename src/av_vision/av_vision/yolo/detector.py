@@ -108,7 +108,7 @@ class Detector:
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
                 boxes, probabilities = model.layout.decode(output, size, floor)
-                boxes = boxes / scale + np.array([x, y, x, y], np.float32)
+                boxes = self._in_picture(boxes, scale) + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
                 looks.append(self._named(boxes[whole], probabilities[whole]))
         return tuple(np.concatenate(parts) for parts in zip(*looks, strict=True))
@@ -120,7 +120,13 @@ class Detector:
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
         boxes, probabilities = layout.decode(output, size, floor)
-        return self._named(boxes / scale, probabilities)
+        return self._named(self._in_picture(boxes, scale), probabilities)
+
+    def _in_picture(self, boxes: NDArray, scale: float) -> NDArray:
+        """Boxes of an input that is a picture times `scale`: as loose in pixels of the picture as they are in the input."""
+        middle, half = 0.5 * (boxes[:, :2] + boxes[:, 2:]) / scale, 0.5 * (boxes[:, 2:] - boxes[:, :2])
+        half = np.maximum(half - 0.5 * self.model.margin, 0.0) / scale + 0.5 * np.minimum(self.model.margin, 2.0 * half)
+        return np.concatenate([middle - half, middle + half], axis=1)
 
     def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:
         """What the model takes for a picture whose longer side shall be `longest`: anything that fits, or its only size."""

@@ -27,6 +27,7 @@ class Model:
 
     The layout is recognised from the answer to one grey picture, which also warms the session up; `layout` other than
     'auto' decides it. `input_size` is the longer side in pixels for models with dynamic input, 0 for the model's own.
+    `margin` (2,) is by how many pixels of its input the model's boxes are wider and higher than what they are around.
     Raises ModelError for a file that is missing, damaged or no YOLO detector, and for a provider that is not installed.
     """
 
@@ -42,6 +43,7 @@ class Model:
         self.dynamic_size = not all(isinstance(side, int) for side in size)
         self.longest = self._longest(input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
+        self.margin = self._margin()
         self._output_name = self.session.get_outputs()[0].name
         output = self._probe()
         self.layout = self._layout(layout, output)
@@ -84,6 +86,13 @@ class Model:
         if wanted < 32 or wanted % 32:
             raise ModelError(f'input_size is {wanted}, expected a multiple of 32')
         return wanted
+
+    def _margin(self) -> NDArray[np.float32]:
+        given = self.metadata.get('margin', '[0, 0]')
+        margin = np.array(parsed(given) if isinstance(parsed(given), (list, tuple)) else [], object)
+        if margin.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in margin):
+            raise ModelError(f'{self.path} has the margin {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
+        return margin.astype(np.float32)
 
     def _probe(self) -> NDArray[np.float32]:
         grey = np.full((1, 3, *self.size), PADDING / 255.0, self.dtype)
