@@ -125,7 +125,8 @@ class Detector:
     def _in_picture(self, boxes: NDArray, scale: float) -> NDArray:
         """Boxes of an input that is a picture times `scale`: as loose in pixels of the picture as they are in the input."""
         middle, half = 0.5 * (boxes[:, :2] + boxes[:, 2:]) / scale, 0.5 * (boxes[:, 2:] - boxes[:, :2])
-        half = np.maximum(half - 0.5 * self.model.margin, 0.0) / scale + 0.5 * np.minimum(self.model.margin, 2.0 * half)
+        loose = np.minimum(0.5 * self.model.margin, half)
+        half = (half - loose) / scale + loose
         return np.concatenate([middle - half, middle + half], axis=1)
 
     def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:

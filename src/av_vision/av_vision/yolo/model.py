@@ -89,7 +89,7 @@ class Model:
 
     def _margin(self) -> NDArray[np.float32]:
         given = self.metadata.get('margin', '[0, 0]')
-        margin = np.array(parsed(given) if isinstance(parsed(given), (list, tuple)) else [], object)
+        margin = np.array(parsed(given), object)  # of whatever it is; of a list of two its shape is (2,)
         if margin.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in margin):
             raise ModelError(f'{self.path} has the margin {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
         return margin.astype(np.float32)
