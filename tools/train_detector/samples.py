@@ -41,6 +41,10 @@ class Sampler:
         # A dark drone before a dark wall or wood is the hardest to find.
         dark = np.array([before_dark(simulated, i) for i in range(len(simulated))]) if simulated else np.zeros(0, bool)
         self._before_dark, self._before_light = np.flatnonzero(dark), np.flatnonzero(~dark)
+        there = {'CROWDED': bool(self._crowded), 'PAINTED': True, 'SIMULATED': bool(len(dark))}
+        self._kinds = [kind for kind in MIXTURE if there.get(kind, kind in self._by_kind)]
+        shares = np.array([MIXTURE[kind] for kind in self._kinds])
+        self._shares = shares / shares.sum()
 
     def draw(self, rng: Rng, side: int) -> Sample:
         """One square of side x side; some are enlarged as tiles are, so that what is small may be blurred, too."""
@@ -52,7 +56,7 @@ class Sampler:
 
     def _compose(self, rng: Rng, side: int) -> Sample:
         """A window of a frame with what is pasted into it."""
-        kind = rng.choice(list(MIXTURE), p=list(MIXTURE.values()))
+        kind = rng.choice(self._kinds, p=self._shares)
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
         elif kind == 'SIMULATED':
