@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, scaled
+from material import CROWD
 from measure import look_at, match, measure
 from numpy.typing import NDArray
-from pasting import paste
+from pasting import crowd, paste
 from simulated import boxes_of
 from sprites import build_bank
 
@@ -55,9 +56,9 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
 
 
 def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: int, count: int = 120) -> None:
-    """Recall of drones of builds never trained on, pasted over frames of clips never trained on, by size."""
+    """Recall of drones of builds never trained on, pasted over frames of clips never trained on, by size and background."""
     for low, high in BANDS:
-        found, near = 0, 0
+        found, near, behind = [], 0, []
         rng = np.random.default_rng([low, width])
         for _ in range(count):
             frame = frames.image(int(rng.integers(len(frames))))
@@ -66,15 +67,20 @@ def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: in
             while not len(real_boxes):
                 size = np.exp(rng.uniform(np.log(low), np.log(high)))
                 x = int(rng.integers(0, canvas.shape[1] - HEIGHT + 1))
-                square = np.ascontiguousarray(canvas[:, x:x + HEIGHT])
+                square = canvas[:, x:x + HEIGHT].copy()
                 real_boxes = paste(rng, square, real_boxes, sprites, size, 1.0, np.zeros(3), 0)
-                canvas[:, x:x + HEIGHT] = square
+            left, top, right, bottom = real_boxes[0, 1:].astype(int)
+            behind.append(crowd(canvas, x + left, top, right - left, bottom - top))
+            canvas[:, x:x + HEIGHT] = square
             box = real_boxes[:, 1:] + np.array([x, 0, x, 0], np.float32)
             overlap, off = match(detect(canvas).boxes, box)
             good = overlap >= 0.3
-            found += bool(good.any())
+            found.append(bool(good.any()))
             near += bool((off[good] <= max(5.0, 0.1 * size)).any())
-        print(f'  {low:3}-{high:3} px: {found / count:.3f}, centre within 5 px or a tenth of its size {near / count:.3f}')
+        right, crowded = np.array(found), np.array(behind) > CROWD
+        print(f'  {low:3}-{high:3} px: {right.mean():.3f}, centre within 5 px or a tenth of its size {near / count:.3f}; '
+              f'before sky {right[~crowded].mean():.3f} of {np.sum(~crowded)}, '
+              f'before other things {right[crowded].mean():.3f} of {np.sum(crowded)}')
 
 
 Shot = tuple[Picture, PinholeCamera, Drone, View]
