@@ -32,10 +32,10 @@ from torch import Tensor, nn
 
 from av_vision.evidence import EvidenceModel, logit
 from av_vision.yolo import Detector, DetectorSettings
-from av_vision.yolo.detections import Candidates, suppress
+from av_vision.yolo.detections import suppress
 from av_vision.yolo.letterbox import letterbox, to_tensor
 
-INPUT = 800  # pixels of the longer side: a little enlarged, what is small is told apart better
+INPUT = 960  # pixels of the longer side: enlarged, what is small is told apart better
 LOWEST = 0.01
 FALSE = 0.05  # share of pictures without a drone that may show one
 # How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: of few clips
@@ -135,13 +135,6 @@ def choose_threshold(result: Measurement) -> float:
     return round(float(max(allowed, key=result.f1, default=0.95)), 2)
 
 
-def recalibrate(look: Look, gain: float, shift: float) -> Look:
-    """The same network's look with other log-odds, down to the floor from which things are followed."""
-    probabilities = 1.0 / (1.0 + np.exp(-gain * logit(look.seen.probabilities) - shift))
-    worth = probabilities.max(axis=1, initial=0.0) > EVIDENCE.floor
-    return replace(look, seen=Candidates(look.seen.boxes[worth], probabilities[worth]))
-
-
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -165,16 +158,15 @@ def main() -> None:
                 'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)
-    looks = look_at(Detector(args.out, low), args.data, 'choose')
     # What the other classes take away in suppression changes the odds a little: once more, for all alike.
-    alone = measure(looks, Detector(args.out, low), still=True)
+    alone = measure(look_at(Detector(args.out, low), args.data, 'choose'), Detector(args.out, low), still=True)
     gain, more = fit(logit(alone.scores)[:, None], alone.hits)
     mixing, shift = gain[0] * mixing, gain[0] * shift + more
-    looks = [recalibrate(look, gain[0], more) for look in looks]
     metadata['evidence'] = json.dumps(asdict(EVIDENCE))
     write(Decoded(network, mixing, shift), args.out, metadata)
-    final = Detector(args.out, low)
-    result = measure(looks + rendered(final, frames, build_bank(args.cache, 'choose')['drone']), final)
+    final = Detector(args.out, replace(low, score_threshold=EVIDENCE.floor))  # as a rig looks
+    looks = look_at(final, args.data, 'choose') + rendered(final, frames, build_bank(args.cache, 'choose')['drone'])
+    result = measure(looks, final)
     metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, steps {steps}, weights {np.round(mixing[0], 3)}, '

@@ -13,10 +13,11 @@ from pasting import fog, paste
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED, BRANCHES = 120, 150  # pictures
-MIXTURE = {'DRONE': 0.17, 'BIRD': 0.13, 'AIRPLANE': 0.16, 'HELICOPTER': 0.09, 'CROWDED': 0.20, 'PAINTED': 0.04,
-           'SIMULATED': 0.21}
-ENLARGED = 0.25  # share of the squares
-CROWDED = 0.6  # share of the renders that are pasted where there is something behind them
+MIXTURE = {'DRONE': 0.15, 'BIRD': 0.12, 'AIRPLANE': 0.16, 'HELICOPTER': 0.08, 'CROWDED': 0.27, 'PAINTED': 0.03,
+           'SIMULATED': 0.19}
+ENLARGED = 0.6  # share of the squares
+SCALES = (1.25, 1.25, 1.6, 2.0, 2.5)  # of pictures and tiles, as the detector enlarges them
+CROWDED = 0.75  # share of the renders that are pasted where there is something behind them
 BEFORE_DARK = 0.7  # share of the simulator's squares with a drone before something dark
 Bank = dict[str, list[NDArray[np.uint8]]]
 
@@ -48,20 +49,21 @@ class Sampler:
 
     def draw(self, rng: Rng, side: int) -> Sample:
         """One square of side x side; some are enlarged as tiles are, so that what is small may be blurred, too."""
-        if rng.random() >= ENLARGED:
+        if side <= HEIGHT and rng.random() >= ENLARGED:
             return finish(rng, *self._compose(rng, side))
-        smaller = side // 2 if rng.random() < 0.5 else side * 4 // 5
-        image, boxes = self._compose(rng, smaller)
+        smaller = round(side / rng.choice([scale for scale in SCALES if side / scale <= HEIGHT]))
+        image, boxes = self._compose(rng, smaller, side / smaller)
         return finish(rng, cv2.resize(image, (side, side), interpolation=cv2.INTER_LINEAR), scaled(boxes, side / smaller))
 
-    def _compose(self, rng: Rng, side: int) -> Sample:
-        """A window of a frame with what is pasted into it."""
+    def _compose(self, rng: Rng, side: int, scale: float = 1.0) -> Sample:
+        """A window of a frame with what is pasted into it, to be enlarged by `scale`."""
         kind = rng.choice(self._kinds, p=self._shares)
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
         elif kind == 'SIMULATED':
-            some = self._before_dark if rng.random() < BEFORE_DARK else self._before_light
-            image, boxes = window_of(rng, self._simulated, int(rng.choice(some)), side)
+            dark, light = self._before_dark, self._before_light
+            first, second = (dark, light) if rng.random() < BEFORE_DARK else (light, dark)
+            image, boxes = window_of(rng, self._simulated, int(rng.choice(first if len(first) else second)), side)
         elif kind == 'CROWDED':
             i, *centre = rng.choice(self._crowded[rng.integers(len(self._crowded))])
             image, boxes = window_of(rng, self._frames, int(i), side, np.array(centre))
@@ -71,21 +73,23 @@ class Sampler:
         veil = np.full(3, rng.uniform(110, 240)) + rng.uniform(-12, 12, 3)
         if clearness < 1.0:
             image = fog(image, clearness, veil)
-        boxes = self._paste_drones(rng, image, boxes, clearness, veil)
+        boxes = self._paste_drones(rng, image, boxes, clearness, veil, scale)
         return image, self._paste_others(rng, image, boxes, clearness, veil)
 
-    def _paste_drones(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
+    def _paste_drones(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray,
+                      scale: float) -> NDArray[np.float32]:
         """Paste rendered drones: at every size up to twice as many as other things.
 
         To take another thing for a drone costs double (`loss.CONFUSED`); where fewer drones are shown, drones score low.
         """
-        side = len(image)
+        side = scale * len(image)  # sizes are meant as the network sees them
         if rng.random() < (0.7 if side < 400 else 0.8):
             for _ in range(1 + (rng.random() < 0.35)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 # Large squares are few, and only they hold near drones.
                 most = 0.9 * side if side >= 200 or rng.random() < 0.5 else 40.0
-                size = log_uniform(rng, 6.0 if side < 200 else 8.0 if side < 400 else 40.0, most)
+                least = 6.0 if side < 200 else 8.0 if side < 400 else 40.0
+                size = log_uniform(rng, max(least / scale, 6.0), most / scale)
                 boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0, rng.random() < CROWDED)
         return boxes
 
