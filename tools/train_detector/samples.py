@@ -41,14 +41,15 @@ class Sampler:
         self._crowded = crowded_places(frames)
         # A dark drone before a dark wall or wood is the hardest to find.
         dark = np.array([before_dark(simulated, i) for i in range(len(simulated))]) if simulated else np.zeros(0, bool)
-        self._before_dark, self._before_light = np.flatnonzero(dark), np.flatnonzero(~dark)
+        self._before_dark = np.flatnonzero(dark if dark.any() else ~dark)
+        self._before_light = np.flatnonzero(dark if dark.all() else ~dark)
         there = {'CROWDED': bool(self._crowded), 'PAINTED': True, 'SIMULATED': bool(len(dark))}
         self._kinds = [kind for kind in MIXTURE if there.get(kind, kind in self._by_kind)]
         shares = np.array([MIXTURE[kind] for kind in self._kinds])
         self._shares = shares / shares.sum()
 
     def draw(self, rng: Rng, side: int) -> Sample:
-        """One square of side x side; some are enlarged as tiles are, so that what is small may be blurred, too."""
+        """One square of side x side; some, and all larger than a frame, are enlarged: what is small may be blurred, too."""
         if side <= HEIGHT and rng.random() >= ENLARGED:
             return finish(rng, *self._compose(rng, side))
         smaller = round(side / rng.choice([scale for scale in SCALES if side / scale <= HEIGHT]))
@@ -61,9 +62,8 @@ class Sampler:
         if kind == 'PAINTED':
             image, boxes = self._painted(rng, side), np.empty((0, 5), np.float32)
         elif kind == 'SIMULATED':
-            dark, light = self._before_dark, self._before_light
-            first, second = (dark, light) if rng.random() < BEFORE_DARK else (light, dark)
-            image, boxes = window_of(rng, self._simulated, int(rng.choice(first if len(first) else second)), side)
+            some = self._before_dark if rng.random() < BEFORE_DARK else self._before_light
+            image, boxes = window_of(rng, self._simulated, int(rng.choice(some)), side)
         elif kind == 'CROWDED':
             i, *centre = rng.choice(self._crowded[rng.integers(len(self._crowded))])
             image, boxes = window_of(rng, self._frames, int(i), side, np.array(centre))
