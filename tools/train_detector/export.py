@@ -125,7 +125,7 @@ def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: 
         there = clip_boxes(frames.boxes[i], HEIGHT)
         truth = paste(rng, square, there, sprites, log_uniform(rng, 12.0, 300.0), 1.0, np.zeros(3), 0)
         if len(truth) > len(there):
-            looks.append(Look(f'rendered {len(looks)}', 0.0, detector.candidates(square, EVIDENCE.floor), truth))
+            looks.append(Look(f'rendered {len(looks)}', 0.0, detector.candidates(square, detector.threshold), truth))
     return looks
 
 
@@ -159,7 +159,8 @@ def main() -> None:
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)
     # What the other classes take away in suppression changes the odds a little: once more, for all alike.
-    alone = measure(look_at(Detector(args.out, low), args.data, 'choose'), Detector(args.out, low), still=True)
+    first = Detector(args.out, low)
+    alone = measure(look_at(first, args.data, 'choose'), first, still=True)
     gain, more = fit(logit(alone.scores)[:, None], alone.hits)
     mixing, shift = gain[0] * mixing, gain[0] * shift + more
     metadata['evidence'] = json.dumps(asdict(EVIDENCE))
