@@ -44,7 +44,8 @@ ARGUMENTS = {
     'video': ('', 'source:=file: a video or a folder of pictures; empty: blind', None),
     'model': ('', "a detector's ONNX file, or `shipped`; empty: shipped, but with simulators their visual oracle", None),
     **RIG_ARGUMENTS,
-    'port_offset': ('0', 'source:=sim or udp: added to every UDP port, so that several rigs run side by side', None),
+    'port_offset': ('0', 'source:=sim or udp: added to every UDP port, for rigs side by side; multiples of 250 up to 1750 meet '
+                    'neither DDS nor the ports that Linux lends', None),
     'duration': ('0', 'end after this many seconds; 0 runs until Ctrl-C', None),
     'px4': ('false', "turn PX4's gimbal and body, take its attitude as odometry; needs px4_msgs, see docs/px4.md",
             ['true', 'false']),

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import random
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rig_process import RigProcess
+from udp_ports import free_offset
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'src' / 'av_px4' / 'test'))
 from fake_vehicle import FakeVehicle
@@ -44,8 +44,7 @@ def fly(monkeypatch):
     def start(*arguments, options=()):
         for name, value in overlay('1.16').items():
             monkeypatch.setenv(name, value)
-        rig = RigProcess('px4:=true', 'enable_pointing:=true', f'port_offset:={random.SystemRandom().randrange(2, 300) * 100}',
-                         *arguments)
+        rig = RigProcess('px4:=true', 'enable_pointing:=true', f'port_offset:={free_offset()}', *arguments)
         vehicles.append(FakeVehicle('1.16', *options, domain=rig.domain))
         return rig, vehicles[-1]
 

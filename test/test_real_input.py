@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import random
 
 import numpy as np
 import pytest
 from real_recordings import CLIPS, COCO, boxes_of, moving_drone, needs_data
 from rig_process import RigProcess
+from udp_ports import free_offset
 
 pytestmark = [pytest.mark.system, needs_data]
 
@@ -59,7 +59,7 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
 def test_the_simulated_drone_has_a_recorded_voice(tmp_path):
     """A recording at 44.1 kHz as the drone's voice: resampled, propagated, heard and followed."""
     rig = RigProcess('scenario:=circle', f'voice:={CLIPS}/audio/DRONE_001.flac', 'duration:=20', f'out:={tmp_path}',
-                     f'port_offset:={random.randrange(2, 300) * 100}')
+                     f'port_offset:={free_offset()}')
     assert rig.finish() == 0, rig.output
     assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output
     assert not rig.leftovers()

@@ -11,6 +11,7 @@ import time
 
 import pytest
 from rig_process import RigProcess
+from udp_ports import free_offset
 
 pytestmark = pytest.mark.system
 
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def port_offset():
     """An offset of all UDP ports, so that runs do not meet."""
-    return random.SystemRandom().randrange(2, 300) * 100
+    return free_offset()
 
 
 def test_the_simulated_drone_is_tracked(tmp_path, port_offset):
@@ -65,7 +66,7 @@ def test_without_a_simulator_the_rig_says_what_is_missing(port_offset):
 def test_deaf_or_blind_the_rig_goes_on(blocked, complaint, port_offset, tmp_path):
     """With one sense missing the other carries the bearing."""
     parameters = tmp_path / 'elsewhere.yaml'
-    parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + random.randrange(900)}\n')
+    parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + port_offset}\n')
     rig = RigProcess('scenario:=circle', 'duration:=15', f'params:={parameters}', f'port_offset:={port_offset}')
     assert rig.finish() == 0, rig.output
     assert complaint in rig.output

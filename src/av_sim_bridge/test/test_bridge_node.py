@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.qos import QoSProfile  # noqa: E402
 from sensor_msgs.msg import CameraInfo, Image, Imu  # noqa: E402
-from test_loopback import free_ports  # noqa: E402
+from udp_ports import free_ports  # noqa: E402
 from vision_msgs.msg import Detection2DArray  # noqa: E402
 
 from av_common.qos import PICTURE, RESULT, STREAM  # noqa: E402
@@ -43,7 +43,7 @@ TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICT
 class Rig:
     """A bridge node and a listener to all that it says."""
 
-    def __init__(self, ports, depth_port):
+    def __init__(self, ports, depth_port=0):
         numbers = dataclasses.asdict(ports) | {'depth': depth_port}
         settings = {f'{name}_port': port for name, port in numbers.items()} | {
             'oracle_detections': True, 'stale_after': 0.5, 'targets': 2}
@@ -95,17 +95,16 @@ def simulate(scenario, options):
 @pytest.fixture(scope='module')
 def rig():
     """A bridge that has been spun without a simulator, with one for three seconds, and with garbage."""
-    ports, depth_port = free_ports(), free_ports().image
-    bridge = Rig(dataclasses.replace(ports, target_truth=ports.rig_truth + 2), depth_port)
+    ports = free_ports()
+    bridge = Rig(ports, ports.depth)
     scenario = load_scenario(find_config('two_drones', 'scenarios'))
     ahead = dataclasses.replace(scenario.targets[0], trajectory=Static((8.0, 0.5, 3.0)))
     scenario = dataclasses.replace(scenario, targets=(ahead, scenario.targets[1]))
     bridge.spin(2.0)
     bridge.alone = bridge.status()
-    wire = dataclasses.replace(ports, target_truth=ports.rig_truth + 2)
     # A process of its own, as outside of tests: two threads of one interpreter slow each other down to a fifth.
     with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as processes:
-        simulator = processes.submit(simulate, scenario, WireOptions(ports=wire, audio_header=True, renderer='painter'))
+        simulator = processes.submit(simulate, scenario, WireOptions(ports=ports, audio_header=True, renderer='painter'))
         while not simulator.done():
             bridge.spin(0.2, PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3))
     bridge.spin_while_coming()
@@ -114,11 +113,11 @@ def rig():
     source = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     picture, depth = np.zeros((48, 64, 3), np.uint8), np.full((48, 64), 65_535, np.uint16)
     depth[10, 20] = 1234
-    for port, layer in ((wire.image, picture), (depth_port, depth), (depth_port, picture)):
+    for port, layer in ((ports.image, picture), (ports.depth, depth), (ports.depth, picture)):
         image = EncodedImage(5.0, cv2.imencode('.png', layer)[1].tobytes())
         source.sendto(encode_image(image)[0], ('127.0.0.1', port))
     bridge.spin(0.5)
-    for port in dataclasses.astuple(wire):
+    for port in dataclasses.astuple(ports):
         for size in (0, 3, 40, 168, 6000, 60_000):
             source.sendto(np.random.default_rng(size).bytes(size), ('127.0.0.1', port))
     source.close()

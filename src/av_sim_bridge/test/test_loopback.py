@@ -8,6 +8,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
 from av_sim_bridge.bridge.intake import AudioIntake, ImageIntake, TruthIntake
@@ -22,7 +23,6 @@ from av_sim_bridge.sound import FormulaVoice, Noise
 from av_sim_bridge.trajectories import Line, Static
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
-from av_sim_bridge.wire.ports import Ports
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 from av_sim_bridge.world import World
@@ -38,17 +38,6 @@ def click(times):
 SCENARIO = Scenario(
     name='event', duration=DURATION, scene=Woodland(trees=0), noise=Noise(self_noise_db_spl=10.0), weather=Weather(),
     targets=(Target(Line((10.0, -8.0, 2.6), (0.0, 4.0, 0.0)), voice=FormulaVoice(click)),))
-
-
-def free_ports():
-    """Ports nobody uses now."""
-    sockets = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in dataclasses.fields(Ports)]
-    for each in sockets:
-        each.bind(('127.0.0.1', 0))
-    ports = Ports(*[each.getsockname()[1] for each in sockets])
-    for each in sockets:
-        each.close()
-    return ports
 
 
 class Listener:

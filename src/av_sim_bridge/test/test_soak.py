@@ -1,11 +1,11 @@
 """A stream over loopback: no sample is lost or changed. `ros2 run av_sim_bridge soak` is the long run that watches memory."""
 
-import random
 import threading
 
 import numpy as np
 import pytest
-from test_loopback import Listener, free_ports
+from test_loopback import Listener
+from udp_ports import free_offset, free_ports
 
 from av_sim_bridge.config_files import find_config
 from av_sim_bridge.rig import load_rig
@@ -53,7 +53,7 @@ def test_the_soak_runs_and_nothing_is_lost(capsys):
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
     from av_sim_bridge.cli import soak
-    # Memory means nothing in so short a run; other ports than those of a soak that runs meanwhile.
-    offset = str(random.SystemRandom().randrange(300, 3000))
-    assert soak.main(['circle', '--duration', '8', '--image-rate', '2', '--most-growth', '100', '--port-offset', offset]) == 0
+    # Memory means nothing in so short a run.
+    arguments = ['circle', '--duration', '8', '--image-rate', '2', '--most-growth', '100', '--port-offset', str(free_offset())]
+    assert soak.main(arguments) == 0
     assert '384000 of 384000 frames, lost none: holds' in capsys.readouterr().out
