@@ -83,6 +83,23 @@ def test_a_margin_that_is_none_is_refused(tmp_path, margin):
         Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'margin': margin}))
 
 
+@pytest.mark.parametrize(('near', 'twice'), [(128, True), (160, False)])
+def test_what_fills_much_of_a_picture_is_looked_for_in_a_smaller_copy(tmp_path, near, twice):
+    answer = yolo_models.rows_of('v8', 416, 3, truth=((10, 10, 50, 40, 1, 0.9), (200, 200, 210, 212, 0, 0.6)))[None]
+    path = yolo_models.write(tmp_path / 'model.onnx', dynamic=True, output=answer, metadata=NAMES | {'near_imgsz': str(near)})
+    found = Detector(path, DetectorSettings(input_size=416)).detect(np.zeros((416, 416, 3), np.uint8))
+    # In the copy all is 3.25 times as large as it seems; of that the first is more than a quarter of the picture. A copy of
+    # more than a third of the input would cost too much.
+    expected = {(10, 10, 50, 40), (200, 200, 210, 212)} | ({(32.5, 32.5, 162.5, 130)} if twice else set())
+    assert {tuple(np.round(box, 1).tolist()) for box in found.boxes} == expected
+
+
+@pytest.mark.parametrize('near', ['large', '-32', '100', '[320]'])
+def test_a_size_for_what_is_near_that_is_none_is_refused(tmp_path, near):
+    with pytest.raises(ModelError, match='near_imgsz'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'near_imgsz': near}))
+
+
 @pytest.mark.parametrize(('output', 'reason'), [
     (np.zeros((1, 1000)), r'shape \(1, 1000\)'), (np.zeros((1, 100, 7)), 'no known YOLO export'),
     (np.zeros((1, 8400, 85)), r'\(1, 3549, 5\+C\)'), (np.zeros((2, 300, 6)), 'expected')])

@@ -14,6 +14,8 @@ from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
+NEAR = 0.25  # of the picture's longer side: what is larger may outgrow a network that sees the picture enlarged
+
 
 @dataclass(frozen=True)
 class DetectorSettings:
@@ -96,11 +98,15 @@ class Detector:
                           tuple(self._names[i] for i in classes[chosen])), chosen
 
     def _look_everywhere(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
-        """The whole picture and, with slicing, its tiles in one batch."""
+        """The whole picture, what fills much of it in a smaller copy too and, with slicing, its tiles in one batch."""
         height, width = image.shape[:2]
         side, model = self.settings.slice_size, self.model
         corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
-        looks = [self._look(image, floor)]
+        looks = [self._look(image, floor, model.longest)]
+        if model.near:
+            boxes, probabilities = self._look(image, floor, model.near)
+            near = (boxes[:, 2:] - boxes[:, :2] - model.margin).max(axis=1, initial=0.0) > NEAR * max(width, height)
+            looks.append((boxes[near], probabilities[near]))
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
             size = self._input_size(side, side, max(side, model.longest))
@@ -113,10 +119,10 @@ class Detector:
                 looks.append(self._named(boxes[whole], probabilities[whole]))
         return tuple(np.concatenate(parts) for parts in zip(*looks, strict=True))
 
-    def _look(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
+    def _look(self, image: NDArray[np.uint8], floor: float, longest: int) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the picture and probabilities of names, before suppression."""
         model, layout = self.model, self.model.layout
-        size = self._input_size(*image.shape[:2], model.longest)
+        size = self._input_size(*image.shape[:2], longest)
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
         boxes, probabilities = layout.decode(output, size, floor)

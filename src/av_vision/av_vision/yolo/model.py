@@ -27,7 +27,8 @@ class Model:
 
     The layout is recognised from the answer to one grey picture, which also warms the session up; `layout` other than
     'auto' decides it. `input_size` is the longer side in pixels for models with dynamic input, 0 for the model's own.
-    `margin` (2,) is by how many pixels of its input the model's boxes are wider and higher than what they are around.
+    `margin` (2,) is by how many pixels of its input the model's boxes are wider and higher than what they are around,
+    `near` the longer side at which it knows what is near better (0: none such), both from its metadata.
     Raises ModelError for a file that is missing, damaged or no YOLO detector, and for a provider that is not installed.
     """
 
@@ -44,6 +45,7 @@ class Model:
         self.longest = self._longest(input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
         self.margin = self._margin()
+        self.near = self._near()
         self._output_name = self.session.get_outputs()[0].name
         output = self._probe()
         self.layout = self._layout(layout, output)
@@ -93,6 +95,13 @@ class Model:
         if margin.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in margin):
             raise ModelError(f'{self.path} has the margin {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
         return margin.astype(np.float32)
+
+    def _near(self) -> int:
+        given = parsed(self.metadata.get('near_imgsz', '0'))
+        if not isinstance(given, int) or given < 0 or given % 32:
+            raise ModelError(f'{self.path} has near_imgsz {given!r} in its metadata, expected a multiple of 32')
+        # Only where the other look is so much larger that this one costs little.
+        return given if self.dynamic_size and self.longest >= 3 * given else 0
 
     def _probe(self) -> NDArray[np.float32]:
         grey = np.full((1, 3, *self.size), PADDING / 255.0, self.dtype)
