@@ -28,7 +28,7 @@ from av_vision.camera import PinholeCamera
 from av_vision.yolo import Detector, DetectorSettings
 
 BANDS = ((5, 8), (8, 12), (12, 20), (20, 40), (40, 80), (80, 160), (160, 300))
-SLICE = 320  # pixels; they are enlarged to the model's input
+SLICE = 416  # pixels; they are enlarged threefold, to the model's input
 LOWEST = 0.02
 
 

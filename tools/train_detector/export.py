@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -35,7 +36,8 @@ from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.detections import suppress
 from av_vision.yolo.letterbox import letterbox, to_tensor
 
-INPUT = 960  # pixels of the longer side: enlarged, what is small is told apart better
+INPUT = 1280  # pixels of the longer side: enlarged, what is small is told apart better
+NEAR_INPUT = 320  # ... and what fills much of the picture is seen as large as it was in training
 LOWEST = 0.01
 FALSE = 0.05  # share of pictures without a drone that may show one
 # How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: of few clips
@@ -144,7 +146,7 @@ def main() -> None:
     parser.add_argument('--data', type=Path, required=True)
     args = parser.parse_args()
     states = [torch.load(checkpoint) for checkpoint in args.checkpoints]
-    steps = ' + '.join(str(state['step']) for state in states)
+    steps = ' + '.join(f'{count} x {step}' for step, count in Counter(state['step'] for state in states).items())
     network = Network()
     network.load_state_dict(mean_of([state['average'] for state in states]))
     network.eval()
@@ -153,8 +155,8 @@ def main() -> None:
     weights, shift = fit(*candidates(network, frames))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
-    metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'margin': str(MARGIN.tolist()), 'license': 'Apache-2.0',
-                'steps': steps,
+    metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'near_imgsz': str(NEAR_INPUT),
+                'margin': str(MARGIN.tolist()), 'license': 'Apache-2.0', 'steps': steps,
                 'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)

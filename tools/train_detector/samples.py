@@ -16,9 +16,10 @@ PAINTED, BRANCHES = 120, 150  # pictures
 MIXTURE = {'DRONE': 0.15, 'BIRD': 0.12, 'AIRPLANE': 0.16, 'HELICOPTER': 0.08, 'CROWDED': 0.27, 'PAINTED': 0.03,
            'SIMULATED': 0.19}
 ENLARGED = 0.6  # share of the squares
-SCALES = (1.25, 1.25, 1.6, 2.0, 2.5)  # of pictures and tiles, as the detector enlarges them
+SCALES = (1.25, 1.6, 2.0, 2.25, 2.5, 3.0)  # of pictures and tiles, as the detector enlarges them
 CROWDED = 0.75  # share of the renders that are pasted where there is something behind them
 BEFORE_DARK = 0.7  # share of the simulator's squares with a drone before something dark
+OTHERS = 40.0  # pixels, as the network sees them, from which on other things than drones are pasted
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
@@ -74,7 +75,7 @@ class Sampler:
         if clearness < 1.0:
             image = fog(image, clearness, veil)
         boxes = self._paste_drones(rng, image, boxes, clearness, veil, scale)
-        return image, self._paste_others(rng, image, boxes, clearness, veil)
+        return image, self._paste_others(rng, image, boxes, clearness, veil, scale)
 
     def _paste_drones(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray,
                       scale: float) -> NDArray[np.float32]:
@@ -93,24 +94,25 @@ class Sampler:
                 boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0, rng.random() < CROWDED)
         return boxes
 
-    def _paste_others(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray) -> NDArray[np.float32]:
+    def _paste_others(self, rng: Rng, image: NDArray, boxes: NDArray, clearness: float, veil: NDArray,
+                      scale: float) -> NDArray[np.float32]:
         """Paste what flies besides rendered drones, what was cut out of other frames, branches and other things."""
-        side = len(image)
-        # Nothing tells the smallest apart: only drones are pasted so small; how often they are drones the clips have to teach.
+        side, least = len(image), OTHERS / scale
+        # Nothing tells the smaller apart: only drones are pasted so small; how often they are drones the clips have to teach.
         if rng.random() < 0.1:  # airplanes above all: lit by the sun they are most like drones
             label = int(rng.choice([1, 2, 3], p=[0.2, 0.65, 0.15]))
-            size = log_uniform(rng, 20.0, 0.6 * side)
+            size = log_uniform(rng, least, 0.6 * side)
             boxes = paste(rng, image, boxes, self._sprites[label], size, clearness, veil, label, rng.random() < CROWDED)
         if rng.random() < 0.3:  # a real one before another sky, nearer or further than it was filmed
             label = int(rng.choice(len(self._cutouts), p=[0.5, 0.15, 0.25, 0.1]))
-            size = log_uniform(rng, 16.0 if label else 5.0, 0.5 * side)
+            size = log_uniform(rng, least if label else 5.0, 0.5 * side)
             boxes = paste(rng, image, boxes, self._cutouts[label], size, clearness, veil, label)
         if rng.random() < 0.12:
             for _ in range(rng.integers(1, 4)):
                 size = log_uniform(rng, 0.3 * side, 0.95 * side)
                 boxes = paste(rng, image, boxes, self._branches, size, clearness, veil, None)
         if rng.random() < 0.05:
-            boxes = paste(rng, image, boxes, self._others, log_uniform(rng, 20.0, 0.7 * side), clearness, veil, None)
+            boxes = paste(rng, image, boxes, self._others, log_uniform(rng, least, 0.7 * side), clearness, veil, None)
         return boxes
 
     def _painted(self, rng: Rng, side: int) -> NDArray[np.uint8]:
