@@ -5,17 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from rig_process import RigProcess
-from udp_ports import free_offset
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / 'src' / 'av_px4' / 'test'))
 from fake_vehicle import FakeVehicle
 from px4_layouts import overlay
+from rig_process import RigProcess
+from udp_ports import free_offset
 
 pytestmark = pytest.mark.system
 
