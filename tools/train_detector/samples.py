@@ -19,7 +19,7 @@ ENLARGED = 0.6  # share of the squares
 SCALES = (1.25, 1.6, 2.0, 2.25, 2.5, 3.0)  # of pictures and tiles, as the detector enlarges them
 CROWDED = 0.75  # share of the renders that are pasted where there is something behind them
 BEFORE_DARK = 0.7  # share of the simulator's squares with a drone before something dark
-OTHERS = 40.0  # pixels, as the network sees them, from which on other things than drones are pasted
+OTHERS = 52.0  # pixels, as the network sees them, from which on other things than drones are pasted
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 

@@ -29,7 +29,7 @@ from torch import Tensor
 
 # (side of the squares, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
 # things and how much in a picture is nothing.
-BATCHES = ((128, 40, 0.38), (256, 14, 0.24), (512, 5, 0.2), (768, 2, 0.18))
+BATCHES = ((128, 40, 0.42), (256, 14, 0.28), (512, 5, 0.2), (768, 2, 0.1))
 WARM_UP, DECAY = 200, 0.5
 
 
