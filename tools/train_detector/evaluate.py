@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, scaled
-from material import CROWD
-from measure import look_at, match, measure
+from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, clips_of, film, scaled
+from material import CROWD, extent
+from measure import Look, Measurement, look_at, match, measure
 from numpy.typing import NDArray
 from pasting import crowd, paste
 from simulated import boxes_of
@@ -49,10 +49,26 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
             for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
                 mine = np.array([kind in name for name in clip])
                 print(f'           false drones on {kind.lower()} frames: {mine[wrong].sum()} of {mine.sum()}')
+            if 'test' in split:
+                by_size(looks, m, threshold, data, split)
             right = np.unique(m.frames[(m.scores >= threshold) & m.hits])
             for name in np.unique(clip) if clips and not still else ():
                 mine = clip == name
                 print(f'           {name:17} found in {mine[right].sum():3}, false in {mine[wrong].sum():3} of {mine.sum():3}')
+
+
+def by_size(looks: list[Look], m: Measurement, threshold: float, data: Path, split: str) -> None:
+    """Recall of real drones by their size, on frames that show one."""
+    pictures = (picture for clip in clips_of(data, split) for _, picture, _ in film(data, clip))
+    sizes = np.array([extent(picture, look.drones[0]) if len(look.drones) == 1 else np.nan
+                      for picture, look in zip(pictures, looks, strict=True)])
+    found = np.isin(np.arange(len(looks)), m.frames[(m.scores >= threshold) & m.hits])
+    cells = []
+    for low, high in BANDS:
+        mine = (sizes >= low) & (sizes < high)
+        if mine.any():
+            cells.append(f'{low}-{high} px {found[mine].mean():.3f} of {mine.sum()}')
+    print('           real drones found by size: ' + ', '.join(cells))
 
 
 def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: int, count: int = 120) -> None:
