@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, clips_of, film, scaled
-from material import CROWD, extent
-from measure import Look, Measurement, look_at, match, measure
+from material import CROWD
+from measure import extent, look_at, match, measure
 from numpy.typing import NDArray
 from pasting import crowd, paste
 from simulated import boxes_of
@@ -37,7 +37,7 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
     print('split      looks         frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
     for split in ('choose', 'test_clip', 'test_scene'):
         looks = look_at(detector, data, split)
-        clip = np.array([look.clip for look in looks])
+        clip, sizes = np.array([look.clip for look in looks]), sizes_of_drones(data, split)
         for still in (True, False):
             m = measure(looks, detector, still)
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
@@ -49,26 +49,25 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
             for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
                 mine = np.array([kind in name for name in clip])
                 print(f'           false drones on {kind.lower()} frames: {mine[wrong].sum()} of {mine.sum()}')
-            if 'test' in split:
-                by_size(looks, m, threshold, data, split)
             right = np.unique(m.frames[(m.scores >= threshold) & m.hits])
+            for low, high in BANDS:
+                mine = (sizes >= low) & (sizes < high)
+                if mine.any():
+                    share = mine[right].sum() / mine.sum()
+                    print(f'           drones of {low:3}-{high:3} px: found {share:.3f} of {mine.sum()}')
             for name in np.unique(clip) if clips and not still else ():
                 mine = clip == name
                 print(f'           {name:17} found in {mine[right].sum():3}, false in {mine[wrong].sum():3} of {mine.sum():3}')
 
 
-def by_size(looks: list[Look], m: Measurement, threshold: float, data: Path, split: str) -> None:
-    """Recall of real drones by their size, on frames that show one."""
-    pictures = (picture for clip in clips_of(data, split) for _, picture, _ in film(data, clip))
-    sizes = np.array([extent(picture, look.drones[0]) if len(look.drones) == 1 else np.nan
-                      for picture, look in zip(pictures, looks, strict=True)])
-    found = np.isin(np.arange(len(looks)), m.frames[(m.scores >= threshold) & m.hits])
-    cells = []
-    for low, high in BANDS:
-        mine = (sizes >= low) & (sizes < high)
-        if mine.any():
-            cells.append(f'{low}-{high} px {found[mine].mean():.3f} of {mine.sum()}')
-    print('           real drones found by size: ' + ', '.join(cells))
+def sizes_of_drones(data: Path, split: str) -> NDArray[np.float64]:
+    """Of each frame of a split, as `look_at` takes them, the size in pixels of the drone; NaN where there is not just one."""
+    found = []
+    for clip in clips_of(data, split):
+        for _, picture, truth in film(data, clip):
+            drones = truth[truth[:, 0] == 0, 1:]
+            found.append(extent(picture, drones[0]) if len(drones) == 1 else np.nan)
+    return np.array(found)
 
 
 def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: int, count: int = 120) -> None:

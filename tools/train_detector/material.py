@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from clips import CLASSES, HEIGHT, MARGIN, WIDTH, Frames
+from clips import CLASSES, HEIGHT, WIDTH, Frames
 from numpy.typing import NDArray
 from pasting import outlined
 
 BLOCK, CROWD, LEAST = 64, 12.0, 20  # pixels, spread of grey, blocks of a clip
 CUTOUTS = 12  # of each clip
 DARK = 90  # grey of walls and woods
-STANDS_OUT = 20.0  # of 255, from the colour of the sky
 
 
 def crowded_places(frames: Frames) -> list[NDArray[np.intp]]:
@@ -36,34 +35,23 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
     for rows in of_clip.values():
         for i in rows[::max(len(rows) // CUTOUTS, 1)]:
             for label, *box in frames.boxes[i]:
-                x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
-                off = standing_out(frames.image(i), x1, y1, x2, y2)
-                if min(x2 - x1, y2 - y1) < 8 or off is None:
+                crop, off = standing_out(frames.image(i), box)
+                if min(crop.shape[:2]) < 8 or off is None:
                     continue
-                sprite = np.dstack([frames.image(i)[y1:y2, x1:x2], np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
+                sprite = np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
                 made[int(label)].append(outlined(sprite))
     return made
 
 
-def standing_out(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray[np.float32] | None:
-    """How far (h, w) each pixel of a box is from the colour around the box; None where that is no plain sky."""
+def standing_out(image: NDArray, box: NDArray) -> tuple[NDArray, NDArray | None]:
+    """What is in a box and how far (h, w) each pixel is from the colour around the box; None where that is no plain sky."""
+    x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
+    crop = image[y1:y2, x1:x2]
     around = surroundings(image, x1, y1, x2, y2).astype(np.float32)
     rim = np.concatenate([around[:4].reshape(-1, 3), around[-4:].reshape(-1, 3), around[:, :4].reshape(-1, 3)])
     if rim.std(axis=0).max() > 6.0:
-        return None
-    return np.abs(image[y1:y2, x1:x2] - np.median(rim, axis=0)).max(axis=2)
-
-
-def extent(image: NDArray, box: NDArray) -> float:
-    """Longer side in pixels of what a label is around: of what stands out, or the label less its margin where no sky is plain.
-
-    Some labels are three times as large as their drone.
-    """
-    off = standing_out(image, *np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int))
-    if off is None:
-        return float((box[2:] - box[:2] - MARGIN).max())
-    rows, columns = np.flatnonzero((off > STANDS_OUT).any(1)), np.flatnonzero((off > STANDS_OUT).any(0))
-    return float(max(np.ptp(rows), np.ptp(columns)) + 1) if rows.size else 1.0
+        return crop, None
+    return crop, np.abs(crop - np.median(rim, axis=0)).max(axis=2)
 
 
 def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:

@@ -5,13 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
-from clips import clips_of, film
+from clips import MARGIN, clips_of, film
+from material import standing_out
 from numpy.typing import NDArray
 
 from av_vision.watching import Watcher
 from av_vision.yolo import Detector
 from av_vision.yolo.detections import Candidates
+
+STANDS_OUT = 20.0  # of 255, from the colour of the sky
 
 
 @dataclass
@@ -106,6 +110,17 @@ class Look:
     def drones(self) -> NDArray[np.float32]:
         """Boxes (k, 4) of the drones that are there."""
         return self.truth[self.truth[:, 0] == 0, 1:]
+
+
+def extent(image: NDArray[np.uint8], box: NDArray) -> float:
+    """Longer side in pixels of what a label is around: of what stands out, or the label less its margin where no sky is plain.
+
+    Some labels are three times as large as their drone.
+    """
+    _, off = standing_out(image, box)
+    if off is None:
+        return float((box[2:] - box[:2] - MARGIN).max())
+    return float(max(*cv2.boundingRect((off > STANDS_OUT).astype(np.uint8))[2:], 1))
 
 
 def look_at(detector: Detector, data: Path, split: str) -> list[Look]:
