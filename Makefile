@@ -34,11 +34,11 @@ test: build
 
 # The whole of it brings the README's table of measured values up to date.
 report: build
-	$(ENV) && exec ros2 run av_fusion report --data $(DATA) --seeds $(SEEDS) \
+	$(ENV) && exec ros2 run av_evaluation report --data $(DATA) --seeds $(SEEDS) \
 		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
 
 detector: build
-	$(ENV) && exec python3 tools/train_detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
+	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
 lint:
 	$(ENV) && ruff check .

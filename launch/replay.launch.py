@@ -11,9 +11,9 @@ from __future__ import annotations
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch_ros.actions import Node
 
-from av_fusion.bags import topics as names
-from av_fusion.bags.reader import Bag
-from av_fusion.bags.topics import STAGES, find_topics, parse_remappings
+from av_bags import topics as names
+from av_bags.reader import Bag
+from av_bags.topics import STAGES, find_topics, parse_remappings
 from av_fusion.launching import (
     RIG_ARGUMENTS,
     Arguments,
@@ -54,7 +54,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         found = find_topics(bag, names.KINDS, parse_remappings(arguments['remap'].split(',')),
                             arguments['recorded_namespace'])
     only = arguments['only']
-    pointing = rig_node(arguments, 'av_fusion', 'pointing_node', BAG_TIME)
+    pointing = rig_node(arguments, 'av_pointing', 'pointing_node', BAG_TIME)
     title = f'{arguments["bag"]}, played from {only}'
     listening, beside = [monitor_node(arguments, {'title': title, **BAG_TIME})], []
     if only == 'raw' and names.AUDIO in found:
@@ -78,7 +78,7 @@ def player_node(arguments: Arguments, listeners: list[str]) -> Node:
     texts = {name: arguments[name] for name in ('bag', 'only', 'recorded_namespace', 'audio_format')}
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
-    return Node(package='av_fusion', executable='player_node', name='player_node', namespace=arguments['namespace'],
+    return Node(package='av_bags', executable='player_node', name='player_node', namespace=arguments['namespace'],
                 output='screen', parameters=[{
                     **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': listeners,
                     'detections': not arguments['model']}])

@@ -74,7 +74,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
         rig_node(arguments, 'av_fusion', 'fusion_node', {}),
-        rig_node(arguments, 'av_fusion', 'pointing_node', {'enabled': may_move(arguments)}),
+        rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments)}),
         monitor, *sources[arguments['source']](arguments), *recorder_nodes(arguments, {})]
     if arguments['px4'] == 'true':
         processes.append(px4(arguments))
@@ -83,7 +83,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     """The built-in simulator, which knows nothing of ROS, and the bridge to it."""
-    program = Path(get_package_prefix('av_sim_bridge')) / 'lib' / 'av_sim_bridge' / 'simulator'
+    program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'painter')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []

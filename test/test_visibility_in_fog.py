@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-renderer = pytest.importorskip('av_sim_bridge.picture.scene_renderer', reason='needs av_sim_bridge')
+renderer = pytest.importorskip('av_simulator.rendering.scene_renderer', reason='needs av_sim_bridge')
 
+from av_common.camera import PinholeCamera  # noqa: E402
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy  # noqa: E402
-from av_sim_bridge.picture.atmosphere import Atmosphere  # noqa: E402
-from av_sim_bridge.picture.scenes import SCENES  # noqa: E402
-from av_sim_bridge.picture.view import View  # noqa: E402
-from av_vision.camera import PinholeCamera  # noqa: E402
+from av_simulator.rendering.atmosphere import Atmosphere  # noqa: E402
+from av_simulator.rendering.scenes import SCENES  # noqa: E402
+from av_simulator.rendering.view import View  # noqa: E402
 from av_vision.visibility import estimate, ground_distances  # noqa: E402
 
 HEIGHT = 1.55

@@ -33,20 +33,7 @@ setup(
     entry_points={
         'console_scripts': [
             'fusion_node = av_fusion.nodes.fusion_node:main',
-            'pointing_node = av_fusion.nodes.pointing_node:main',
-            'monitor_node = av_fusion.nodes.monitor_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
-            'evaluate = av_fusion.cli.evaluate:main',
-            'front_back = av_fusion.cli.front_back:main',
-            'fuzz = av_fusion.cli.fuzz:main',
-            'benchmark = av_fusion.cli.benchmark:main',
-            'estimate_latency = av_fusion.cli.estimate_latency:main',
-            'player_node = av_fusion.nodes.player_node:main',
-            'repair_bag = av_fusion.cli.repair_bag:main',
-            'replay = av_fusion.cli.replay:main',
-            'report = av_fusion.cli.report:main',
-            'sweep = av_fusion.cli.sweep:main',
-            'recorder_node = av_fusion.nodes.recorder_node:main',
         ],
     },
 )

@@ -22,16 +22,11 @@ setup(
     zip_safe=True,
     maintainer='The av_rig maintainers',
     maintainer_email='maintainers@example.com',
-    description='Physics simulator and bridge from simulators on UDP to the topics of the rig.',
+    description='Bridge from simulators on UDP to the topics of the rig: wire formats, receivers, clocks.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'benchmark_sound = av_sim_bridge.cli.benchmark_sound:main',
             'bridge_node = av_sim_bridge.nodes.bridge_node:main',
-            'simulator = av_sim_bridge.cli.simulator:main',
-            'simulate = av_sim_bridge.cli.simulate:main',
-            'benchmark = av_sim_bridge.cli.benchmark:main',
-            'soak = av_sim_bridge.cli.soak:main',
         ],
     },
 )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.array import MicrophoneArray
 from av_audio.steered_response import SteeredResponse
 from av_audio.weighting import Weighting
+from av_common.microphone_array import MicrophoneArray
 
 # Bins of one band are snapshots of one covariance matrix: many enough to average, close enough to share the delays.
 BAND_HZ = 40.0

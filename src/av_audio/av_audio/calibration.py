@@ -10,9 +10,9 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from av_audio.array import DelayCurve, MicrophoneArray
 from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
+from av_common.microphone_array import DelayCurve, MicrophoneArray
 
 # Degree of the polynomial in the angle's cosine; the angle itself is one more term, which is what a sphere adds
 # (Woodworth, 1938).

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_audio.array import MicrophoneArray
 from av_audio.baselines import Music, Mvdr
 from av_audio.own_noise import NoiseRecording, OwnNoise
 from av_audio.own_rotors import find_blade_pass, notch
@@ -17,6 +16,7 @@ from av_audio.steered_response import Peak, SteeredResponse
 from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
 from av_common.acoustics import speed_of_sound
 from av_common.angles import direction_to_angles, wrap
+from av_common.microphone_array import MicrophoneArray
 
 METHODS: dict[str, tuple[type[SteeredResponse], Weighting]] = {
     'ml': (SteeredResponse, maximum_likelihood),

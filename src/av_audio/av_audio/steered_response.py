@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.array import MicrophoneArray
 from av_audio.own_noise import OwnNoise
 from av_audio.weighting import Band, Weighting, cross_spectra
+from av_common.microphone_array import MicrophoneArray
 
 # Search this much beyond the physical delays, so that a peak at end-fire is not cut by a small error of the geometry.
 MARGIN = 1.05

@@ -7,13 +7,13 @@ import pytest
 import soundfile
 from pulse import PulseCard
 
-from av_audio.array import MicrophoneArray
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.device_process import load_sounddevice
 from av_audio.devices import DeviceSource
 from av_audio.localizer import Localizer
 from av_audio.ring_buffer import RingBuffer
 from av_common.acoustics import speed_of_sound
+from av_common.microphone_array import MicrophoneArray
 
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
 

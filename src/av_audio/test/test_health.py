@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from av_audio.array import MicrophoneArray
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.health import ChannelHealth, SwapDetector
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.microphone_array import MicrophoneArray
 
 
 def noise(level=0.1):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from av_audio.array import DelayCurve, MicrophoneArray
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.localizer import METHODS, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
+from av_common.microphone_array import DelayCurve, MicrophoneArray
 
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'pair')
 SQUARE = MicrophoneArray([[0.03, 0.03, 0.0], [-0.03, 0.03, 0.0], [-0.03, -0.03, 0.0], [0.03, -0.03, 0.0]], 'square')

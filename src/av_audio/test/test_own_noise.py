@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.array import MicrophoneArray
 from av_audio.cli import localize
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.own_noise import NoiseRecording
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
 
 RATE, SECONDS = 16_000, 8.0
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), name='pair')

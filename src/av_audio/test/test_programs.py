@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.array import MicrophoneArray
 from av_audio.benchmark.own_noise import scene
 from av_audio.benchmark.scenes import SQUARE
 from av_audio.benchmark.signals import RATE, flat
@@ -16,6 +15,7 @@ from av_audio.calibration import calibrate as fit
 from av_audio.cli import benchmark, calibrate, localize
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
 
 ARRAY = 'microphones: [[0, 0.1, 0], [0, -0.1, 0]]\n'
 C = speed_of_sound(20.0)

@@ -17,7 +17,7 @@ from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
 from launch_ros.actions import Node
 
-from av_sim_bridge.rig import load_rig
+from av_common.rig import load_rig
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 Arguments = Mapping[str, str]
@@ -52,7 +52,7 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
 
 def monitor_node(arguments: Arguments, parameters: dict) -> Node:
     """The status line, and at the end table and picture."""
-    return rig_node(arguments, 'av_fusion', 'monitor_node', {'out': arguments['out'], **parameters},
+    return rig_node(arguments, 'av_evaluation', 'monitor_node', {'out': arguments['out'], **parameters},
                     output='screen', sigterm_timeout='20')
 
 
@@ -72,7 +72,7 @@ def detector_node(arguments: Arguments, parameters: dict) -> Node:
 def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     """The recorder, if one is asked for."""
     given = {'path': arguments['record'], **parameters}
-    return [rig_node(arguments, 'av_fusion', 'recorder_node', given)] if arguments['record'] else []
+    return [rig_node(arguments, 'av_bags', 'recorder_node', given)] if arguments['record'] else []
 
 
 def ends_with(last: Node) -> list[LaunchDescriptionEntity]:

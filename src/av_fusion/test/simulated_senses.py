@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from av_common.angles import wrap
-from av_fusion.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
 
 
 class Senses:

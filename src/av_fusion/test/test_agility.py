@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from av_fusion.agility import LEAST, MOST, Agility
+from av_fusion.filter.process_noise import LEAST, MOST, Agility
 
 
 def after(measurements, surprise, rate, agility=None):

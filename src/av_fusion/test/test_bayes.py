@@ -9,9 +9,10 @@ import pytest
 from simulated_senses import Senses
 
 from av_common.angles import wrap
-from av_fusion.bayes import BayesTracker
-from av_fusion.gated import GatedTracker
-from av_fusion.measurements import Detection, Hypothesis, Look, Sound, Source, State
+from av_common.track import Source, State
+from av_fusion.baseline.gated_tracker import GatedTracker
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
 
 TURN_RATE = math.radians(40.0)
 

@@ -9,10 +9,10 @@ import pytest
 from simulated_senses import Senses
 
 from av_common.angles import wrap
-from av_fusion import agility
-from av_fusion.bayes import BayesSettings, BayesTracker
-from av_fusion.mode import PASSING_S
-from av_fusion.rotation import RotationSettings
+from av_fusion.disambiguation.rotation import RotationSettings
+from av_fusion.filter import process_noise as agility
+from av_fusion.filter.gaussian_component import PASSING_S
+from av_fusion.filter.tracker import BayesSettings, BayesTracker
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))

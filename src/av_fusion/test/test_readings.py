@@ -6,9 +6,9 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from vision_msgs.msg import Detection2DArray
 
-from av_fusion.bags.reader import Bag
-from av_fusion.bags.replay import Replay
-from av_fusion.readings import CLARITY, HEARD, SEEN
+from av_bags.reader import Bag
+from av_evaluation.replay.replay import Replay
+from av_fusion.measurement.readings import CLARITY, HEARD, SEEN
 from av_interfaces.msg import DoaArray, Visibility
 
 NAMES = ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'microphones']

@@ -10,9 +10,9 @@ import pytest
 from simulated_senses import Senses
 
 from av_common.angles import wrap
-from av_fusion.bayes import BayesSettings, BayesTracker
-from av_fusion.measurements import Detection, Hypothesis, Look, Sound
-from av_fusion.refinement import Refinement, RefinementSettings
+from av_fusion.calibration.array_calibration import Refinement, RefinementSettings
+from av_fusion.filter.tracker import BayesSettings, BayesTracker
+from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
 
 
 def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from av_common.angles import wrap
-from av_fusion.rig_motion import RigMotion
+from av_fusion.measurement.rig_motion import RigMotion
 
 
 def test_interpolates_across_the_seam_and_extrapolates_by_rate():

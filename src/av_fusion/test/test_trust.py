@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated_senses import Senses
 
-from av_fusion.trust import Trust
+from av_fusion.filter.outlier_rate import Trust
 
 
 def learnt(share_wrong, seconds=40.0, seed=1):

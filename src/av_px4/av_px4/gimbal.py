@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, field
 
-from av_fusion.limited_axis import AxisLimits, LimitedAxis
+from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, RELEASE, Command, configure, pitch_yaw
 from av_px4.frames import gimbal_degrees
 

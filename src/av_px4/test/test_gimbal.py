@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from fake_autopilot import HOLD, RETURN, FakeAutopilot
 
-from av_fusion.limited_axis import AxisLimits
-from av_fusion.measurements import State, Track
-from av_fusion.pointing import PointingController
+from av_common.limited_axis import AxisLimits
+from av_common.track import State, Track
+from av_pointing.controller import PointingController
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
 from av_px4.frames import gimbal_degrees
 from av_px4.gimbal import Claim, Gimbal, GimbalInputs, GimbalSettings

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from av_vision.camera import PinholeCamera
+from av_common.camera import PinholeCamera
 
 
 def load_calibration(path: str | Path) -> PinholeCamera:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from av_vision.camera import PinholeCamera
+from av_common.camera import PinholeCamera
 from av_vision.image import to_bgr8
 
 LEFT_AT_RANGE = 0.05  # of the contrast, by definition of the meteorological range (WMO No. 8)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from av_common.camera import PinholeCamera
 from av_vision.bearing import BearingModel, bearings_of_boxes
-from av_vision.camera import PinholeCamera
 
 CAMERA = PinholeCamera.from_fov(640, 480, np.radians(70.0))
 

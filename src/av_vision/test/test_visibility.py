@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
-from av_vision.camera import PinholeCamera
 from av_vision.visibility import estimate, ground_distances
 
 CAMERA = PinholeCamera.from_fov(320, 240, np.radians(70.0))

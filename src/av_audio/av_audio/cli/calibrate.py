@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.array import MicrophoneArray
 from av_audio.calibration import Calibration, calibrate, measured_path, search_array
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
+from av_common.microphone_array import MicrophoneArray
 
 
 def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from av_audio.array import MicrophoneArray
 from av_audio.capture import open_sound, pick_channels
 from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
 from av_audio.own_noise import NoiseRecording
+from av_common.microphone_array import MicrophoneArray
 
 
 def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:

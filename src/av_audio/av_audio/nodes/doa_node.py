@@ -7,12 +7,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Float32MultiArray
 
-from av_audio.array import MicrophoneArray
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
 from av_audio.own_noise import NoiseRecording
 from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter

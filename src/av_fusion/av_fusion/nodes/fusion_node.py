@@ -18,11 +18,11 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds, to_stamp
-from av_fusion.from_parameters import make_tracker
-from av_fusion.measurements import State, Track
+from av_common.track import State, Track
+from av_fusion.measurement.readings import HEARD, POSE, SEEN, Reading
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
-from av_fusion.readings import HEARD, POSE, SEEN, Reading
+from av_fusion.settings import make_tracker
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock

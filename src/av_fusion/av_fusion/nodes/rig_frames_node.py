@@ -8,8 +8,8 @@ from transforms3d.quaternions import mat2quat
 
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.node import RigNode, run
+from av_common.rig import load_rig
 from av_fusion.nodes.rig_frames_node_parameters import rig_frames_node as parameters
-from av_sim_bridge.rig import load_rig
 
 
 class RigFramesNode(RigNode):

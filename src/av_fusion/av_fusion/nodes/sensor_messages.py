@@ -12,10 +12,10 @@ from sensor_msgs.msg import CameraInfo
 from tf2_ros import Buffer, TransformException, TransformListener
 from transforms3d.quaternions import quat2mat
 
-from av_fusion.measurements import Look
-from av_fusion.readings import Seen
-from av_fusion.senses import Senses
-from av_vision.camera import PinholeCamera
+from av_common.camera import PinholeCamera
+from av_fusion.measurement.converter import Senses
+from av_fusion.measurement.measurements import Look
+from av_fusion.measurement.readings import Seen
 
 
 class SensorMessages(Senses):

@@ -25,7 +25,7 @@ from av_interfaces.msg import Bearing
 from av_px4.guard import OFFBOARD
 from av_px4.nodes.px4_link import PX4_QOS, load_px4_msgs
 
-NODES = {'av_fusion.nodes.pointing_node': ['-p', 'enabled:=true'], 'av_px4.nodes.px4_node': []}
+NODES = {'av_pointing.nodes.pointing_node': ['-p', 'enabled:=true'], 'av_px4.nodes.px4_node': []}
 LATEST = 10.0    # ms, p95 asked for
 
 

@@ -8,11 +8,11 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from transforms3d.quaternions import quat2mat
 
+from av_common.clock import SenderClock
 from av_common.qos import RESULT
 from av_px4.continuity import ContinuousPose
 from av_px4.frames import Pose
 from av_px4.nodes.px4_messages import odometry_message
-from av_sim_bridge.clock import SenderClock
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.truth import encode_truth
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from av_fusion.limited_axis import AxisLimits
+from av_common.limited_axis import AxisLimits
 from av_px4.gimbal import ROLL_AND_PITCH_LOCK, GimbalSettings
 from av_px4.guard import GuardSettings
 from av_px4.nodes.px4_node_parameters import px4_node as parameters

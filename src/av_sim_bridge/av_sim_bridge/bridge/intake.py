@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from av_audio.ring_buffer import RingBuffer
+from av_common.clock import SampleClock, SenderClock
 from av_sim_bridge.audio_stream import AudioBlock, AudioDecoder
-from av_sim_bridge.clock import SampleClock, SenderClock
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat

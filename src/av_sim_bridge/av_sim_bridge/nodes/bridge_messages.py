@@ -12,11 +12,11 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
+from av_common.camera import PinholeCamera
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.oracle import OracleBox
-from av_vision.camera import PinholeCamera
 
 
 def audio_message(header: Header, sample_rate: int, first_sample: int, samples: NDArray) -> AudioFrame:

@@ -17,9 +17,12 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from vision_msgs.msg import Detection2DArray
 
 from av_audio.ring_buffer import RingBuffer
+from av_common.clock import SenderClock
+from av_common.config_files import find_config
 from av_common.frames import frd_to_flu
 from av_common.node import RigNode, run
 from av_common.qos import PICTURE, RESULT, STREAM
+from av_common.rig import load_rig
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.bridge.consumer import Consumer
 from av_sim_bridge.bridge.direction_check import DirectionCheck
@@ -33,11 +36,8 @@ from av_sim_bridge.bridge.intake import (
     TruthIntake,
 )
 from av_sim_bridge.bridge.receiver import Handler, Receiver, open_port
-from av_sim_bridge.clock import SenderClock
-from av_sim_bridge.config_files import find_config
 from av_sim_bridge.nodes import bridge_messages as messages
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
-from av_sim_bridge.rig import load_rig
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.imu import ImuSample

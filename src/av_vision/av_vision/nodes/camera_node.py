@@ -8,12 +8,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
+from av_common.camera import PinholeCamera
 from av_common.node import RigNode, run
 from av_common.qos import PICTURE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_vision.calibration import load_calibration
-from av_vision.camera import PinholeCamera
 from av_vision.image import encoding_of, fill_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
 from av_vision.sources import Capture, Picture, Source

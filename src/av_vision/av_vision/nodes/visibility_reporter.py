@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
+from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_common.node import RigNode
 from av_common.qos import PICTURE, RESULT
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Visibility
-from av_vision.camera import PinholeCamera
 from av_vision.image import image_from_message
 from av_vision.visibility import estimate, ground_distances
 

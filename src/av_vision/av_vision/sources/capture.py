@@ -9,7 +9,7 @@ from typing import Protocol
 
 from numpy.typing import NDArray
 
-from av_vision.camera import PinholeCamera
+from av_common.camera import PinholeCamera
 
 
 class SourceError(RuntimeError):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from av_vision.camera import PinholeCamera
+from av_common.camera import PinholeCamera
 from av_vision.sources.capture import Picture, SourceError
 from av_vision.sources.clock_map import ClockMap
 

@@ -1,0 +1,44 @@
+"""`ros2 run av_bags repair_bag BAG --out OUT.mcap`: all that can be read of a bag, as a sound one."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from av_bags.metadata import DEFAULT_QOS, LATCHED
+from av_bags.reader import Bag
+from av_bags.topics import FRAMES
+from av_bags.writer import BagWriter
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit code: 0, or 1 when nothing can be read or written."""
+    parser = argparse.ArgumentParser(prog='repair_bag', description=f'{__doc__} Also makes mcap of sqlite3.')
+    parser.add_argument('bag', help='mcap or sqlite3 (.db3), a file or a folder, damaged or not')
+    parser.add_argument('--out', required=True, metavar='PATH', help='a .mcap file, or a folder; must not exist')
+    options = parser.parse_args(arguments)
+    try:
+        with Bag(options.bag) as bag, BagWriter(options.out) as out:
+            copy(bag, out)
+    except (ValueError, OSError) as error:
+        print(f'repair_bag: {error}', file=sys.stderr)
+        return 1
+    for problem in bag.problems:
+        print(f'  ! {problem}', file=sys.stderr)
+    print(f'{sum(out.counts.values())} messages to {options.out}')
+    return 0
+
+
+def copy(bag: Bag, out: BagWriter) -> None:
+    """Every message whose type is defined in the bag or here. Raises OSError."""
+    writable = []
+    for topic in bag.topics.values():
+        try:
+            qos = LATCHED if topic.name == FRAMES else DEFAULT_QOS
+            out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
+            writable.append(topic.name)
+        except ValueError as error:
+            bag.problems.append(f'{topic.name} is left out: {error}')
+    for name, time_ns, data in bag.messages(writable):
+        out.write(name, time_ns, data)

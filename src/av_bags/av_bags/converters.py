@@ -1,0 +1,165 @@
+"""Messages of other packages as those of the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.pcm import FORMATS, decode
+from av_bags import topics as names
+from av_bags.definitions import learn, rig_types
+from av_bags.errors import BagError
+from av_bags.reader import Bag
+from av_common.angles import wrap
+from av_common.clock import SampleClock
+from av_common.frames import yaw_of
+from av_common.stamps import to_seconds, to_stamp
+from av_vision.image import encoding_of, image_from_message
+
+Converter = Callable[[Any, int], Iterable[Any]]
+# A stamp that far from where the samples so far would put it is a gap in the sound.
+GAP_S = 0.05
+# For sound that does not say where it was heard.
+ARRAY_FRAME = 'microphones'
+
+
+@dataclass(frozen=True)
+class AudioLayout:
+    """What bare bytes of sound mean: samples a second, interleaved channels, one of `pcm.FORMATS`.
+
+    Raises BagError when out of bounds.
+    """
+
+    sample_rate: int
+    channels: int
+    sample_format: str = 'S16LE'
+
+    def __post_init__(self) -> None:
+        if not (8000 <= self.sample_rate <= 384_000 and 1 <= self.channels <= 64):
+            raise BagError(f'audio of {self.sample_rate} Hz and {self.channels} channels, expected 8000..384000 and 1..64')
+        if self.sample_format not in FORMATS:
+            raise BagError(f'audio in {self.sample_format!r}, expected one of {", ".join(FORMATS)}')
+
+
+def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None) -> Converter | None:
+    """What makes messages of the rig's topic `name` of those of a bag's topic; None where they are that already.
+
+    Raises BagError when bytes of sound come without a description (`layout`, or AudioInfo in the bag).
+    """
+    kind = bag.topics[topic].kind
+    if kind == names.KINDS[name][0]:
+        return None
+    if name == names.AUDIO:
+        return AudioBytes(layout or _described_layout(bag, topic))
+    return {'sensor_msgs/msg/CompressedImage': decompressed, 'sensor_msgs/msg/Imu': odometry_of_imu}.get(kind, Poses())
+
+
+class AudioBytes:
+    """AudioData and AudioDataStamped (audio_common_msgs), PCM, as AudioFrame; a sample may be cut between messages."""
+
+    def __init__(self, layout: AudioLayout) -> None:
+        self._layout = layout
+        self._clock = SampleClock(layout.sample_rate)
+        self._rest = b''
+        self._next = 0
+        self._origin: float | None = None
+        self._types = learn('av_interfaces/msg/AudioFrame').types
+
+    def __call__(self, message: Any, time_ns: int) -> Iterable[Any]:
+        """The frame of a message that was recorded at `time_ns`; none as long as no sample is complete."""
+        stamped = hasattr(message, 'header')
+        samples = self._samples((message.audio if stamped else message).data)
+        if not len(samples):
+            return []
+        if stamped:
+            stamp = to_seconds(message.header.stamp)
+            self._skip_gap(stamp)
+        else:  # the last sample was taken just before the message came
+            self._clock.observe(self._next + len(samples), 1e-9 * time_ns)
+            stamp = self._clock.to_ros(self._next)
+        frame = self._types['av_interfaces/msg/AudioFrame'](
+            make_header(stamp, (message.header.frame_id if stamped else '') or ARRAY_FRAME), self._layout.sample_rate,
+            self._layout.channels, self._next, samples.reshape(-1))
+        self._next += len(samples)
+        return [frame]
+
+    def _samples(self, data: NDArray) -> NDArray[np.float32]:
+        """Samples (n, channels), full scale 1."""
+        size = np.dtype(FORMATS[self._layout.sample_format][0]).itemsize * self._layout.channels
+        content = self._rest + np.asarray(data, np.uint8).tobytes()
+        whole = len(content) // size * size
+        self._rest = content[whole:]
+        return decode(content[:whole], self._layout.sample_format, self._layout.channels)
+
+    def _skip_gap(self, stamp: float) -> None:
+        expected = stamp if self._origin is None else self._origin + self._next / self._layout.sample_rate
+        if self._origin is None or stamp - expected > GAP_S:
+            self._next += round((stamp - expected) * self._layout.sample_rate)
+            self._origin = stamp - self._next / self._layout.sample_rate
+
+
+class Poses:
+    """PoseStamped and PoseWithCovarianceStamped as Odometry, which turns as from the pose before."""
+
+    def __init__(self) -> None:
+        self._before: tuple[float, float] | None = None
+
+    def __call__(self, message: Any, _: int) -> Iterable[Any]:
+        """The pose as Odometry."""
+        pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
+        q = pose.orientation
+        time, yaw = to_seconds(message.header.stamp), yaw_of([q.w, q.x, q.y, q.z])
+        rate = 0.0
+        if self._before is not None and time > self._before[0]:
+            rate = float(wrap(yaw - self._before[1])) / (time - self._before[0])
+        self._before = (time, yaw)
+        return [_odometry(message.header, pose.position, q, rate)]
+
+
+def decompressed(message: Any, _: int) -> Iterable[Any]:
+    """A CompressedImage as Image. Raises ValueError when it is no picture."""
+    picture = image_from_message(message)
+    height, width = picture.shape[:2]
+    return [rig_types().types['sensor_msgs/msg/Image'](
+        message.header, height, width, encoding_of(picture), 0, picture.nbytes // height,
+        np.ascontiguousarray(picture).view(np.uint8).reshape(-1))]
+
+
+def odometry_of_imu(message: Any, _: int) -> Iterable[Any]:
+    """An Imu with orientation as Odometry at the origin; one without orientation (covariance -1) says nothing."""
+    if message.orientation_covariance[0] == -1.0:
+        return []
+    origin = rig_types().types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0)
+    return [_odometry(message.header, origin, message.orientation, message.angular_velocity.z)]
+
+
+def make_header(seconds: float, frame: str) -> Any:
+    """A std_msgs/Header."""
+    types, stamp = rig_types().types, to_stamp(max(seconds, 0.0))
+    return types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](stamp.sec, stamp.nanosec), frame)
+
+
+def _odometry(header: Any, position: Any, orientation: Any, yaw_rate: float) -> Any:
+    types = rig_types().types
+    vector, unknown = types['geometry_msgs/msg/Vector3'], np.zeros(36)
+    twist = types['geometry_msgs/msg/Twist'](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, yaw_rate))
+    return types['nav_msgs/msg/Odometry'](
+        header, 'base_link', types['geometry_msgs/msg/PoseWithCovariance'](
+            types['geometry_msgs/msg/Pose'](position, orientation), unknown),
+        types['geometry_msgs/msg/TwistWithCovariance'](twist, unknown))
+
+
+def _described_layout(bag: Bag, topic: str) -> AudioLayout:
+    described = [other.name for other in bag.topics.values() if other.kind == 'audio_common_msgs/msg/AudioInfo']
+    for other in described:
+        for _, _, data in bag.messages([other]):
+            info = bag.decode(other, data)
+            if info.coding_format.lower() not in ('wave', 'wav', 'pcm', 'raw', ''):
+                raise BagError(f'{bag.path}: {topic} is coded as {info.coding_format}, expected uncompressed (wave)')
+            return AudioLayout(info.sample_rate, info.channels, info.sample_format.upper())
+    raise BagError(f'{bag.path}: {topic} is {bag.topics[topic].kind}, which says neither rate nor channels; '
+                   'give audio_rate, audio_channels and audio_format')

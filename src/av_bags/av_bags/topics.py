@@ -1,0 +1,122 @@
+"""Which topics of a bag feed which stage of the rig, under whatever names and types they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from av_bags.errors import BagError
+from av_bags.reader import Bag
+
+AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/camera_info'
+DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
+BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
+TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
+
+_POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
+# The rig's own type first; the others are converted to it.
+KINDS: dict[str, tuple[str, ...]] = {
+    AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
+    DOA: ('av_interfaces/msg/DoaArray',),
+    IMAGE: ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'),
+    CAMERA: ('sensor_msgs/msg/CameraInfo',),
+    DETECTIONS: ('vision_msgs/msg/Detection2DArray',),
+    VISIBILITY: ('av_interfaces/msg/Visibility',),
+    ODOMETRY: (*_POSES, 'sensor_msgs/msg/Imu'),
+    BEARING: ('av_interfaces/msg/Bearing',),
+    STATE: ('av_interfaces/msg/FusionState',),
+    COMMAND: ('av_interfaces/msg/PointingCommand',),
+    TRUE_TARGET: _POSES,
+    TRUE_RIG: _POSES,
+    FRAMES: ('tf2_msgs/msg/TFMessage',),
+    MOTORS: ('std_msgs/msg/Float32MultiArray',),
+}
+
+_CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, TRUE_TARGET, TRUE_RIG, FRAMES)
+# What is played from a bag so that the rest is computed anew.
+STAGES: dict[str, tuple[str, ...]] = {
+    'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),
+    'doa': (DOA, DETECTIONS, *_CONTEXT),
+    'bearing': (BEARING, STATE, DOA, DETECTIONS, *_CONTEXT),
+    'all': tuple(KINDS),
+}
+# Of these, messages without a stamp.
+WITHOUT_HEADER = ('audio_common_msgs/msg/AudioData', 'tf2_msgs/msg/TFMessage', 'std_msgs/msg/Float32MultiArray')
+
+
+@dataclass(frozen=True)
+class Found:
+    """Topics of a bag by the rig's names for them, and why the others were not found."""
+
+    topics: dict[str, str] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.topics
+
+
+def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | None = None,
+                namespace: str = '') -> Found:
+    """The bag's topics for `names`: as remapped, else the same name in the namespace, else the only one that ends so.
+
+    Raises BagError when a remapping names a topic that is not in the bag, or one of a type that cannot be used.
+    """
+    remappings = {name.lstrip('/') if name != FRAMES else name: topic for name, topic in (remappings or {}).items()}
+    unknown = set(remappings) - set(KINDS)
+    if unknown:
+        raise BagError(f'{", ".join(sorted(unknown))} cannot be remapped, only {", ".join(KINDS)}')
+    found = Found()
+    for name in names:
+        if name in remappings:
+            found.topics[name] = _remapped(bag, name, remappings[name])
+            continue
+        candidates = _candidates(bag, name, namespace)
+        usable = [topic for topic in candidates if bag.topics[topic].kind in KINDS[name]]
+        if len(usable) == 1 or (usable and usable[0] == candidates[0] == absolute(name, namespace)):
+            found.topics[name] = usable[0]
+        else:
+            found.missing[name] = _why(bag, name, candidates, usable)
+    return found
+
+
+def parse_remappings(texts: Iterable[str]) -> dict[str, str]:
+    """'doa:=/robot/doa' and the like as a mapping. Raises BagError on anything else."""
+    pairs = [text.split(':=') for text in texts if text]
+    for pair in pairs:
+        if len(pair) != 2 or not all(pair):
+            raise BagError(f'remapping {":=".join(pair)!r}, expected NAME:=TOPIC such as odometry:=/robot/odom')
+    return dict(pairs)
+
+
+def absolute(name: str, namespace: str = '') -> str:
+    """The rig's topic `name` in its namespace."""
+    return name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'.replace('//', '/')
+
+
+def _remapped(bag: Bag, name: str, topic: str) -> str:
+    if topic not in bag.topics:
+        raise BagError(f'{bag.path}: no topic {topic} for {name}; there are {", ".join(sorted(bag.topics))}')
+    kind = bag.topics[topic].kind
+    if kind not in KINDS[name]:
+        raise BagError(f'{bag.path}: {topic} is {kind}; for {name} expected {" or ".join(KINDS[name])}')
+    return topic
+
+
+def _candidates(bag: Bag, name: str, namespace: str) -> list[str]:
+    exact = absolute(name, namespace)
+    small = f'{exact}/compressed'
+    if exact in bag.topics or small in bag.topics:
+        return [exact if exact in bag.topics else small]
+    endings = (f'/{name.lstrip("/")}', f'/{name.lstrip("/")}/compressed')
+    return sorted(topic for topic in bag.topics if topic.endswith(endings))
+
+
+def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
+    if len(usable) > 1:
+        return f'more than one topic could be {name}: {", ".join(usable)}; remap one'
+    if candidates:
+        kinds = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates)
+        return f'{kinds}, expected {" or ".join(KINDS[name])}'
+    alike = [topic.name for topic in bag.topics.values() if topic.kind in KINDS[name]]
+    hint = f' (by its type {" or ".join(alike)} could be it: {name}:={alike[0]})' if alike else ''
+    return f'no topic {name}{hint}'

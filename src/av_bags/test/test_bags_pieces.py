@@ -1,0 +1,179 @@
+import sys
+from pathlib import Path
+
+import bag_messages as make
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from rclpy.parameter import Parameter
+
+from av_audio.nodes.doa_node import DoaNode
+from av_audio.nodes.doa_node_parameters import doa_node
+from av_bags.reader import Bag
+from av_bags.topics import find_topics
+from av_bags.writer import BagWriter
+from av_common.frames import yaw_of
+from av_common.parameters import node_parameters
+from av_evaluation.replay import algorithms
+from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_fusion.measurement.poses import pose_of, read_alike, read_odometry
+from av_fusion.nodes.fusion_node_parameters import fusion_node
+from av_pointing.nodes.pointing_node_parameters import pointing_node
+from av_vision.nodes.detector_node_parameters import detector_node
+
+sys.path.append(str(Path(__file__).parents[2] / 'av_vision' / 'test'))
+
+
+@pytest.mark.parametrize('frame', ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'odom_frame'])
+@pytest.mark.parametrize('child', ['', 'x', 'base_link'])
+@pytest.mark.parametrize('little', [True, False])
+def test_odometry_is_read_as_rosbags_reads_it(frame, child, little):
+    message = make.odometry(1234.25, 3.0, -4.0, 2.5, 0.3, frame, child)
+    data = bytes(make.TYPES.serialize_cdr(message, make.ODOMETRY, little_endian=little))
+    pose = read_odometry(data)
+    assert pose == pose_of(make.TYPES.deserialize_cdr(data, make.ODOMETRY))
+    assert (pose.time, pose.x, pose.y, pose.yaw_rate) == (1234.25, 3.0, -4.0, 0.3)
+    assert yaw_of(pose.attitude) == pytest.approx(2.5)
+    assert pose.has_attitude
+    with pytest.raises(ValueError, match='are no nav_msgs/Odometry'):
+        read_odometry(data[:300])
+
+
+@pytest.mark.parametrize('little', [True, False])
+def test_many_poses_are_read_as_each_one_is(little):
+    bytes_of = [bytes(make.TYPES.serialize_cdr(make.odometry(100.0 + 0.02 * k, k, -4.0, 2.5, 0.3 * k), make.ODOMETRY,
+                                               little_endian=little)) for k in range(5)]
+    assert list(zip(*read_alike(bytes_of), strict=True)) == [read_odometry(data) for data in bytes_of]
+    other = bytes(make.TYPES.serialize_cdr(make.odometry(1.0, frame='somewhere_else'), make.ODOMETRY, little_endian=little))
+    for odd in (other, bytes_of[0][:300], bytes_of[0][:9]):
+        assert read_alike([*bytes_of, odd]) is None
+        assert read_alike([odd, *bytes_of]) is None
+
+
+def test_an_unknown_attitude_is_none():
+    message = make.odometry(0.0)
+    message.pose.pose.orientation = make.make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 0.0)
+    assert not pose_of(message).has_attitude
+
+
+@pytest.mark.parametrize(('package', 'node', 'generated'), [
+    ('av_audio', 'doa_node', doa_node), ('av_vision', 'detector_node', detector_node),
+    ('av_fusion', 'fusion_node', fusion_node), ('av_pointing', 'pointing_node', pointing_node)])
+def test_defaults_are_those_of_the_node(package, node, generated):
+    def plain(struct):
+        return {name: plain(value) if hasattr(value, '__dict__') else value
+                for name in dir(struct) if not name.startswith('_') and name != 'stamp_'
+                for value in [getattr(struct, name)]}
+
+    assert plain(node_parameters(package, node)) == plain(generated.Params())
+
+
+@pytest.mark.parametrize(('section', 'fits'), [
+    ('/**', True), ('/**/fusion_node', True), ('fusion_node', False), ('/rig_1/fusion_node', True), ('/*/fusion_node', True),
+    ('/rig_2/fusion_node', False), ('/**/doa_node', False), ('/**/rig_1/fusion_node', True)])
+def test_sections_of_parameter_files_fit_as_in_ros(tmp_path, section, fits):
+    (tmp_path / 'params.yaml').write_text(f'{section}:\n  ros__parameters: {{tau: 0.25, rotation: {{patience: 2.0}}}}\n')
+    parameters = node_parameters('av_fusion', 'fusion_node', [tmp_path / 'params.yaml'], namespace='rig_1')
+    default = node_parameters('av_fusion', 'fusion_node', [])
+    assert (parameters.tau, parameters.rotation.patience) == (
+        (0.25, 2.0) if fits else (default.tau, default.rotation.patience))
+
+
+def test_nested_sections_and_later_files_count(tmp_path):
+    (tmp_path / 'a.yaml').write_text('rig_1:\n  fusion_node:\n    ros__parameters: {tau: 0.25, rate: 10}\n')
+    (tmp_path / 'b.yaml').write_text('/**:\n  ros__parameters: {tau: 0.75, use_sim_time: true}\n')
+    parameters = node_parameters('av_fusion', 'fusion_node', [tmp_path / 'a.yaml', tmp_path / 'b.yaml'], namespace='rig_1')
+    assert (parameters.tau, parameters.rate) == (0.75, 10.0)
+
+
+@pytest.mark.parametrize(('text', 'complaint'), [
+    ('/**: {ros__parameters: {tau: high}}', "fusion_node: tau is 'high', expected double"),
+    ('/**: {ros__parameters: {method: best}}', 'best'),
+    ('/**: {ros__parameters: {target_classes: drone}}', "target_classes is 'drone', expected string_array"),
+    ('/**: {ros__parameters: {rotation: {enabled: 1}}}', r'rotation\.enabled is 1, expected bool'),
+    ('just words', 'expected NODE: ros__parameters: NAME: VALUE'),
+])
+def test_wrong_parameters_are_named(tmp_path, text, complaint):
+    (tmp_path / 'params.yaml').write_text(text)
+    with pytest.raises(ValueError, match=complaint):
+        node_parameters('av_fusion', 'fusion_node', [tmp_path / 'params.yaml'])
+
+
+def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):
+    with make.bag(tmp_path / 'bag') as write:
+        for topic in ('/a/doa', '/b/doa', '/a/odometry'):
+            message = make.odometry(0.0) if 'odometry' in topic else make.doa(0.0, 0.1)
+            write(topic, 0.0, message)
+    with Bag(tmp_path / 'bag') as bag:
+        found = find_topics(bag, ('doa', 'odometry', 'truth/rig'))
+        assert found.topics == {'odometry': '/a/odometry'}
+        assert 'more than one topic could be doa: /a/doa, /b/doa' in found.missing['doa']
+        assert found.missing['truth/rig'] == 'no topic truth/rig (by its type /a/odometry could be it: truth/rig:=/a/odometry)'
+        assert find_topics(bag, ('doa',), namespace='b').topics == {'doa': '/b/doa'}
+        assert find_topics(bag, ('doa',), {'doa': '/a/doa'}).topics == {'doa': '/a/doa'}
+
+
+def picture(kind):
+    rows, columns = np.mgrid[0:48, 0:64]
+    colour = np.stack([rows * 4, columns * 3, rows + columns], -1).astype(np.uint8)
+    pictures = {'bgr8': colour, 'rgb8': colour[..., ::-1], 'mono8': colour[..., 0],
+                'bgra8': np.dstack([colour, colour[..., :1]]), '16UC1': colour[..., 0].astype(np.uint16) * 200,
+                'bayer_rggb8': colour[..., 0], 'yuv422_yuy2': colour[..., :2]}
+    if kind in ('jpeg', 'png'):
+        data = cv2.imencode(f'.{kind}', colour)[1].ravel()
+        return make.make('sensor_msgs/msg/CompressedImage', make.header(make.EPOCH, 'camera_optical_frame'), kind, data)
+    pixels = np.ascontiguousarray(pictures[kind])
+    return make.make('sensor_msgs/msg/Image', make.header(make.EPOCH, 'camera_optical_frame'), 48, 64, kind, 0,
+                     pixels.nbytes // 48, pixels.view(np.uint8).ravel())
+
+
+@pytest.mark.parametrize('kind', ['bgr8', 'rgb8', 'mono8', 'bgra8', '16UC1', 'bayer_rggb8', 'yuv422_yuy2', 'jpeg', 'png'])
+def test_pictures_of_any_encoding_are_looked_at(tmp_path, kind):
+    yolo_models = pytest.importorskip('yolo_models')
+    model = yolo_models.write(tmp_path / 'model.onnx', metadata={'names': "{0: 'cat', 1: 'drone', 2: 'bird'}"})
+    with make.bag(tmp_path / 'bag') as write:
+        for _ in range(3):
+            write('/eye/image', make.EPOCH, picture(kind))
+        write('/tf_static', make.EPOCH, make.static_frames(make.EPOCH))
+    settings = ReplaySettings(stage='raw', model=str(model), remappings={'camera/image_raw': '/eye/image'})
+    with Bag(tmp_path / 'bag') as bag, BagWriter(tmp_path / 'out.mcap') as out:
+        Replay(bag, settings).run(out)
+    with Bag(tmp_path / 'out.mcap') as bag:
+        seen = [bag.decode(topic, data) for topic, _, data in bag.messages(['/detections'])]
+    assert len(seen) == 3
+    assert {d.results[0].hypothesis.class_id for message in seen for d in message.detections} == {'drone'}
+    assert seen[0].header.frame_id == 'camera_optical_frame'
+
+
+def test_a_picture_that_is_none_is_left_out_and_noted(tmp_path):
+    yolo_models = pytest.importorskip('yolo_models')
+    model = yolo_models.write(tmp_path / 'model.onnx', metadata={'names': "{0: 'cat', 1: 'drone', 2: 'bird'}"})
+    with make.bag(tmp_path / 'bag') as write:
+        broken = picture('jpeg')
+        broken.data = broken.data[:20]
+        write('/camera/image_raw/compressed', make.EPOCH, broken)
+        write('/camera/image_raw/compressed', make.EPOCH, picture('jpeg'))
+    with Bag(tmp_path / 'bag') as bag:
+        replay = Replay(bag, ReplaySettings(stage='raw', model=str(model)))
+        replay.run()
+    assert len(replay.log.sight) == 1
+    assert any('/camera/image_raw/compressed: 20 bytes of compressed image cannot be decoded' in note for note in replay.notes)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize('changes', [{}, {'window': 0.3, 'band_low': 300.0, 'temperature': 5.0},
+                                     {'own_rotors': 'estimated', 'own_rotor_count': 3}])
+def test_hearing_is_that_of_doa_node(changes):
+    array = str(Path(__file__).parents[3] / 'config' / 'arrays' / 'two_microphones.yaml')
+    overrides = [Parameter(name, value=value) for name, value in {**changes, 'array_file': array, 'autostart': False}.items()]
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = DoaNode(context=context, parameter_overrides=overrides)
+    try:
+        node.configure()
+        parameters = node_parameters('av_audio', 'doa_node', overrides=changes)
+        assert algorithms.localizer_settings(parameters) == node._localizer_settings
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)

@@ -1,0 +1,205 @@
+import sqlite3
+
+import bag_messages as make
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+from av_bags.cli.repair_bag import main as repair_bag
+from av_bags.errors import BagError
+from av_bags.reader import Bag
+from av_bags.writer import BagWriter
+
+MILLISECOND = 10**6
+
+
+def foreign_bag(path, storage=StoragePlugin.MCAP, count=200, compression=None):
+    """A bag of rosbags alone: two topics, taking turns."""
+    with make_foreign(path, storage, compression) as writer:
+        topics = [writer.add_connection(f'/{name}/odometry', make.ODOMETRY, typestore=make.TYPES) for name in 'ab']
+        for k in range(count):
+            writer.write(topics[k % 2], k * MILLISECOND, make.cdr(make.odometry(0.001 * k, x=float(k))))
+    return path
+
+
+def make_foreign(path, storage, compression=None):
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if compression:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    return writer
+
+
+def positions(bag, **selection):
+    return [bag.decode(topic, data).pose.pose.position.x for topic, _, data in bag.messages(**selection)]
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('compression', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_reads_bags_of_others(tmp_path, storage, compression):
+    with Bag(foreign_bag(tmp_path / 'bag', storage, compression=compression)) as bag:
+        assert {topic.name: (topic.kind, topic.count) for topic in bag.topics.values()} == {
+            '/a/odometry': (make.ODOMETRY, 100), '/b/odometry': (make.ODOMETRY, 100)}
+        assert (bag.start_ns, bag.end_ns) == (0, 199 * MILLISECOND)
+        assert positions(bag) == list(range(200))
+        assert not bag.problems
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_reads_bare_files_and_folders_without_metadata(tmp_path, storage):
+    folder = foreign_bag(tmp_path / 'bag', storage)
+    (folder / 'metadata.yaml').unlink()
+    for path in (folder, *folder.iterdir()):
+        with Bag(path) as bag:
+            assert positions(bag) == list(range(200))
+
+
+def test_selects_topics_and_times(tmp_path):
+    with Bag(foreign_bag(tmp_path / 'bag')) as bag:
+        selected = positions(bag, topics=['/b/odometry'], start_ns=50 * MILLISECOND, stop_ns=60 * MILLISECOND)
+    assert selected == [51, 53, 55, 57, 59]
+
+
+def test_reads_messages_of_types_that_only_the_bag_defines(tmp_path):
+    writer = McapWriter(str(tmp_path / 'bag.mcap'), compression=CompressionType.NONE)
+    writer.start('ros2')
+    schema = writer.register_schema('far_msgs/msg/Heat', 'ros2msg', b'float64 kelvin\nfar_msgs/Where where\n' + b'=' * 80
+                                    + b'\nMSG: far_msgs/Where\nuint32 room\n')
+    channel = writer.register_channel('/heat', 'cdr', schema)
+    writer.add_message(channel, 5, b'\x00\x01\x00\x00' + np.float64(300.5).tobytes() + np.uint32(7).tobytes(), 5)
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        topic, _, data = next(bag.messages())
+        message = bag.decode(topic, data)
+    assert (message.kelvin, message.where.room) == (300.5, 7)
+
+
+def test_uses_installed_definitions_where_a_bag_has_none(tmp_path):
+    folder = foreign_bag(tmp_path / 'bag', StoragePlugin.SQLITE3)
+    with sqlite3.connect(folder / 'bag.db3') as database:
+        database.execute('DELETE FROM message_definitions')
+    with Bag(folder) as bag:
+        assert positions(bag) == list(range(200))
+
+
+def test_a_type_defined_nowhere_is_named(tmp_path):
+    with make_foreign(tmp_path / 'bag', StoragePlugin.SQLITE3) as writer:
+        topic = writer.add_connection('/odd', 'odd_msgs/msg/Odd', msgdef='int8 x', rihs01='RIHS01_0')
+        writer.write(topic, 0, b'\x00\x01\x00\x00\x07')
+    with sqlite3.connect(tmp_path / 'bag' / 'bag.db3') as database:
+        database.execute('DELETE FROM message_definitions')
+    with Bag(tmp_path / 'bag') as bag, pytest.raises(BagError, match='/odd cannot be read, odd_msgs/msg/Odd is defined'):
+        bag.decode('/odd', b'\x00\x01\x00\x00\x07')
+
+
+@pytest.mark.parametrize('compression', ['none', 'lz4', 'zstd'])
+@pytest.mark.parametrize('share', [0.3, 0.6, 0.999])
+def test_a_truncated_mcap_is_read_as_far_as_it_goes(tmp_path, compression, share):
+    whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
+    with BagWriter(whole, compression) as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+        for k in range(1000):
+            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
+            if k % 50 == 49:
+                writer.flush()
+    content = whole.read_bytes()
+    cut.write_bytes(content[:int(share * len(content))])
+    with Bag(cut) as bag:
+        read = positions(bag)
+        assert any('cut.mcap ends after byte' in problem for problem in bag.problems) or share > 0.9
+    assert read == list(range(len(read)))
+    assert len(read) >= 1000 * share - 300 * (compression != 'none') - 51
+
+
+def test_a_broken_chunk_costs_only_itself(tmp_path):
+    path = tmp_path / 'bag.mcap'
+    with BagWriter(path, 'none') as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+        for k in range(1000):
+            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
+            if k % 50 == 49:
+                writer.flush()
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2:len(content) // 2 + 40] = b'?' * 40
+    path.write_bytes(content)
+    with Bag(path) as bag:
+        read = positions(bag)
+        assert len(bag.problems) == 1
+    assert read == sorted(read)
+    assert 900 <= len(read) < 1000
+    assert {0, 999} <= set(read)
+
+
+@pytest.mark.parametrize(('name', 'content', 'complaint'), [
+    ('empty.mcap', b'', 'is empty: 0 bytes'),
+    ('empty.db3', b'', 'is empty: 0 bytes'),
+    ('text.mcap', b'this is no bag at all, but text', 'neither mcap nor sqlite3'),
+    ('text.txt', b'this is no bag at all, but text', 'neither mcap nor sqlite3'),
+    ('swapped.db3', b'\x89MCAP0\r\n' + bytes(100), 'its content is mcap'),
+    ('start.mcap', b'\x89MCAP0\r\n', 'the bag holds no messages'),
+    ('cut.db3', b'SQLite format 3\x00' + bytes(200), 'cannot be read'),
+    ('old.bag', b'#ROSBAG V2.0\n' + bytes(100), 'a bag of ROS 1; convert it with: rosbags-convert'),
+])
+def test_what_is_no_bag_is_said_so(tmp_path, name, content, complaint):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(BagError, match=complaint) as error:
+        Bag(tmp_path / name)
+    assert name in str(error.value)
+
+
+def test_a_missing_bag_and_a_folder_without_one_are_said_so(tmp_path):
+    with pytest.raises(BagError, match='no such bag'):
+        Bag(tmp_path / 'nowhere')
+    with pytest.raises(BagError, match=r'a folder without metadata.yaml, .mcap or .db3'):
+        Bag(tmp_path)
+
+
+def test_a_bag_without_messages_is_refused(tmp_path):
+    with BagWriter(tmp_path / 'bag.mcap') as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+    with pytest.raises(BagError, match='holds no messages'):
+        Bag(tmp_path / 'bag.mcap')
+
+
+def test_a_truncated_database_gives_an_error_or_a_part(tmp_path):
+    folder = foreign_bag(tmp_path / 'bag', StoragePlugin.SQLITE3, count=2000)
+    database = folder / 'bag.db3'
+    content = database.read_bytes()
+    database.write_bytes(content[:len(content) // 2])
+    try:
+        with Bag(folder) as bag:
+            assert len(positions(bag)) < 2000
+            assert bag.problems
+    except BagError as error:
+        assert 'bag cannot be read' in str(error)
+
+
+def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys):
+    whole, cut, mended = (tmp_path / name for name in ('whole.mcap', 'cut.mcap', 'mended.mcap'))
+    with BagWriter(whole, 'none') as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+        for k in range(1000):
+            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
+            if k % 50 == 49:
+                writer.flush()
+    cut.write_bytes(whole.read_bytes()[:whole.stat().st_size // 2])
+    assert repair_bag([str(cut), '--out', str(mended)]) == 0
+    captured = capsys.readouterr()
+    with AnyReader([mended]) as reader:
+        values = [reader.deserialize(data, make.ODOMETRY).pose.pose.position.x for _, _, data in reader.messages()]
+    assert values == list(range(len(values)))
+    assert f'{len(values)} messages to {mended}' in captured.out
+    assert 'cut.mcap ends after byte' in captured.err
+    assert repair_bag([str(tmp_path / 'nowhere'), '--out', str(tmp_path / 'x.mcap')]) == 1
+
+
+def test_a_database_becomes_an_mcap_with_the_definitions_of_its_own(tmp_path):
+    with make_foreign(tmp_path / 'bag', StoragePlugin.SQLITE3) as writer:
+        topic = writer.add_connection('/heat', 'far_msgs/msg/Heat', msgdef='float64 kelvin\n', rihs01='RIHS01_0')
+        writer.write(topic, 5, b'\x00\x01\x00\x00' + np.float64(300.5).tobytes())
+    assert repair_bag([str(tmp_path / 'bag'), '--out', str(tmp_path / 'bag.mcap')]) == 0
+    with AnyReader([tmp_path / 'bag.mcap']) as reader:
+        ((connection, time_ns, data),) = reader.messages()
+        assert (time_ns, reader.deserialize(data, connection.msgtype).kelvin) == (5, 300.5)

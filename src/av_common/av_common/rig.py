@@ -1,0 +1,95 @@
+"""The rig as one description: which array and which camera sit where on the body. Read from `config/rig.yaml`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.camera import PinholeCamera
+from av_common.config_reader import bounded, load
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_common.microphone_array import MicrophoneArray
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A frame on the body: position in m; fixed-axis roll, pitch, yaw in degrees, from it to the body."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+    @cached_property
+    def rotation(self) -> NDArray:
+        """Rotation matrix (3, 3) that turns vectors of the mounted frame into the body's."""
+        return rotation_from_rpy(*np.deg2rad(self.rpy_deg))
+
+    def to_body(self, points: NDArray) -> NDArray:
+        """Points (n, 3) of the mounted frame in the body's."""
+        return np.asarray(points) @ self.rotation.T + np.array(self.position)
+
+
+@dataclass(frozen=True)
+class ArrayMount:
+    """Where the microphones sit; `file` holds their positions in the array's frame.
+
+    full_scale_db_spl: sound pressure level at which a sample reaches 1, for simulation.
+    """
+
+    file: Path
+    frame: str = 'microphones'
+    mount: Mount = field(default_factory=Mount)
+    full_scale_db_spl: float = bounded(94.0, low=40.0, high=180.0)
+
+    @cached_property
+    def geometry(self) -> MicrophoneArray:
+        """The array itself. Raises OSError or ValueError that name the file."""
+        return MicrophoneArray.load(self.file)
+
+    @property
+    def positions(self) -> NDArray:
+        """Microphones (m, 3) in the body's frame."""
+        return self.mount.to_body(self.geometry.positions)
+
+
+@dataclass(frozen=True)
+class CameraMount:
+    """A camera and where it sits: image size in pixels, field of view, distortion k1 k2 p1 p2 [k3 ...]."""
+
+    frame: str = 'camera_link'
+    optical_frame: str = 'camera_optical_frame'
+    mount: Mount = field(default_factory=Mount)
+    width: int = bounded(640, low=16, high=8192)
+    height: int = bounded(480, low=16, high=8192)
+    horizontal_fov_deg: float = bounded(70.0, low=1.0, high=150.0)
+    distortion: tuple[float, ...] = ()
+
+    @cached_property
+    def model(self) -> PinholeCamera:
+        """The camera's geometry in its optical frame."""
+        ideal = PinholeCamera.from_fov(self.width, self.height, np.deg2rad(self.horizontal_fov_deg))
+        return PinholeCamera(self.width, self.height, ideal.fx, ideal.fy, ideal.cx, ideal.cy, self.distortion)
+
+    @cached_property
+    def optical_to_body(self) -> NDArray:
+        """Rotation matrix (3, 3) from the optical frame to the body's."""
+        return self.mount.rotation @ FLU_TO_OPTICAL.T
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Everything that is fixed to one body."""
+
+    array: ArrayMount
+    camera: CameraMount = field(default_factory=CameraMount)
+    base_frame: str = 'base_link'
+
+
+def load_rig(path: str | Path) -> Rig:
+    """Read a rig's file. Raises ConfigError or OSError that name file, key and value."""
+    return load(Rig, path)

@@ -1,0 +1,77 @@
+"""Geometry against hand-made cases."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from av_common.angles import angles_to_direction, direction_to_angles
+from av_common.microphone_array import DelayCurve, MicrophoneArray
+
+ARRAYS = Path(__file__).resolve().parents[3] / 'config' / 'arrays'
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
+
+
+@pytest.mark.parametrize('path', sorted(ARRAYS.glob('*.yaml')), ids=lambda path: path.stem)
+def test_ready_arrays_load(path):
+    assert MicrophoneArray.load(path).name == path.stem
+
+
+def test_left_source_reaches_the_left_microphone_first():
+    delays = PAIR.delays(angles_to_direction(np.radians([90.0, 30.0, 150.0, -90.0])), 343.0)
+    np.testing.assert_allclose(delays[:, 0], 0.2 / 343.0 * np.array([1.0, 0.5, 0.5, -1.0]), atol=1e-12)
+
+
+def test_two_microphones_have_a_front_and_a_back_image():
+    azimuth, elevation = direction_to_angles(PAIR.hypotheses(np.sin(np.radians([30.0]))))
+    np.testing.assert_allclose(np.degrees(azimuth), [30.0, 150.0])
+    np.testing.assert_allclose(elevation, 0.0)
+
+
+def test_a_turned_line_mirrors_about_its_axis():
+    line = MicrophoneArray(np.array([0.1, 0.0, -0.1])[:, None] * angles_to_direction(np.radians(60.0)))
+    azimuth, _ = direction_to_angles(line.hypotheses([np.cos(np.radians(40.0))]))
+    np.testing.assert_allclose(np.degrees(azimuth), [20.0, 100.0])
+
+
+def test_a_plane_mirrors_up_and_down_and_a_space_not_at_all():
+    square = MicrophoneArray.load(ARRAYS / 'quadrotor_square.yaml')
+    direction = angles_to_direction(np.radians(-120.0), np.radians(20.0))
+    azimuth, elevation = direction_to_angles(square.hypotheses(square.basis.T @ direction))
+    np.testing.assert_allclose(np.degrees(azimuth), -120.0)
+    np.testing.assert_allclose(np.degrees(elevation), [20.0, -20.0])
+    pyramid = MicrophoneArray(np.vstack([square.positions, [0.0, 0.0, 0.05]]))
+    np.testing.assert_allclose(pyramid.hypotheses(pyramid.basis.T @ direction), [direction], atol=1e-12)
+
+
+def test_delay_curve_bends_delays_and_back(tmp_path):
+    cosine = np.linspace(-1.0, 1.0, 21)
+    curve = DelayCurve(cosine, cosine + 0.1 * np.sin(np.pi * cosine))
+    bent = MicrophoneArray(PAIR.positions, 'bent', curve)
+    np.testing.assert_allclose(curve.true_cosine(curve.measured_cosine([-1.1, -0.3, 0.77])), [-1.1, -0.3, 0.77])
+    assert bent.delays([[0.0, 0.5, 0.0]], 340.0)[0, 0] == pytest.approx(0.2 / 340.0 * 0.6)
+    bent.save(tmp_path / 'bent.yaml', 'two lines\nof comment')
+    again = MicrophoneArray.load(tmp_path / 'bent.yaml')
+    np.testing.assert_allclose(again.delay_curve.measured, curve.measured, atol=1e-6)
+    np.testing.assert_allclose(again.positions, PAIR.positions)
+
+
+@pytest.mark.parametrize('text, message', [
+    ('- 1', 'microphones'),
+    ('microphones: [[0, 0, 0]]', 'at least two'),
+    ('microphones: [[0, 0], [1, 0]]', 'at least two positions'),
+    ('microphones: [[0, 0, 0], [0, 0, .nan]]', 'finite'),
+    ('microphones: [[0, 1, 0], [0, 1, 0]]', 'same place'),
+    ('microphones: [[0, 100, 0], [0, -100.1, 0]]', 'millimetres'),
+    ('microphones: [[0, 0, 1], [0, 0, 0]]', 'vertical'),
+    ('microphones: [[0, a, 1], [0, 0, 0]]', 'could not convert'),
+    ('microphones: [[0, 1, 0], [0, 0, 0]]\nmics: 2', "unknown keys \\['mics'\\]"),
+    ('microphones: [[0, 1, 0], [0, 0, 0]]\ndelay_curve: {cosine: [0, 1], measured: [1, 0]}', 'rise strictly'),
+    ('microphones: [', 'array file'),
+])
+def test_bad_files_say_what_is_wrong(tmp_path, text, message):
+    path = tmp_path / 'bad.yaml'
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as error:
+        MicrophoneArray.load(path)
+    assert str(path) in str(error.value)

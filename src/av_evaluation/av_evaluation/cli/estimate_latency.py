@@ -1,0 +1,48 @@
+"""ros2 run av_evaluation estimate_latency BAG: how much later stamps of sound are than those of pictures (or of a SCENARIO)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from av_bags.reader import Bag
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_evaluation.experiments.offline_run import OfflineRun
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_fusion.calibration.latency import estimate_offset
+from av_fusion.filter.tracker import BayesTracker
+from av_simulator.scenario import load_scenario
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the offset and the parameter that makes up for it; 1 where it cannot be told."""
+    parser = argparse.ArgumentParser(prog='estimate_latency', description=__doc__)
+    parser.add_argument('input', help='a bag, or a scenario (shipped name or .yaml)')
+    parser.add_argument('--tau', type=float, default=0.5, help='least confidence of a detection (0.5)')
+    parser.add_argument('--largest', type=float, default=0.6, help='largest offset looked for, in s (0.6)')
+    options = parser.parse_args(arguments)
+    try:
+        log = _log_of(options.input)
+        heard, seen = log.sound['confidence'] >= 0.5, log.sight['confidence'] >= options.tau
+        offset = estimate_offset(tuple(log.sound[name][heard] for name in ('time', 'azimuth', 'mirrored')),
+                                 tuple(log.sight[name][seen] for name in ('time', 'azimuth')), options.largest)
+    except (ValueError, OSError) as error:
+        print(f'estimate_latency: {error}', file=sys.stderr)
+        return 1
+    print(f'stamps of sound are {1e3 * offset.seconds:+.1f} ms (+-{1e3 * offset.sigma:.1f}) later than those of sight, '
+          f'from {offset.pairs} pairs\nfusion_node: sound_delay: {offset.seconds:.3f}   (added to what it was)')
+    return 0
+
+
+def _log_of(name: str) -> RunLog:
+    if name.endswith(('.mcap', '.db3')) or Path(name).is_dir():
+        with Bag(name) as bag:
+            return Replay(bag, ReplaySettings()).run()
+    return OfflineRun(load_scenario(find_config(name, 'scenarios')), load_rig(find_config('rig')), BayesTracker()).run()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""`ros2 run av_evaluation replay BAG --out OUT.mcap`: what the rig would have said, computed anew from a recording."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+
+from av_audio.pcm import FORMATS
+from av_bags.converters import AudioLayout
+from av_bags.reader import Bag
+from av_bags.topics import KINDS, parse_remappings
+from av_bags.writer import BagWriter
+from av_evaluation.metrics.metrics import summarise
+from av_evaluation.replay.replay import STAGES, Replay, ReplaySettings
+from av_evaluation.report.table import format_table
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit code: 0, or 1 when the bag cannot be replayed."""
+    options = make_parser().parse_args(arguments)
+    gc.set_threshold(100_000)  # nearly nothing made here is cyclic: looking for it costs an eighth of the time
+    try:
+        return replay(options)
+    except (ValueError, OSError) as error:
+        print(f'replay: {error}', file=sys.stderr)
+        return 1
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options."""
+    parser = argparse.ArgumentParser(prog='replay', description=__doc__, epilog=f'names to remap: {", ".join(KINDS)}')
+    add = parser.add_argument
+    add('bag', help='mcap or sqlite3 (.db3), a file or a folder')
+    add('--out', metavar='FILE', default='', help='write what is computed to this bag (.mcap, or a folder)')
+    add('--report', metavar='DIR', default='', help='write metrics.json and a picture to this folder')
+    add('--from', dest='stage', choices=STAGES, default='',
+        help='compute anew from sound and pictures, from directions and detections, or take the recorded bearings; '
+             'default: as early as the bag allows')
+    add('--start', type=float, default=0.0, metavar='S', help='begin this long after the start of the bag')
+    add('--duration', type=float, default=float('inf'), metavar='S', help='end after this long')
+    add('--rig', default='', metavar='FILE', help="the rig's description; default: config/rig.yaml")
+    add('--array', default='', metavar='FILE', help="an array file other than the rig's")
+    add('--params', action='append', default=[], metavar='FILE', help="parameters as the nodes read them, on top of "
+        'config/rig_params.yaml; can be repeated')
+    add('--model', default='', metavar='FILE', help="a detector's ONNX file, or 'shipped'; default: the recorded detections")
+    add('--classes', default='', metavar='A,B', help="the model's classes that are taken for the target")
+    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='topics of other names in the bag')
+    add('--namespace', default='', help='the namespace of the recorded rig')
+    add('--audio-rate', type=int, default=0, metavar='HZ', help='for sound in bare bytes: samples a second')
+    add('--audio-channels', type=int, default=2, metavar='N', help='... channels (default 2)')
+    add('--audio-format', default='S16LE', choices=FORMATS, help='... of which type (default S16LE)')
+    add('--commands', action='store_true', help='compute pointing commands, too, though nobody obeys')
+    add('--quiet', action='store_true', help='no progress')
+    return parser
+
+
+def settings_of(options: argparse.Namespace) -> ReplaySettings:
+    """What the options ask for. Raises BagError."""
+    layout = AudioLayout(options.audio_rate, options.audio_channels, options.audio_format) if options.audio_rate else None
+    return ReplaySettings(
+        stage=options.stage, rig=options.rig, array=options.array, model=options.model,
+        classes=tuple(filter(None, options.classes.split(','))), parameters=tuple(options.params),
+        remappings=parse_remappings(options.remap), namespace=options.namespace, audio=layout,
+        commands=options.commands, start=options.start, duration=options.duration)
+
+
+def replay(options: argparse.Namespace) -> int:
+    """Replay and report. Raises ValueError or OSError that say what is wrong."""
+    with ExitStack() as opened:
+        bag = opened.enter_context(Bag(options.bag))
+        run = Replay(bag, settings_of(options))
+        out = opened.enter_context(BagWriter(options.out)) if options.out else None
+        length = min((bag.end_ns - bag.start_ns) * 1e-9 - options.start, options.duration)
+        print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
+        progress = Progress(length, options.quiet)
+        log = run.run(out, progress.show)
+        speed = progress.end()
+    for note in run.notes:
+        print(f'  ! {note}', file=sys.stderr)
+    summary = summarise(log)
+    print(format_table(summary))
+    print(speed)
+    if options.report:
+        from av_evaluation.report.picture import draw  # matplotlib takes a second to load
+
+        folder = Path(options.report)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
+        draw(log, folder / 'bearing.png', f'{options.bag}, replayed from {run.stage}')
+    return 0
+
+
+class Progress:
+    """How far it is and how fast: rewritten in place on a terminal, every tenth on a line of its own elsewhere."""
+
+    def __init__(self, length: float, quiet: bool = False) -> None:
+        self._length, self._quiet = max(length, 1e-9), quiet
+        self._started = self._shown_at = time.monotonic()
+        self._worked = time.process_time()
+        self._shown = 0.0
+        self._terminal = sys.stderr.isatty()
+
+    def show(self, done: float) -> None:
+        """`done` s of the bag are replayed."""
+        now = time.monotonic()
+        due = now - self._shown_at > 0.2 if self._terminal else done / self._length >= self._shown + 0.1
+        if due and not self._quiet:
+            self._shown_at, self._shown = now, done / self._length
+            speed = done / max(now - self._started, 1e-9)
+            line = f'  {100.0 * self._shown:3.0f} %  {done:.0f} of {self._length:.0f} s  {speed:.0f} x real time'
+            print(f'\r{line}  ' if self._terminal else line, end='' if self._terminal else '\n', file=sys.stderr, flush=True)
+
+    def end(self) -> str:
+        """How long it took, and how much of a core: what it would take on a machine that does nothing else."""
+        took, worked = time.monotonic() - self._started, time.process_time() - self._worked
+        if self._terminal and not self._quiet:
+            print(f'\r{"":<60}\r', end='', file=sys.stderr)
+        return (f'{self._length:.1f} s replayed in {took:.2f} s: {self._length / max(took, 1e-9):.0f} x real time '
+                f'({self._length / max(worked, 1e-9):.0f} x by the {worked:.2f} s of one core)')

@@ -1,0 +1,61 @@
+"""ros2 run av_evaluation report --out DIR: the paper's experiments, made again, and one HTML report of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from av_evaluation.experiments.paper import cases_of, make_page, metrics_by_experiment
+from av_evaluation.metrics.comparison import format_rows, rows_of, write_json
+from av_evaluation.report.measured import write_readme
+from av_evaluation.runs.program import add_run_options, compute, run_program
+
+SEEDS = 5
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the program; returns its exit code, 1 where a run failed."""
+    return run_program(report, make_parser(), arguments)
+
+
+def report(options: argparse.Namespace) -> int:
+    """Compute what is not there yet, write the report, and where asked for bring the README up to date."""
+    began = time.monotonic()
+    if not options.data.exists():
+        print(f'report: no real recordings in {options.data}: the stand-ins for physical experiments are left out',
+              file=sys.stderr)
+    seeds = options.seeds or (1 if options.quick else SEEDS)
+    runs, failures = compute(cases_of(seeds, options.quick, options.data), options)
+    runs = {name: group for name, group in runs.items() if group}
+    given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
+    content = {'command': f'make report{given}', 'experiments': metrics_by_experiment(runs)}
+    write_json(options.out / 'metrics.json', content)
+    make_page(runs, content['command'], options.quick).write(options.out / 'report.html')
+    print(format_rows(*rows_of(content['experiments']['all'])))
+    print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
+    if options.readme and not failures:
+        options.measured.parent.mkdir(parents=True, exist_ok=True)
+        write_json(options.measured, content)
+        write_readme(options.readme, content)
+        print(f'{options.readme} and {options.measured} brought up to date')
+    return 1 if failures else 0
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options."""
+    parser = argparse.ArgumentParser(prog='report', description=__doc__)
+    add = parser.add_argument
+    add('--quick', action='store_true', help='one run of each experiment')
+    add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
+    add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
+    add('--readme', type=Path, help='bring the table of this README up to date ...')
+    add('--measured', type=Path, default=Path('docs/measured/metrics.json'), help='... and this file (%(default)s)')
+    add_run_options(parser, 'report.html, metrics.json')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

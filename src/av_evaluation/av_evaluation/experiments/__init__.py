@@ -1,0 +1,1 @@
+"""The publication's experiments and sweeps."""

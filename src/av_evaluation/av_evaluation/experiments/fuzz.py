@@ -1,0 +1,143 @@
+"""Random sequences of messages through tracker and pointing: whatever comes, commands are finite and within their limits.
+
+A sequence mixes what senses say with what they never should: stamps that are stale, in the future, repeated, out of order or no
+number; angles and variances that are absurd; empty lists.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from random import Random
+
+from av_common.track import State, Track
+from av_fusion.baseline.gated_tracker import GatedTracker
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_pointing.controller import Command, PointingController
+
+ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
+STEP = 0.02
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Broken:
+    """What went wrong, and in which sequence, so that it can be made again."""
+
+    seed: int
+    what: str
+
+
+class Sequence:
+    """One random sequence for a tracker and a controller."""
+
+    def __init__(self, seed: int) -> None:
+        self.seed = seed
+        self._random = Random(seed)
+        self._tracker = BayesTracker() if self._chance(0.8) else GatedTracker()
+        self._pointing = PointingController()
+        self._now = self._random.choice([0.0, 1000.0, 1.7e9])
+        self._absurd = self._random.choice([0.02, 0.2, 0.7])
+        self._before: Command | None = None
+        self._sent: list[Sound | Look] = []
+
+    def run(self, messages: int = 20) -> Broken | None:
+        """Send messages; what is broken first, or None."""
+        try:
+            for _ in range(messages):
+                elapsed = self._step()
+                what = self._judge(elapsed)
+                if what:
+                    return Broken(self.seed, what)
+        except Exception as error:  # noqa: BLE001, whatever it is, it is found
+            return Broken(self.seed, f'{type(error).__name__}: {error}')
+        return None
+
+    def _step(self) -> float:
+        """Send one message and let time pass; returns the seconds that count for the controller."""
+        kind = self._random.randrange(4)
+        if kind == 0:
+            self._tracker.add_pose(self._stamp(), self._angle(), self._value(0.0, 1.0))
+        elif kind == 1 and self._sent and self._chance(0.3):
+            self._send(self._sent[self._random.randrange(len(self._sent))])
+        elif kind == 2:
+            self._send(Look(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
+                            self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
+        else:
+            self._send(Sound(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.randrange(4))),
+                             self._value(0.7, 0.3), self._value(0.5, 0.1)))
+        passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
+        self._now += passed
+        self._pointing.enabled = self._chance(0.9)
+        self._track = self._tracker.estimate(self._now)
+        told = self._track if self._chance(0.9) else self._wild_track()
+        self._command = self._pointing.step(self._now, told if self._chance(0.95) else None)
+        return min(max(passed, 0.0), 0.1)
+
+    def _judge(self, elapsed: float) -> str:
+        """What is wrong with track and command, '' if nothing is."""
+        track, command, settings = self._track, self._command, self._pointing.settings
+        if track.state != State.NONE and not all(map(math.isfinite, (
+                track.azimuth, track.azimuth_world, track.azimuth_world_rate, track.azimuth_variance, track.front_probability,
+                track.elevation))):
+            return f'track is not finite: {track}'
+        if track.state != State.NONE and not (track.azimuth_variance > 0.0 and -math.pi <= track.azimuth <= math.pi):
+            return f'track is impossible: {track}'
+        if not math.isfinite(track.requested_rotation):
+            return f'requested rotation {track.requested_rotation}'
+        axes = (('pan', command.pan, command.pan_rate, settings.pan), ('tilt', command.tilt, command.tilt_rate, settings.tilt),
+                ('yaw', 0.0, command.yaw_rate, settings.yaw))
+        before, self._before = self._before, command
+        for name, angle, rate, limits in axes:
+            if not (math.isfinite(angle) and math.isfinite(rate)):
+                return f'{name} is not finite: {command}'
+            if not (limits.lower - TOLERANCE <= angle <= limits.upper + TOLERANCE and abs(rate) <= limits.rate + TOLERANCE):
+                return f'{name} is out of its limits: {command}'
+            change = 0.0 if before is None else abs(rate - getattr(before, f'{name}_rate'))
+            if change > limits.acceleration * elapsed + TOLERANCE:
+                return f'{name} accelerates by {change:.3g} rad/s in {elapsed:.3g} s'
+        return ''
+
+    def _send(self, message: Sound | Look) -> None:
+        self._sent.append(message)
+        if isinstance(message, Sound):
+            self._tracker.add_sound(message)
+        else:
+            self._tracker.add_look(message)
+
+    def _chance(self, probability: float) -> bool:
+        return self._random.random() < probability
+
+    def _value(self, mean: float, sigma: float) -> float:
+        return self._random.choice(ABSURD) if self._chance(self._absurd) else self._random.gauss(mean, sigma)
+
+    def _angle(self) -> float:
+        return self._value(0.0, 2.0)
+
+    def _variance(self) -> float:
+        return self._random.choice(ABSURD) if self._chance(self._absurd) else 10.0 ** self._random.uniform(-8, 2)
+
+    def _stamp(self) -> float:
+        if self._chance(self._absurd):
+            return self._random.choice([math.nan, math.inf, 0.0, -5.0, self._now + 1e6, self._now - 1e6])
+        late = self._random.choices((0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0), (0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05))
+        return self._now + late[0]
+
+    def _hypothesis(self) -> Hypothesis:
+        return Hypothesis(self._angle(), self._variance(), self._value(0.2, 0.3), self._variance())
+
+    def _detection(self) -> Detection:
+        return Detection(self._angle(), self._variance(), self._value(0.6, 0.3), self._value(0.2, 0.3), self._variance())
+
+    def _wild_track(self) -> Track:
+        return Track(self._stamp(), State(self._random.randrange(4)), azimuth=self._angle(), elevation=self._angle(),
+                     azimuth_variance=self._variance(), elevation_variance=self._variance(),
+                     azimuth_world_rate=self._value(0.0, 1.0), resolved=self._chance(0.5),
+                     requested_rotation=self._value(0.0, 1.0))
+
+
+def fuzz(first: int, count: int, messages: int = 20) -> list[Broken]:
+    """Run sequences `first` to `first + count - 1`; what broke."""
+    found = (Sequence(seed).run(messages) for seed in range(first, first + count))
+    return [broken for broken in found if broken is not None]

@@ -1,0 +1,80 @@
+"""The simulator's visual oracle without its pictures: what stands before a drone is found by rays, a hundred times faster."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.camera import PinholeCamera
+from av_sim_bridge.wire.oracle import OracleBox
+from av_simulator.rendering.camera_effects import contrast_left
+from av_simulator.rendering.scenes import Solid
+from av_simulator.rendering.view import Appearance, Drone, TruthBox, View, appearance, oracle_box, outline, rotor_hubs
+
+
+class Oracle:
+    """Reports the drones in a view as the simulator does, with the same credibility, hidden behind the same solids."""
+
+    def __init__(self, camera: PinholeCamera, solids: Sequence[Solid]) -> None:
+        self._camera, self._solids = camera, Solids(solids)
+
+    def boxes(self, view: View) -> list[OracleBox]:
+        """What the oracle reports of a view."""
+        found = []
+        for drone in view.drones:
+            seen = appearance(self._camera, view, drone)
+            box = None if seen is None else self._box(view, drone, seen)
+            if box is not None:
+                found.append(box)
+        return found
+
+    def _box(self, view: View, drone: Drone, seen: Appearance) -> OracleBox | None:
+        points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])
+        points = np.concatenate([points, 0.5 * (points[1:] + drone.position)])
+        hidden = self._solids.hide(view.position, points)
+        if hidden.all():
+            return None
+        box = seen.box
+        if hidden.any():
+            pixels = self._camera.project(view.to_optical(points[~hidden]))
+            low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
+            box = (*map(float, low), *map(float, high))
+        distance = float(np.linalg.norm(drone.position - view.position))
+        transmission = view.atmosphere.transmission(view.position, drone.position)
+        truth = TruthBox(drone.target_id, box, 1.0 - float(hidden.mean()), transmission, distance)
+        return oracle_box(seen, truth, contrast_left(view))
+
+
+class Solids:
+    """Solids for lines of sight. In a solid's own scale it is the cube [-1, 1]^3, cut by a quadric where it is round."""
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        yaw = np.array([solid.yaw for solid in solids])
+        zero, one = np.zeros_like(yaw), np.ones_like(yaw)
+        turn = np.array([[np.cos(yaw), np.sin(yaw), zero], [-np.sin(yaw), np.cos(yaw), zero], [zero, zero, one]])
+        half = np.array([solid.half_size for solid in solids]).reshape(-1, 3)
+        self._centres = np.array([solid.centre for solid in solids]).reshape(-1, 3)
+        self._to_cube = turn.transpose(2, 0, 1) / half[:, :, np.newaxis]  # (s, 3, 3)
+        # Inside where x^2 + y^2 + a z^2 + b z <= c; boxes have no quadric.
+        shapes = {'box': (0.0, 0.0, np.inf), 'cylinder': (0.0, 0.0, 1.0), 'ellipsoid': (1.0, 0.0, 1.0),
+                  'cone': (-0.25, 0.5, 0.25)}
+        self._quadric = np.array([shapes[solid.shape] for solid in solids]).reshape(-1, 3)
+
+    def hide(self, eye: NDArray, points: NDArray) -> NDArray[np.bool_]:
+        """Which of the points (n, 3) cannot be seen from `eye` (3,), in m in the world."""
+        start = np.einsum('sij,sj->si', self._to_cube, eye - self._centres)[:, np.newaxis]
+        ray = np.einsum('sij,nj->sni', self._to_cube, points - eye)
+        with np.errstate(divide='ignore', invalid='ignore'):
+            one, other = (-1.0 - start) / ray, (1.0 - start) / ray
+        enter = np.fmin(one, other).max(axis=2).clip(min=0.0)
+        leave = np.fmax(one, other).min(axis=2).clip(max=1.0)
+        a, b, c = self._quadric.T[:, :, np.newaxis]
+        square = ray[..., 0] ** 2 + ray[..., 1] ** 2 + a * ray[..., 2] ** 2
+        linear = 2.0 * (start * ray)[..., :2].sum(axis=2) + (2.0 * a * start[..., 2] + b) * ray[..., 2]
+        constant = start[..., 0] ** 2 + start[..., 1] ** 2 + a * start[..., 2] ** 2 + b * start[..., 2]
+        with np.errstate(divide='ignore', invalid='ignore'):  # of rays that pass by, far out
+            lowest = np.where(square > 0.0, -0.5 * linear / square, enter).clip(enter, np.maximum(enter, leave))
+            inside = np.min([square * t**2 + linear * t + constant for t in (enter, lowest, leave)], axis=0) <= c
+        return ((enter < leave) & inside).any(axis=0)

@@ -1,0 +1,214 @@
+"""Stand-ins for experiments with a real rig: what of them is real here is recorded, and each says what is not.
+
+`filmed:CLIP`: a real drone filmed outdoors, looked at by the shipped detector; a real drone's sound through the measured
+responses of a head at the azimuths that the clip's labels tell. The lens is covered for a part of each clip.
+`room:NUMBER`: a real drone's sound in a room of pyroomacoustics, which shares no code with the simulator, in steps.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from av_audio.benchmark.scenes import read_responses
+from av_audio.benchmark.signals import add_noise, load_clip
+from av_audio.calibration import calibrate, measured_path, search_array
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
+from av_common.rig import CameraMount
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.runs.recording import Recording, RecordingTracker
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.geometry import look_in_body, sounds_in_body
+from av_vision import visibility
+from av_vision.models import shipped_model
+from av_vision.watching import Watcher
+from av_vision.yolo import Detector, DetectorSettings
+
+# Clips that the shipped detector was not trained on.
+CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
+    44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
+FILMED, ROOM = 'filmed:', 'room:'
+VIDEO_HZ, RATE = 30.0, 48_000
+EARS = MicrophoneArray([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]], 'kemar')
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'two_microphones')
+CAMERA = CameraMount(width=640, height=512)
+COVERED = (0.3, 0.85)  # share of a clip
+CUT = math.radians(5.0)  # a label that moves so far between two frames is of another take: some clips are spliced
+STEP_DEG, DWELL_S = 20.0, 4.0
+
+
+class Hall:
+    """Measurements given to a tracker in order, with the truth beside them; the rig stands still at the origin."""
+
+    def __init__(self, array: MicrophoneArray, rate: int, estimators: tuple[str, ...]) -> None:
+        self.log, self.recording = RunLog(), Recording()
+        self._tracker = RecordingTracker(BayesTracker(), self.recording)
+        self._settings = LocalizerSettings()
+        self._localizers = {method: Localizer(array, rate, LocalizerSettings(method=method)) for method in ('ml', *estimators)}
+        self._rate, self._next = rate, 0
+
+    def hear(self, samples: NDArray) -> None:
+        """The next samples (n, 2)."""
+        now = (self._next + len(samples)) / self._rate
+        for method, localizer in self._localizers.items():
+            for estimate in localizer.process(samples, self._next):
+                directions = angles_to_direction(estimate.azimuth, estimate.elevation)
+                sounds = sounds_in_body(estimate.time, directions, estimate.azimuth_variance, estimate.elevation_variance,
+                                        estimate.confidence, estimate.group, np.eye(3), self._settings.window_s)[:1]
+                self.recording.sounds.setdefault(method, []).extend(sounds)
+                for sound in sounds if method == 'ml' else ():
+                    self._tracker.add_sound(sound)
+                    images = [hypothesis.azimuth for hypothesis in sound.hypotheses]
+                    self.log.sound.add(sound.time, images[0], images[1] if len(images) > 1 else math.nan, sound.confidence,
+                                       now - sound.time - 0.5 * sound.window)
+        self._next += len(samples)
+
+    def see(self, time: float, boxes: NDArray, visibility: float) -> None:
+        """A picture with boxes (n, 5), corners in pixels and confidence; `visibility` 0-1 as detector_node would tell it."""
+        centres, sizes = 0.5 * (boxes[:, :2] + boxes[:, 2:4]), boxes[:, 2:4] - boxes[:, :2]
+        look = look_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
+        self._tracker.add_look(look)
+        best = look.best
+        self.log.sight.add(time, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
+
+    def follow(self, time: float, true_azimuth: float) -> None:
+        """Ask for the bearing; the truth of that time is known."""
+        self.log.rig.add(time, 0.0, 0.0, 0.0, 0.0)
+        self.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
+        track = self._tracker.estimate(time)
+        self.log.fused.add(time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
+                           time - track.measured)
+
+
+def watcher_of(model: str | Path) -> Watcher:
+    """Looks for drones as detector_node does: pictures one after another, with a memory."""
+    return Watcher(Detector(model, DetectorSettings(keep=('drone',), threads=1)))
+
+
+def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
+    """A real clip with real sound. Raises FileNotFoundError without the recordings, OSError for a broken film."""
+    truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
+    first, end = longest_take(truth)
+    truth = truth[first:end]
+    voice = load_clip(_voice(data, clip))
+    array = calibrated_ears(data)
+    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
+    hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
+    watcher = watcher_of(shipped_model())
+    film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
+    for _ in range(first):
+        film.grab()
+    for number, azimuth in enumerate(truth):
+        read, picture = film.read()
+        if not read:
+            break
+        hall.hear(sound[number * per_frame:(number + 1) * per_frame])
+        if number % 2 == 0:
+            covered = COVERED[0] <= number / len(truth) < COVERED[1]
+            picture = np.zeros_like(picture) if covered else picture
+            found, _ = watcher.look(picture, number / VIDEO_HZ)
+            boxes = np.column_stack([found.boxes.reshape(-1, 4), found.scores])
+            hall.see((number + 1) / VIDEO_HZ, boxes, visibility.estimate(picture).share)
+        hall.follow((number + 1) / VIDEO_HZ, float(azimuth))
+    if not len(hall.log.fused):
+        raise OSError(f'{clip}: no picture can be read')
+    return hall.log, hall.recording, [
+        'real video and detector, real drone sound through measured ears at the labelled azimuths; the lens covered for '
+        f'{100 * (COVERED[1] - COVERED[0]):.0f} % of the time']
+
+
+def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
+    """A loudspeaker with a drone's voice goes round in steps in a rendered room. Raises ImportError, FileNotFoundError."""
+    import pyroomacoustics
+    random = np.random.default_rng([7, number])
+    voice = load_clip(_voice(data, str(number)))
+    size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
+    absorption, order = pyroomacoustics.inverse_sabine(0.3, size)
+    hall, length = Hall(PAIR, RATE, estimators), round(DWELL_S * RATE)
+    for step in range(round(360.0 / STEP_DEG)):
+        azimuth = math.radians(STEP_DEG * step)
+        box = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption), max_order=min(order, 8))
+        box.set_sound_speed(speed_of_sound(20.0))
+        begin = int(random.integers(0, max(len(voice) - length, 1)))
+        box.add_source(place + 3.0 * angles_to_direction(azimuth, 0.0), signal=np.resize(voice[begin:], length))
+        box.add_microphone_array((place + PAIR.positions).T)
+        box.simulate()
+        heard = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
+        for part, piece in enumerate(np.split(heard, round(10 * DWELL_S))):
+            hall.hear(piece)
+            hall.follow(step * DWELL_S + 0.1 * (part + 1), azimuth)
+    return hall.log, hall.recording, ['real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB '
+                                      'above noise; the rig stands still and is blind']
+
+
+def labelled_azimuths(file: Path) -> NDArray:
+    """Azimuths (n,) in rad of each frame of a clip by its labels, between them interpolated. Raises FileNotFoundError."""
+    if not file.exists():
+        raise FileNotFoundError(f'{file}: the recordings are not there')
+    rows = [line.split(',') for line in file.read_text().splitlines()[1:]]
+    frames = np.array([int(row[0]) for row in rows])
+    boxes = np.array([[float(value) for value in row[2:6]] for row in rows])
+    look = look_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
+                        CAMERA.optical_to_body)
+    _, first = np.unique(frames, return_index=True)
+    azimuths = np.array([detection.azimuth for detection in look.detections])[first]
+    return np.interp(np.arange(frames.max() + 1), frames[first], azimuths)
+
+
+def longest_take(azimuths: NDArray) -> tuple[int, int]:
+    """First frame, and the one after the last, of the longest part of a film without a cut, where its labels (rad) jump."""
+    cuts = np.flatnonzero(np.abs(np.diff(azimuths)) > CUT) + 1
+    edges = np.concatenate([[0], cuts, [len(azimuths)]])
+    longest = int(np.argmax(np.diff(edges)))
+    return int(edges[longest]), int(edges[longest + 1])
+
+
+def calibrated_ears(data: Path) -> MicrophoneArray:
+    """The head as a pair, its delays measured with another drone's recording at every other azimuth."""
+    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    voice = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
+    angles, paths = [], []
+    for k in range(0, len(azimuths), 2):
+        piece = np.stack([signal.fftconvolve(voice[:2 * rate], response)[:2 * rate] for response in responses[k]], axis=1)
+        _, path = measured_path(EARS, Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5)).process(piece, 0))
+        paths.extend(path)
+        angles.extend([azimuths[k]] * len(path))
+    return calibrate(EARS, angles, paths).array
+
+
+def moving_through(voice: NDArray, truth: NDArray, azimuths: NDArray, responses: NDArray, rate: int) -> NDArray:
+    """Sound (n, 2) of a voice that follows azimuths (frames,) in rad, as a head hears it.
+
+    The measured directions next to the true one are mixed by the share of the way between them, anew for each frame; below
+    4 kHz, where 5 degrees are a small part of a period, that is their interpolation.
+    """
+    per_frame = round(rate / VIDEO_HZ)
+    count = per_frame * len(truth)
+    voice = np.resize(voice, count)
+    at_frames = np.arange(len(truth)) * per_frame + per_frame / 2
+    grid = np.radians(5.0)
+    place = np.interp(np.arange(count), at_frames, np.unwrap(truth)) / grid
+    sound = np.zeros((count, 2), np.float32)
+    for index in range(math.floor(place.min()), math.floor(place.max()) + 2):
+        share = np.clip(1.0 - np.abs(place - index), 0.0, None)
+        nearest = np.argmin(np.abs(np.angle(np.exp(1j * (azimuths - index * grid)))))
+        heard = [signal.fftconvolve(share * voice, response)[:count] for response in responses[nearest]]
+        sound += np.stack(heard, axis=1).astype(np.float32)
+    return 0.3 * sound / np.abs(sound).max()
+
+
+def _voice(data: Path, name: str) -> Path:
+    """One of the drone recordings, by the number in a name. Raises FileNotFoundError."""
+    files = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))[:-1]  # the last one calibrates
+    if not files:
+        raise FileNotFoundError(f'{data}: the drone recordings are not there')
+    return files[int(''.join(filter(str.isdigit, name)) or 0) % len(files)]

@@ -1,0 +1,51 @@
+"""What hearing alone says with nobody's help: the mirror image by the published rules, at the instant at which it is said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_evaluation.runs.recording import Recording
+from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
+from av_fusion.filter.state_machine import MachineSettings
+from av_fusion.measurement.measurements import Look, Sound
+
+
+def chosen_images(sounds: Sequence[Sound], recording: Recording, tau: float) -> tuple[NDArray, NDArray]:
+    """Ends of the windows of `sounds` (n,) in s, and of each the image (n,) that the published controller would take.
+
+    Azimuths in rad in the world frame. The controller gets the run's poses and pictures and these sounds instead of its own:
+    what was seen, what was heard before and what the rig's turns showed decide.
+    """
+    tracker = GatedTracker(GatedSettings(machine=MachineSettings(tau=tau)))
+    waiting = sorted((sound for sound in sounds if sound.hypotheses), key=_end, reverse=True)
+    times, azimuths = [], []
+
+    def hear_until(now: float) -> None:
+        while waiting and _end(waiting[-1]) <= now:
+            sound = waiting.pop()
+            tracker.add_sound(sound)
+            if tracker.heard is not None:
+                times.append(_end(sound))
+                azimuths.append(tracker.heard)
+
+    for event in recording.events:
+        if isinstance(event, Sound):
+            continue
+        if isinstance(event, Look):
+            hear_until(event.time)
+            tracker.add_look(event)
+        elif isinstance(event, tuple):
+            hear_until(event[0])
+            tracker.add_pose(*event)
+        else:
+            hear_until(event)
+    hear_until(math.inf)
+    return np.array(times), np.array(azimuths)
+
+
+def _end(sound: Sound) -> float:
+    return sound.time + 0.5 * sound.window

@@ -1,0 +1,142 @@
+"""Methods side by side: the table on screen, metrics.json, and the report of an evaluation."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from av_evaluation.metrics.results import RunResult, errors_together, figures_together
+from av_evaluation.metrics.statistics import cohens_d, percentile_matched_correlation
+from av_evaluation.report.charts import bearing_chart, curve_chart, distribution_chart, label
+from av_evaluation.report.page import Page
+
+Figures = Mapping[str, float | None]
+COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0, '{:.2f}°'),
+           ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
+           ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
+TIMES = (('unaided_rmse_deg', 'unaided', 1.0, '{:.2f}°'), ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
+         ('time_to_decide_s', 'decides in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
+         ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
+
+
+def methods_of(runs: Sequence[RunResult]) -> list[str]:
+    """The methods of the runs in their order, those at other gates left out."""
+    named = dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing))
+    return [method for method in named if '@' not in method]
+
+
+def metrics_of(runs: Sequence[RunResult], methods: Sequence[str] | None = None) -> dict[str, dict[str, float | None]]:
+    """What stands in metrics.json: the figures of each method over all runs."""
+    return {method: figures_together(runs, method) for method in methods or methods_of(runs)}
+
+
+def cell(figures: Figures, key: str, scale: float, form: str) -> str:
+    """A figure to read, a dash where there is none."""
+    value = figures.get(key)
+    return form.format(scale * value) if value is not None else '–'
+
+
+def interval(figures: Figures) -> str:
+    """The confidence interval of the RMSE."""
+    low, high = figures.get('rmse_low_deg'), figures.get('rmse_high_deg')
+    return '–' if low is None or high is None else f'{low:.2f}–{high:.2f}°'
+
+
+def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the table of methods."""
+    head = ['method', *(name for _, name, _, _ in COLUMNS[:2]), '95 % interval', *(name for _, name, _, _ in COLUMNS[2:]),
+            *(name for _, name, _, _ in TIMES)]
+    rows = []
+    for method, figures in metrics.items():
+        first, later = ([cell(figures, key, scale, form) for key, _, scale, form in columns]
+                        for columns in (COLUMNS[:2], (*COLUMNS[2:], *TIMES)))
+        rows.append([label(method), *first, interval(figures), *later])
+    return head, rows
+
+
+def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as text, columns as wide as they need to be."""
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    return '\n'.join('  '.join(text.ljust(width) if not column else text.rjust(width)
+                               for column, (text, width) in enumerate(zip(row, widths, strict=True))) for row in (head, *rows))
+
+
+def taus_of(runs: Sequence[RunResult]) -> dict[float, dict[str, dict[str, float | None]]]:
+    """Figures of `fused` and `gated` by the gate on the detection confidence."""
+    taus = sorted({float(method.split('@')[1]) for run in runs for method in run.methods if '@' in method})
+    return {tau: {name: figures_together(runs, f'{name}@{tau:g}', intervals=False) for name in ('fused', 'gated')}
+            for tau in taus}
+
+
+def write_json(path: Path, content: object) -> None:
+    """Write JSON that others can read: no NaN."""
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n')
+
+
+def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Path, command: str) -> Path:
+    """Write metrics.json, runs.json, the pictures and report.html into a folder; returns the report's path."""
+    metrics = metrics_of(runs)
+    write_json(out / 'metrics.json', metrics)
+    write_json(out / 'runs.json', [
+        {'name': run.name, 'case': run.case, 'notes': run.notes, 'missing': run.missing,
+         'methods': {method: figures_together([run], method) for method in run.methods}} for run in runs])
+    page = Page('How well the drone was followed', f'{len(runs)} runs. Made by `{command}`.')
+    page.heading('All runs together')
+    page.table(*rows_of(metrics), ours=label('fused'))
+    page.paragraph('Errors count from the first detection on; where nothing was seen, from the first bearing whose hemisphere '
+                   'was declared. All methods get the same data and the same median filter. Methods of hearing alone, and the '
+                   'Kalman filter, are given the true one of two mirror images and judged at the centre of their window; '
+                   '"unaided" is their RMSE with the published choice of image, at the instant at which it comes. Fused, gated '
+                   'and sight are given nothing. '
+                   'Intervals: bootstrap over blocks of 2 s.')
+    page.picture(distribution_chart(runs, methods_of(runs)), 'Share of errors below each size.')
+    add_taus(page, runs)
+    inputs = list(dict.fromkeys(run.case['input'] for run in runs))
+    if len(inputs) > 1:
+        page.heading('By input')
+        for name in inputs:
+            page.heading(name, 3)
+            page.table(*rows_of(metrics_of([run for run in runs if run.case['input'] == name])), ours=label('fused'))
+    if len(inputs) == 2:
+        add_domains(page, *([run for run in runs if run.case['input'] == name] for name in inputs))
+    page.heading('Run by run')
+    for run in runs:
+        page.heading(run.name, 3)
+        for text in (*run.notes, *run.missing.values()):
+            page.paragraph(text)
+        page.picture(bearing_chart(run), f'{run.name}: bearing and error.')
+    for name, why in failures.items():
+        page.paragraph(f'`{name}` failed: {why}')
+    page.write(out / 'report.html')
+    return out / 'report.html'
+
+
+def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
+    """A chart of the RMSE by the gate, where it was varied."""
+    taus = taus_of(runs)
+    if taus:
+        curves = {name: (list(taus), [np.nan if taus[tau][name]['rmse_deg'] is None else taus[tau][name]['rmse_deg']
+                                      for tau in taus]) for name in ('fused', 'gated')}
+        page.heading('Sensitivity to the gate tau')
+        page.picture(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the detection confidence.')
+
+
+def add_domains(page: Page, one: Sequence[RunResult], other: Sequence[RunResult]) -> None:
+    """How alike errors of two domains are."""
+    page.heading('Two domains', 3)
+    page.table(*domain_rows(one, other))
+
+
+def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[list[str], list[list[str]]]:
+    """Cohen's d and percentile-matched correlation of the absolute errors, a row a method that both have."""
+    rows = []
+    for method in ('sound', 'sight', 'fused'):
+        errors = [np.abs(errors_together(runs, method)) for runs in (one, other)]
+        if min(map(len, errors)) > 1:
+            figures = [figures_together(runs, method) for runs in (one, other)]
+            rows.append([label(method), *(f'{figure["rmse_deg"]:.2f}° ({interval(figure)})' for figure in figures),
+                         f'{cohens_d(*errors):+.2f}', f'{percentile_matched_correlation(*errors):.3f}'])
+    return ['method', 'RMSE, first', 'RMSE, second', "Cohen's d", 'percentile-matched r'], rows

@@ -1,0 +1,1 @@
+"""Bags through the algorithms of the rig without middleware."""

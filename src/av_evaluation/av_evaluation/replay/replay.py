@@ -1,0 +1,299 @@
+"""A bag through the rig's algorithms: no middleware, no wall clock, the same bytes every time."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from av_audio.own_noise import NoiseRecording
+from av_bags import topics as names
+from av_bags.converters import AudioLayout
+from av_bags.errors import BagError
+from av_bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed, Plain
+from av_bags.frames import SensorFrames
+from av_bags.reader import FOREVER, Bag
+from av_bags.topics import Found, find_topics
+from av_bags.writer import BagWriter
+from av_common.camera import PinholeCamera
+from av_common.config_files import find_config
+from av_common.frames import heading_of
+from av_common.microphone_array import MicrophoneArray
+from av_common.parameters import node_parameters
+from av_common.rig import Rig, load_rig
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay import algorithms
+from av_evaluation.replay.messages import MessageMaker
+from av_evaluation.replay.output_queue import Outbox
+from av_evaluation.replay.pipeline import Chain
+from av_evaluation.replay.run_recorder import Journal
+from av_evaluation.replay.stages import Fusing, Hearing, Pointing, Seeing
+from av_evaluation.runs.recording import Recording, RecordingTracker
+from av_fusion.measurement.converter import Senses
+from av_fusion.measurement.readings import read_heard
+from av_fusion.settings import make_tracker
+from av_pointing.controller import PointingController
+from av_pointing.settings import pointing_settings
+from av_vision.from_parameters import make_detector
+
+STAGES = ('raw', 'doa', 'bearing')
+# Known as a whole before anything else is read.
+READ_AHEAD = (names.CAMERA, names.FRAMES)
+# Needed at the end only.
+TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
+# What is done without topics that are not in the bag.
+WITHOUT = {
+    names.CAMERA: "the camera of the rig's description is assumed",
+    names.AUDIO: 'the rig is deaf',
+    names.DETECTIONS: 'the rig is blind',
+    names.IMAGE: 'the rig is blind',
+    names.DOA: 'the rig is deaf',
+    names.ODOMETRY: 'the rig counts as standing still',
+    names.TRUE_TARGET: 'errors cannot be told',
+    names.TRUE_RIG: 'errors cannot be told',
+}
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """What to compute, and with what.
+
+    stage: from which of STAGES on to compute anew, empty for as early as the bag allows; rig, array: files, empty for
+    the shipped ones; model: a detector's ONNX file, empty takes the recorded detections; parameters: files as the
+    nodes read them; commands: of pointing, too, though nobody obeys; start, duration: of the part to replay, in s from
+    the bag's start. Raises BagError.
+    """
+
+    stage: str = ''
+    rig: str = ''
+    array: str = ''
+    model: str = ''
+    classes: tuple[str, ...] = ()
+    parameters: tuple[str, ...] = ()
+    remappings: dict[str, str] = field(default_factory=dict)
+    namespace: str = ''
+    audio: AudioLayout | None = None
+    commands: bool = False
+    start: float = 0.0
+    duration: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.stage not in ('', *STAGES):
+            raise BagError(f'cannot replay from {self.stage!r}, expected {", ".join(STAGES)}')
+        if not (self.start >= 0.0 and self.duration > 0.0):
+            raise BagError(f'start is {self.start} s, duration {self.duration} s, expected at least 0 and more than 0')
+
+
+class Replay:
+    """Computes what the rig would have said.
+
+    `notes` say what is missing and how it is made up for, and after `run` what could not be used. Raises BagError when
+    the bag cannot be replayed, ValueError or OSError when the files that describe the rig cannot be used.
+    """
+
+    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), recording: Recording | None = None,
+                 estimators: Sequence[str] = ()) -> None:
+        """`recording` gets what the tracker is told, and what further `estimators` of hearing make of the sound."""
+        self._bag, self._settings = bag, settings
+        self._recording, self._estimators = recording, estimators
+        self._journal, self._make = Journal(recording), MessageMaker()
+        self.notes: list[str] = []
+        self._out: Outbox | None = None
+        found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
+        self.stage = settings.stage or ('raw' if names.AUDIO in found else
+                                        'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
+        self._topics = self._choose(found)
+        start_ns = bag.start_ns + round(settings.start * SECOND)
+        stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
+        self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
+        self._aside: dict[str, list[Plain]] = {name: [] for name in (*READ_AHEAD, *TRUTHS, names.ODOMETRY)}
+        self._moves: deque[list[float]] = deque()  # of the rig, to come: when it comes, its time, yaw, yaw rate
+        self._start = start_ns / SECOND
+        self._chain = self._build(load_rig(settings.rig or find_config('rig')))
+
+    @property
+    def log(self) -> RunLog:
+        """Truth, what the senses said, and the bearing."""
+        return self._journal.log
+
+    def run(self, out: BagWriter | None = None, progress: Callable[[float], None] | None = None) -> RunLog:
+        """Replay. `out` gets what is computed, and of the bag what it rests on but for sound and pictures.
+
+        `progress` is called about each second of the bag with the time done, in s since the bag's start.
+        """
+        self._out = Outbox(out, self._settings.namespace) if out is not None else None
+        told = 0.0
+        try:
+            for lump in self._feed.lumps():
+                others = self._set_aside(lump)
+                self._read_moves()
+                for name, now, time_ns, content, data in self._contents(others):
+                    done = time_ns / SECOND - self._start
+                    if progress is not None and done - told >= 1.0:
+                        told = done
+                        progress(done)
+                    self._go_on(now)
+                    self._take(name, now, content, data)
+                self._go_on(math.inf)
+                self._settle()
+        finally:
+            self._settle()
+        self._conclude()
+        return self.log
+
+    def _set_aside(self, lump: list[Plain]) -> list[Plain]:
+        """Keep what is read many at a time; returns the others."""
+        others = []
+        for piece in lump:
+            self._aside.get(piece[0], others).append(piece)
+        return others
+
+    def _contents(self, pieces: list[Plain]) -> Iterable[tuple[str, float, int, Any, bytes | memoryview]]:
+        """What they mean; but for sound and pictures, of which more than one would need much memory, all at once."""
+        contents = self._feed.contents(pieces)
+        if self.stage != 'raw':
+            contents = list(contents)
+            self._senses.look_ahead([content for name, _, _, content, _ in contents if name == names.DETECTIONS])
+        return contents
+
+    def _read_moves(self) -> None:
+        """Read how the rig moves."""
+        nows, poses, messages = self._feed.poses(self._aside[names.ODOMETRY])
+        self._aside[names.ODOMETRY].clear()
+        if self._fusing is not None:
+            usable = self._fusing.are_timely(names.ODOMETRY, poses.time, nows) & poses.has_attitude
+            columns = nows, poses.time, np.arctan2(*heading_of(poses.attitude)), poses.yaw_rate
+            self._moves = deque(np.stack(columns, 1)[usable].tolist())
+        if self._out is not None and messages:
+            self._out.put_all(names.ODOMETRY, zip(nows.tolist(), messages, strict=True))
+
+    def _go_on(self, now: float) -> None:
+        """What comes until `now` by itself: the rig moves, and says something when it has heard and seen nothing for long."""
+        chain, moves = self._chain, self._moves
+        due = chain.due
+        while moves and moves[0][0] <= now:
+            came, time, yaw, yaw_rate = moves.popleft()
+            if came >= due:
+                chain.wait(came)
+                due = chain.due
+            chain.move(time, yaw, yaw_rate, came)
+        if due <= now < math.inf:
+            chain.wait(now)
+
+    def _take(self, name: str, now: float, content: Any, data: bytes | memoryview) -> None:
+        """One message after the other: what it means, and its bytes."""
+        if self._out is not None and name not in (names.AUDIO, names.IMAGE):
+            self._out.put(name, now, data)
+        if self._others and name == names.AUDIO:
+            self._compare(content, now)
+        self._chain.take(name, content, now)
+
+    def _settle(self) -> None:
+        """Deal with what was set aside, and write."""
+        for name, pieces in self._aside.items():
+            if pieces and name in TRUTHS:
+                nows, poses, messages = self._feed.poses(pieces)
+                self._journal.know(name, poses)
+            else:
+                nows, messages = [now for _, now, _, _ in pieces], [data for _, _, _, data in pieces]
+            if self._out is not None and messages:
+                self._out.put_all(name, zip(nows, messages, strict=True))
+            pieces.clear()
+        if self._out is not None:
+            self._out.flush()
+
+    def _compare(self, content: Any, now: float) -> None:
+        """What the other estimators hear in the same sound."""
+        for estimator, hearing in self._others.items():
+            for _, _, data in hearing.take(content, now):
+                self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(read_heard(data))[:1])
+
+    def _tell(self, name: str, time: float, content: Any) -> None:
+        """Put what was computed to the output."""
+        if self._out is not None:
+            self._out.put(name, time, self._make.output(name, time, content))
+
+    def _choose(self, found: Found) -> dict[str, str]:
+        """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
+        seeing = names.IMAGE if self.stage == 'raw' and self._settings.model else names.DETECTIONS
+        senses = {'raw': (names.AUDIO, seeing), 'doa': (names.DOA, names.DETECTIONS), 'bearing': (names.BEARING,)}
+        wanted = senses[self.stage]
+        if not any(name in found for name in wanted):
+            reasons = '; '.join(found.missing[name] for name in wanted)
+            raise BagError(f'{self._bag.path} cannot be replayed from {self.stage}: {reasons}')
+        for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
+            if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
+                self._note(f'{found.missing[name]}: {WITHOUT[name]}')
+        context = (names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG, names.FRAMES)
+        beside = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+        beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
+        beside += (names.VISIBILITY,) if seeing == names.DETECTIONS else ()
+        return {name: found.topics[name] for name in (*wanted, *beside, *context) if name in found}
+
+    def _build(self, rig: Rig) -> Chain:
+        fusion = self._parameters('av_fusion', 'fusion_node')
+        self._make.frame = fusion.base_frame
+        self._frames = SensorFrames(rig, fusion.base_frame)
+        if names.FRAMES in self._topics:
+            self._frames.learn(self._bag, self._topics[names.FRAMES])
+        self._senses = senses = Senses(self._frames.rotation, fusion.target_classes, self._camera(rig))
+        self._hearing = self._seeing = self._fusing = None
+        self._others: dict[str, Hearing] = {}
+        if self.stage == 'raw' and names.AUDIO in self._topics:
+            array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
+            p = self._parameters('av_audio', 'doa_node')
+            listening = algorithms.localizer_settings(p)
+            blades = p.own_rotor_blades if p.own_rotors == 'topic' else 0
+            own_noise = NoiseRecording.load(p.own_noise) if p.own_noise else None
+            self._hearing = Hearing(array, listening, self._make, blades, own_noise)
+            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades, own_noise)
+                            for method in self._estimators}
+        if names.IMAGE in self._topics:
+            model = self._settings.model if self._settings.model != 'shipped' else ''
+            given = {'model': model, 'keep_classes': list(self._settings.classes) or None}
+            p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
+            self._seeing = Seeing(make_detector(p), p.track_gap, self._make, p.visibility_rate,
+                                  p.visibility_distance, algorithms.ground(p, senses.camera), p.still)
+        if self.stage != 'bearing':
+            tracker = make_tracker(fusion)
+            if self._recording is not None:
+                tracker = RecordingTracker(tracker, self._recording)
+            self._fusing = Fusing(tracker, senses, self._journal, fusion.rate,
+                                  fusion.min_sound_confidence)
+        pointing = None
+        if self._settings.commands or self.stage == 'bearing':
+            settings = pointing_settings(self._parameters('av_pointing', 'pointing_node'))
+            pointing = Pointing(PointingController(settings))
+        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._tell)
+
+    def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
+        files = (find_config('rig_params'), *self._settings.parameters)
+        return node_parameters(package, node, files, given, self._settings.namespace)
+
+    def _camera(self, rig: Rig) -> PinholeCamera:
+        topic = self._topics.get(names.CAMERA)
+        if topic is None:
+            return rig.camera.model
+        _, _, data = next(self._bag.messages([topic]))
+        return PinholeCamera.from_camera_info(self._bag.decode(topic, data))
+
+    def _note(self, text: str) -> None:
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def _conclude(self) -> None:
+        for problem in (*self._bag.problems, *self._feed.problems):
+            self._note(problem)
+        for stage in (self._hearing, self._seeing):
+            for problem in sorted(stage.problems if stage else ()):
+                self._note(problem)
+        for name, count in (self._fusing.foreign if self._fusing else {}).items():
+            self._note(f'{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s off '
+                       "the bag's time")
+        for frame in sorted(self._frames.unknown):
+            self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')

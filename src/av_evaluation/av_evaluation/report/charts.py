@@ -1,0 +1,100 @@
+"""Charts of results: bearings and errors against time, distributions of errors, and figures against a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from av_common.angles import wrap
+from av_evaluation.metrics.results import RunResult, errors_together
+from av_evaluation.report.picture import broken, shade
+
+COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
+           'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
+LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
+          'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
+          'mvdr': 'MVDR'}
+
+
+def label(method: str) -> str:
+    """What a method is called in tables and pictures."""
+    name, _, tau = method.partition('@')
+    return LABELS.get(name, name) + (f', tau {tau}' if tau else '')
+
+
+def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
+    """Azimuth in the rig's frame and error against time, the leading sense shaded; one error in 50 may lie outside."""
+    figure = Figure(figsize=(11, 5.6), layout='constrained')
+    bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [5, 2]})
+    start = float(run.truth['time'][0]) if run.truth else min(
+        [float(result.time[0]) for result in run.methods.values() if len(result.time)], default=0.0)
+    shade((bearing, error), run.state['time'] - start, run.state['state'])
+    azimuths, errors = [], []
+    if run.truth:
+        bearing.plot(run.truth['time'] - start, np.degrees(broken(run.truth['azimuth'])), '--', color='black', linewidth=1.1,
+                     label='truth', zorder=3)
+        azimuths.append(np.degrees(wrap(run.truth['azimuth'])))
+    for method in (method for method in methods if method in run.methods):
+        result, line = run.methods[method], method not in ('sound', 'sight')
+        style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
+        values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
+        bearing.plot(result.time - start, values, color=COLOURS[method], label=label(method), **style)
+        error.plot(result.judged_time - start, result.error_deg, color=COLOURS[method], **style)
+        azimuths.append(values)
+        errors.append(result.error_deg)
+    reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)
+    limit = 1.1 * _reach(errors, (1, 2, 5, 10, 20, 45, 90, 180), 0.98)
+    bearing.margins(x=0.01)
+    error.margins(x=0.01)
+    error.set(xlabel='time (s)', ylabel='error (deg)', ylim=(-limit, limit))
+    bearing.set(ylabel="azimuth in the\nrig's frame (deg)", ylim=(-1.03 * reach, 1.03 * reach),
+                yticks=np.linspace(-reach, reach, 7))
+    bearing.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncol=7, frameon=False, markerscale=3)
+    return _tidy(figure)
+
+
+def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Figure:
+    """Share of errors below each size, a curve a method."""
+    figure = Figure(figsize=(11, 4.2), layout='constrained')
+    axes = figure.subplots()
+    for method in methods:
+        error = np.sort(np.abs(errors_together(runs, method)))
+        if len(error):
+            axes.plot(np.maximum(error, 0.02), 100.0 * np.arange(1, len(error) + 1) / len(error), label=label(method),
+                      color=COLOURS[method], linewidth=2.2 if method == 'fused' else 1.3)
+    axes.set(xscale='log', xlim=(0.02, 180.0), ylim=(0, 101), xlabel='error (deg)', ylabel='share of errors below (%)')
+    axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
+    return _tidy(figure)
+
+
+def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], xlabel: str, ylabel: str,
+                log: bool = False) -> Figure:
+    """Figures (y, on a logarithmic axis where `log`) against a parameter (x), a curve a method."""
+    figure = Figure(figsize=(11, 3.8), layout='constrained')
+    axes = figure.subplots()
+    for name, (x, y) in curves.items():
+        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=COLOURS[name], linewidth=1.8, markersize=4.5)
+    axes.set(xlabel=xlabel, ylabel=ylabel, yscale='log' if log else 'linear')
+    if log:
+        axes.yaxis.set_major_formatter('{x:g}')
+    else:
+        axes.set_ylim(0.0, 1.05 * axes.get_ylim()[1])
+    axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
+    return _tidy(figure)
+
+
+def _reach(values: Sequence[NDArray], steps: Sequence[float], share: float) -> float:
+    """The smallest of the steps that this share of the sizes of the values, in degrees, stays below."""
+    sizes = np.abs(np.concatenate([np.zeros(1), *values]))
+    return next((step for step in steps if np.quantile(sizes[np.isfinite(sizes)], share) < step), steps[-1])
+
+
+def _tidy(figure: Figure) -> Figure:
+    for axes in figure.axes:
+        axes.grid(alpha=0.25)
+        axes.spines[['top', 'right']].set_visible(False)
+    return figure

@@ -1,0 +1,53 @@
+"""The README's table of measured values, made from metrics.json, so that the two cannot disagree."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from av_evaluation.metrics.comparison import cell
+
+BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
+NAMES = {'circle': 'drone circles in clear air', 'tripod': 'loudspeaker in steps', 'fog_woodland': 'drone in fog',
+         'occluded_room': 'indoors, hidden now and then', 'all': 'the four together',
+         'fog_woodland, detector': 'drone in fog, seen by the shipped detector',
+         'filmed': 'real video, real sound through measured ears, lens covered for 55 %'}
+
+
+def measured_table(content: Mapping) -> str:
+    """The rows of the README for the content of metrics.json."""
+    lines = ['| experiment | sound alone, RMSE | sight alone, RMSE (coverage) | fused, RMSE (coverage) | published gate, RMSE '
+             '| wrong side | front/back told in | command |', '|---|---|---|---|---|---|---|---|']
+    for name, title in NAMES.items():
+        figures = content['experiments'].get(name)
+        if figures:
+            fused = figures['fused']
+            cells = [_rmse(figures['sound']), _both(figures['sight']), _both(fused), _rmse(figures['gated']),
+                     cell(fused, 'hemisphere_errors', 100.0, '{:.1f} %'), cell(fused, 'time_to_decide_s', 1.0, '{:.1f} s')]
+            lines.append(f'| {title} | {" | ".join(cells)} | `{content["command"]}` |')
+    return '\n'.join(lines)
+
+
+def write_readme(readme: Path, content: Mapping) -> None:
+    """Put the rows between the README's marks. Raises ValueError where there are none."""
+    text = readme.read_text()
+    if BEGIN not in text or END not in text:
+        raise ValueError(f'{readme}: no line {BEGIN}')
+    before, rest = text.split(BEGIN)
+    readme.write_text(f'{before}{BEGIN}\n{measured_table(content)}\n{END}{rest.split(END)[1]}')
+
+
+def disagreement(readme: Path, metrics: Path) -> str:
+    """What the README says that metrics.json does not, empty if they agree."""
+    expected = measured_table(json.loads(metrics.read_text()))
+    said = readme.read_text().split(BEGIN)[-1].split(END)[0].strip()
+    return '' if said == expected else f'{readme} says\n{said}\nbut {metrics} gives\n{expected}'
+
+
+def _rmse(figures: Mapping) -> str:
+    return cell(figures, 'rmse_deg', 1.0, '{:.2f} deg')
+
+
+def _both(figures: Mapping) -> str:
+    return f'{_rmse(figures)} ({cell(figures, "coverage", 100.0, "{:.0f} %")})' if figures['rmse_deg'] is not None else '–'

@@ -1,0 +1,45 @@
+"""The line that a person reads each second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from av_common.track import State
+from av_pointing.controller import Mode
+
+MARKS = {State.NONE: 'no target', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
+
+
+def format_status(elapsed: float, bearing: Any | None, state: Any | None, command: Any | None, truth: float,
+                  rates: Mapping[str, float], delay: float, problems: Mapping[str, str]) -> str:
+    """State, bearing with sigma, truth and error, confidences, command, rates, delay, and what is missing.
+
+    `bearing`, `state` and `command` are the newest messages or None; `truth` (rad) and `delay` (s) are nan when unknown.
+    """
+    parts = [f'{elapsed:5.0f} s']
+    if bearing is None or bearing.state == State.NONE:
+        parts.append(f'{MARKS[State.NONE]:<9} {"":<17}')
+    else:
+        parts.append(f'{MARKS[State(bearing.state)]:<9} {math.degrees(bearing.azimuth):+6.1f} deg +-{_sigma(bearing):4.1f}')
+    if math.isfinite(truth):
+        parts.append(f'truth {math.degrees(truth):+6.1f}')
+    if state is not None:
+        hemisphere = 'told' if state.hemisphere_resolved else 'open'
+        parts.append(f'conf sound {state.sound_confidence:.2f} sight {state.sight_confidence:.2f}')
+        parts.append(f'front {100.0 * state.front_probability:3.0f} % {hemisphere}')
+    if command is not None:
+        moving = f'{math.degrees(command.yaw_rate):+4.0f} deg/s' if command.move_body else ''
+        parts.append(f'{Mode(command.mode).name.lower():<6} {moving}')
+    parts.append('Hz ' + ' '.join(f'{name} {rate:.0f}' for name, rate in rates.items()))
+    if math.isfinite(delay):
+        parts.append(f'delay {1e3 * delay:3.0f} ms')
+    lines = ' | '.join(parts)
+    for name, message in problems.items():
+        lines += f'\n        ! {name}: {message}'
+    return lines
+
+
+def _sigma(bearing: Any) -> float:
+    return math.degrees(math.sqrt(bearing.azimuth_variance)) if math.isfinite(bearing.azimuth_variance) else 99.9

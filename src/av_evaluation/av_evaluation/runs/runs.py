@@ -1,0 +1,154 @@
+"""Computes cases: a scenario flown or a bag replayed, every method judged on the same data."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from av_audio.localizer import METHODS as ESTIMATORS
+from av_audio.localizer import LocalizerSettings
+from av_bags.reader import Bag
+from av_bags.topics import parse_remappings
+from av_common.config_files import find_config
+from av_common.config_reader import read
+from av_common.rig import load_rig
+from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
+from av_evaluation.experiments.offline_run import OfflineRun
+from av_evaluation.experiments.physical import FILMED, ROOM, filmed, room, watcher_of
+from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
+from av_evaluation.metrics.results import MethodResult, RunResult
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay.replay import Replay, ReplaySettings
+from av_evaluation.report.picture import draw
+from av_evaluation.runs.cases import Case
+from av_evaluation.runs.recording import Recording
+from av_fusion.filter.tracker import BayesTracker
+from av_pointing.controller import PointingController, PointingSettings
+from av_simulator.scenario import Scenario
+from av_vision.models import shipped_model
+
+KALMAN_NEEDS = 'phat'
+
+
+def run_case(case: Case) -> RunResult:
+    """Compute one case. Raises ValueError or OSError that say what is wrong with the input."""
+    log, recording, notes = _measure(case)
+    result = judge_run(case.name, log, recording, case.methods, case.taus)
+    result.case, result.key = asdict(case), case.key
+    result.notes += notes
+    content = io.BytesIO()
+    draw(log, content, case.name)
+    result.picture = content.getvalue()
+    return result
+
+
+def _measure(case: Case) -> tuple[RunLog, Recording, list[str]]:
+    """Truth, measurements and the bearing made of them; notes on what they rest on."""
+    if case.input.startswith(FILMED):
+        return filmed(case.input.removeprefix(FILMED), Path(case.data), _estimators(case.methods))
+    if case.input.startswith(ROOM):
+        return room(int(case.input.removeprefix(ROOM)), Path(case.data), _estimators(case.methods))
+    return _replay(case) if case.is_bag else _simulate(case)
+
+
+def judge_run(name: str, log: RunLog, recording: Recording, methods: tuple[str, ...],
+              taus: tuple[float, ...] = ()) -> RunResult:
+    """Every method's bearings beside the truth."""
+    acquired = summarise(log).acquired
+    ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
+    span = max(ends, default=0.0) - acquired if math.isfinite(acquired) else 0.0
+    result = RunResult(name, '', {}, span, notes=[f'{key}: {value}' for key, value in log.notes.items()])
+    wanted = [(method, method, 0.5) for method in methods]
+    wanted += [(f'{method}@{tau:g}', method, tau) for tau in taus for method in ('fused', 'gated')]
+    for label, method, tau in wanted:
+        try:
+            result.methods[label] = _judge(method, log, recording, tau, acquired, span)
+        except UnavailableError as error:
+            result.missing[label] = str(error)
+    if log.has_truth:
+        result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
+    result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
+    return result
+
+
+def _judge(method: str, log: RunLog, recording: Recording, tau: float, acquired: float, span: float) -> MethodResult:
+    time, azimuth = bearings(method, recording, log, tau)
+    judged = judge(time, azimuth, log, acquired)
+    grid = np.arange(acquired, acquired + span, 1.0 / GRID_HZ) if span > 0.0 else np.zeros(0)
+    opposite = np.zeros(0, bool) if method in FOLDED else judged.opposite
+    unaided = judge(*bearings(method, recording, log, tau, aided=False), log, acquired) if method in FOLDED else judged
+    result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
+    if method in ('fused', 'gated'):
+        series = track(method, recording, log, tau)
+        result.time_to_decide_s, result.switches = time_to_decide(log, series), float(switches(series))
+        delay = series['delay'][series['state'] > 0]
+    elif method == 'kalman':
+        delay = np.zeros(0)
+    else:
+        hears = method != 'sight'
+        window = next((sound.window for sounds in recording.sounds.values() for sound in sounds), 0.0)
+        delay = (log.sound if hears else log.sight)['delay'] + (0.5 * window if hears else 0.0)
+    known = delay[np.isfinite(delay)]
+    result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
+    return result
+
+
+def _simulate(case: Case) -> tuple[RunLog, Recording, list[str]]:
+    scenario, rig = changed_scenario(case), load_rig(find_config('rig'))
+    if case.array:
+        rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
+    pointing = PointingController(PointingSettings(move_gimbal=False)) if case.follow else None
+    run = OfflineRun(scenario, rig, BayesTracker(), case.seed, pointing, _estimators(case.methods),
+                     _detect(case.model) if case.model else None, listening=LocalizerSettings(band_hz=case.band_hz))
+    run.run(case.duration or None)
+    return run.log, run.recording, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
+
+
+def changed_scenario(case: Case) -> Scenario:
+    """The scenario's file with the case's changes. Raises ConfigError, or ValueError for a key that leads nowhere."""
+    file = find_config(case.input, 'scenarios')
+    content = yaml.safe_load(file.read_text())
+    for key, value in case.changes:
+        *path, last = key.split('.')
+        place = content
+        for part in path:
+            place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
+        if not isinstance(place, list | dict):
+            raise ValueError(f'{file}: {key}: {path[-1]} is {place!r}, nothing below it can be changed')
+        place[int(last) if isinstance(place, list) else last] = value
+    return read(Scenario, content, folder=file.parent)
+
+
+def _replay(case: Case) -> tuple[RunLog, Recording, list[str]]:
+    recording = Recording()
+    settings = ReplaySettings(stage=case.stage, model=case.model, parameters=case.parameters, namespace=case.namespace,
+                              remappings=parse_remappings(case.remap), array=case.array,
+                              duration=case.duration or math.inf)
+    with Bag(case.input) as bag:
+        replay = Replay(bag, settings, recording, _estimators(case.methods))
+        return replay.run(), recording, replay.notes
+
+
+def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
+    """The estimators of hearing that the methods need beside the rig's own."""
+    needed = {BASELINES[method] for method in methods if method in BASELINES}
+    if {'kalman', 'moving_average'} & set(methods):
+        needed.add(KALMAN_NEEDS)
+    return tuple(name for name in ESTIMATORS if name in needed)
+
+
+def _detect(model: str) -> Callable:
+    watcher = watcher_of(shipped_model() if model == 'shipped' else model)
+
+    def detect(picture: NDArray, time: float) -> list[tuple[float, float, float, float, float]]:
+        found, _ = watcher.look(picture, time)
+        return [(*map(float, box), float(score)) for box, score in zip(found.boxes, found.scores, strict=True)]
+
+    return detect

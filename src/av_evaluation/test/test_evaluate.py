@@ -1,0 +1,179 @@
+"""The program `evaluate`: scenarios, bags and folders in; one table, one metrics.json and one report out."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from bag_messages import flight
+
+from av_common.angles import wrap
+from av_evaluation.cli.evaluate import main
+from av_evaluation.experiments.unaided import chosen_images
+from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
+from av_evaluation.report.page import Page
+from av_evaluation.runs import schedule
+from av_evaluation.runs.cases import Case, find_inputs, is_bag
+from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.runs import changed_scenario, run_case
+from av_fusion.measurement.measurements import Hypothesis, Sound
+
+FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_decide_s',
+           'switches', 'latency_ms', 'unaided_rmse_deg'}
+
+
+def one_process(monkeypatch):
+    """Compute in this process: starting others takes longer than what is computed."""
+    class Pool:
+        def submit(self, call, case):
+            from concurrent.futures import Future
+            future = Future()
+            try:
+                future.set_result(call(case))
+            except (ValueError, OSError) as error:
+                future.set_exception(error)
+            return future
+
+        def shutdown(self, **_):
+            pass
+    monkeypatch.setattr(schedule, 'ProcessPoolExecutor', lambda *_: Pool())
+
+
+def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypatch, capsys):
+    """A bag by rosbags alone, a shipped scenario, and a file that is no bag: two succeed, one is named."""
+    one_process(monkeypatch)
+    flight(tmp_path / 'bags' / 'good', duration=12.0)
+    (tmp_path / 'bags' / 'broken.mcap').write_bytes(b'no bag at all')
+    out = tmp_path / 'out'
+    command = [str(tmp_path / 'bags'), 'circle', '--seeds', '1', '--duration', '3', '--out', str(out), '--quiet',
+               '--methods', 'fused', 'sound', 'sight', 'gated', 'kalman', 'gcc_phat', '--taus', '0.95']
+    assert main(command) == 1
+    printed = capsys.readouterr()
+    assert 'broken' in printed.err and 'gcc_phat' in printed.err and 'fused (ours)' in printed.out
+    metrics = json.loads((out / 'metrics.json').read_text())
+    assert FIGURES.issubset(metrics['fused']) and {'fused', 'sound', 'sight'}.issubset(metrics)
+    assert metrics['fused']['coverage'] == 1.0 and metrics['fused']['rmse_deg'] < 3.0
+    assert metrics['sound']['hemisphere_errors'] is None  # it is given the true one
+    assert metrics['sound']['unaided_rmse_deg'] > metrics['sound']['rmse_deg']
+    runs = json.loads((out / 'runs.json').read_text())
+    assert {run['name'] for run in runs} == {'good', 'circle_1'}
+    assert 'gcc_phat' in next(run for run in runs if run['name'] == 'good')['missing']
+    page = (out / 'report.html').read_text()
+    assert page.count('data:image/png;base64,') >= 4 and not re.search(r'(src|href)="(?!data:)', page)
+    assert (out / 'runs').is_dir() and len(list((out / 'runs').glob('*.png'))) == 2
+
+    (tmp_path / 'bags' / 'broken.mcap').unlink()
+    monkeypatch.setattr(schedule, 'run_case', lambda case: pytest.fail(f'{case.name} was computed again'))
+    assert main(command) == 0
+    assert json.loads((out / 'metrics.json').read_text()) == metrics
+
+
+def test_a_case_is_computed_anew_when_anything_about_it_changes(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    text = 'targets: [{trajectory: {kind: static, position: [5, 0, 2]}}]\nname: mine\n'
+    path.write_text(text)
+    key = Case(str(path), 1).key
+    assert key == Case(str(path), 1).key
+    assert len({key, Case(str(path), 2).key, Case(str(path), 1, taus=(0.3,)).key, Case(str(path), 1, follow=False).key}) == 4
+    path.write_text(text + 'duration: 7.0\n')
+    assert Case(str(path), 1).key != key
+
+
+def test_inputs_are_found_in_folders_and_faults_are_named(tmp_path):
+    flight(tmp_path / 'all' / 'one', duration=0.2)
+    (tmp_path / 'all' / 'more').mkdir()
+    (tmp_path / 'all' / 'more' / 'mine.yaml').write_text('')
+    (tmp_path / 'all' / 'more' / 'cut.mcap').write_bytes(b'')
+    assert is_bag(tmp_path / 'all' / 'one') and not is_bag(tmp_path / 'all')
+    found = [name.split('all/')[-1] for name in find_inputs([str(tmp_path / 'all')])]
+    assert found == ['more/cut.mcap', 'more/mine.yaml', 'one']
+    (tmp_path / 'all' / 'notes').mkdir()
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(ValueError, match='empty: neither bags'):
+        find_inputs([str(tmp_path / 'empty')])
+    with pytest.raises(FileNotFoundError, match='no such bag'):
+        find_inputs(['gone.mcap'])
+    with pytest.raises(ValueError, match='nowhere: no such file'):
+        find_inputs(['nowhere'])
+
+
+def test_a_change_reaches_the_scenario_by_its_key():
+    case = Case('circle', 1, changes=(('targets.0.trajectory.radius', 25.0), ('weather.fog', 0.3), ('noise.snr.ratio_db', -5)))
+    scenario = changed_scenario(case)
+    assert np.hypot(*scenario.targets[0].trajectory(np.array([0.0]))[0][:2]) == pytest.approx(25.0)
+    assert float(scenario.weather.fog(3.0)) == 0.3 and scenario.noise.snr.ratio_db == -5
+    with pytest.raises(ValueError, match='nothing below it'):
+        changed_scenario(Case('circle', 1, changes=(('duration.x', 1.0),)))
+    with pytest.raises(ValueError, match='weather'):
+        changed_scenario(Case('circle', 1, changes=(('weather.frog', 1.0),)))
+
+
+def test_the_same_seed_gives_the_same_result_and_another_one_another():
+    def errors(seed):
+        return run_case(Case('tripod', seed, ('fused', 'sound'), duration=1.0)).methods['sound'].error_deg
+    assert np.array_equal(errors(1), errors(1)) and not np.array_equal(errors(1), errors(2))
+
+
+def test_the_published_rules_choose_the_image_when_nothing_else_does():
+    """A source that stays put behind a rig that turns: after the turn the image that stayed is taken, then those near it."""
+    true, turn, recording = math.radians(120.0), math.radians(60.0), Recording()
+    for k in range(100):
+        time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
+        recording.events.append((time, yaw, 0.0))
+        body = true - yaw
+        recording.sounds.setdefault('phat', []).append(Sound(time - 0.25, tuple(
+            Hypothesis(image, 1e-3) for image in (math.pi - body, body)), 1.0, 0.5))
+    time, world = chosen_images(recording.sounds['phat'], recording, 0.5)
+    assert time == pytest.approx(0.1 * np.arange(100))  # at the window's end
+    error = np.abs(np.degrees(wrap(world - true)))
+    assert error[0] > 50.0 and np.max(error[60:]) < 5.0
+
+
+def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
+    """Two runs of known errors, kept on disk in between."""
+    def run(name, errors, coverage, span):
+        time = 0.1 * np.arange(len(errors))
+        error = np.array(errors)
+        method = MethodResult(time, time, time, error, error > 90.0, 2.0 * error, coverage, switches=3.0)
+        return RunResult(name, 'key', {'input': name}, span, {'fused': method, 'fused@0.3': method})
+    for result in (run('a', [3.0] * 30, 1.0, 30.0), run('b', [-4.0] * 9 + [100.0], 0.5, 10.0)):
+        result.save(tmp_path)
+    runs = [RunResult.load(tmp_path, name, 'key') for name in 'ab']
+    figures = figures_together(runs, 'fused')
+    assert figures['rmse_deg'] == pytest.approx(math.sqrt((30 * 9 + 9 * 16 + 1e4) / 40))
+    assert figures['unaided_rmse_deg'] == pytest.approx(2.0 * figures['rmse_deg'])
+    assert figures['coverage'] == pytest.approx(0.875) and figures['outliers'] == pytest.approx(1 / 40)
+    assert figures['hemisphere_errors'] == pytest.approx(1 / 40) and figures['median_deg'] == 3.0
+    assert figures['worst_rmse_deg'] == pytest.approx(math.sqrt((9 * 16 + 1e4) / 10))
+    assert figures['switches'] == 3.0 and figures['latency_ms'] is None and figures['runs'] == 2
+    assert figures_together(runs, 'music')['rmse_deg'] is None
+    assert set(runs[0].methods) == {'fused', 'fused@0.3'}
+    (tmp_path / 'a-key.npz').write_bytes(b'cut off')
+    assert RunResult.load(tmp_path, 'a', 'key') is None
+
+
+def test_a_page_holds_all_it_shows(tmp_path):
+    page = Page('Title & more', 'by `a <command>`')
+    page.table(['method', 'x'], [['ours', '1'], ['theirs', '2']], ours='ours')
+    page.picture(b'\x89PNG', 'a "caption"')
+    page.write(tmp_path / 'page.html')
+    text = (tmp_path / 'page.html').read_text()
+    assert 'Title &amp; more' in text and '<code>a &lt;command&gt;</code>' in text and text.count('class=ours') == 1
+
+
+@pytest.mark.system
+def test_a_dask_cluster_of_two_workers_gives_the_same(tmp_path):
+    distributed = pytest.importorskip('distributed')
+    cases = [Case('circle', seed, ('sound',), duration=1.5) for seed in (1, 2)]
+    with distributed.LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
+        results, failures = schedule.run_cases(cases, tmp_path / 'there', scheduler=cluster.scheduler_address)
+    here = [run_case(case) for case in cases]
+    assert not failures and [result.name for result in results] == ['circle_1', 'circle_2']
+    for one, other in zip(results, here, strict=True):
+        assert np.array_equal(one.methods['sound'].error_deg, other.methods['sound'].error_deg)
+        assert RunResult.load(tmp_path / 'there', one.name, one.key) is not None
+    with pytest.raises(OSError, match='127.0.0.1'):
+        schedule.run_cases(cases[:1], tmp_path / 'gone', scheduler='tcp://127.0.0.1:1')

@@ -1,0 +1,97 @@
+"""Figures of runs whose errors are known beforehand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from av_common.track import State
+from av_evaluation.metrics.metrics import summarise
+from av_evaluation.metrics.run_log import RunLog, Series
+from av_evaluation.report.picture import draw
+from av_evaluation.report.table import format_table
+from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.runs import judge_run
+
+
+def circle_log(error_deg: float = 2.0) -> RunLog:
+    """A target that circles a rig that turns; the bearing is off by a constant, sight covers the first half."""
+    log = RunLog()
+    for k in range(200):
+        t = 1000.0 + 0.1 * k
+        world, yaw = 0.3 * 0.1 * k, 0.1 * 0.1 * k
+        body = world - yaw
+        log.target.add(t, 10.0 * math.cos(world), 10.0 * math.sin(world), 3.0)
+        log.rig.add(t, 0.0, 0.0, 0.0, yaw)
+        log.fused.add(t, body + math.radians(error_deg), 0.05, State.VISUAL_ACTIVE if k < 100 else State.ACOUSTIC_ACTIVE,
+                      k > 20, 0.1)
+        log.sound.add(t, math.pi - body, body + math.radians(5.0), 0.9, 0.02)
+        log.sight.add(t, body if k < 100 else math.nan, 0.9 if k < 100 else 0.0, 0.05)
+    return log
+
+
+def test_known_errors_come_out():
+    """RMSE, coverage, switches and the time to decide of a made-up run."""
+    summary = summarise(circle_log())
+    fused, sound, sight = (summary.senses[name] for name in ('fused', 'sound', 'sight'))
+    assert fused.rmse_deg == pytest.approx(2.0, abs=0.01) and fused.median_deg == pytest.approx(2.0, abs=0.01)
+    assert fused.coverage == 1.0 and fused.outliers == 0.0 and fused.hemisphere_errors < 0.05
+    assert sound.rmse_deg <= 5.0 + 1e-6
+    assert sight.rmse_deg == pytest.approx(0.0, abs=1e-3) and sight.coverage == pytest.approx(0.5, abs=0.03)
+    assert summary.switches == 1
+    assert summary.time_to_decide == pytest.approx(2.1, abs=0.01)
+    assert fused.delay_median_ms == pytest.approx(100.0)
+
+
+def test_gaps_cost_coverage():
+    """A bearing missing for a third of the time covers two thirds."""
+    log = circle_log()
+    gappy = RunLog()
+    gappy.sight.add(1000.0, 0.0, 0.9, 0.0)
+    for time, azimuth in zip(log.fused['time'], log.fused['azimuth'], strict=True):
+        lost = 1005.0 < time < 1011.6
+        gappy.fused.add(time, math.nan if lost else azimuth, 0.1, State.NONE if lost else State.ACOUSTIC_ACTIVE, 1, 0.1)
+    assert summarise(gappy).senses['fused'].coverage == pytest.approx(2.0 / 3.0, abs=0.03)
+
+
+def test_a_sense_that_looks_in_vain_covers_nothing():
+    """Never confident: no coverage, rather than no figure; never asked: no figure."""
+    log = circle_log()
+    blind = RunLog()
+    for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'confidence', 'delay')), strict=True):
+        blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
+    blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
+    result = judge_run('blind', blind, Recording(), ('fused', 'sight', 'sound'))
+    assert result.methods['sight'].coverage == 0.0 and not len(result.methods['sight'].error_deg)
+    assert result.methods['fused'].coverage == 1.0 and set(result.missing) == {'sound'}
+
+
+def test_an_empty_run_and_one_without_truth_make_a_table(tmp_path):
+    """Nothing heard, nothing seen, nothing known: the table says so with dashes, and a picture is drawn."""
+    assert 'coverage' in format_table(summarise(RunLog()))
+    log = RunLog()
+    log.fused.add(1.0, 0.1, 0.1, State.ACOUSTIC_ACTIVE, 1, 0.1)
+    assert math.isnan(summarise(log).senses['fused'].rmse_deg)
+    draw(RunLog(), tmp_path / 'empty.png')
+    draw(circle_log(), tmp_path / 'full.png', 'circle')
+    assert (tmp_path / 'full.png').stat().st_size > 10_000
+
+
+def test_the_log_is_saved_as_tables(tmp_path):
+    """What was logged can be read back, to the microsecond and a billionth."""
+    log = circle_log()
+    log.save(tmp_path)
+    table = np.genfromtxt(tmp_path / 'fused.csv', delimiter=',', names=True)
+    assert np.allclose(table['time'], log.fused['time'], atol=1e-6) and np.allclose(table['azimuth'], log.fused['azimuth'])
+    assert {path.name for path in tmp_path.iterdir()} == {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv'}
+
+
+def test_series_refuses_rows_of_another_width():
+    """A row with a value missing is an error, not a shifted table."""
+    series = Series('a', 'b')
+    with pytest.raises(ValueError, match='expected'):
+        series.add(1.0)
+    series.add(1.0, 2.0)
+    assert np.array_equal(series['b'], [2.0])

@@ -1,0 +1,128 @@
+"""The report of the paper's experiments, and the README that must say what it measured."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from av_evaluation.cli.sweep import main as run_sweep
+from av_evaluation.experiments.paper import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
+from av_evaluation.experiments.physical import labelled_azimuths, longest_take, moving_through
+from av_evaluation.experiments.sweeps import SWEEPS
+from av_evaluation.experiments.sweeps import cases_of as cases_of_sweep
+from av_evaluation.metrics.comparison import write_json
+from av_evaluation.metrics.results import MethodResult, RunResult
+from av_evaluation.report.measured import BEGIN, END, disagreement, measured_table, write_readme
+from av_evaluation.runs import program
+
+PROJECT = Path(__file__).resolve().parents[3]
+README, METRICS = PROJECT / 'README.md', PROJECT / 'docs' / 'measured' / 'metrics.json'
+
+
+def made_up(case, error_deg):
+    """A run in which every method is off by about as much."""
+    time = np.arange(0.0, 20.0, 0.1)
+    random = np.random.default_rng(case.seed)
+
+    def method():
+        errors = error_deg + random.normal(0.0, 0.1, len(time))
+        return MethodResult(time, np.radians(errors), time, errors, np.zeros(len(time), bool), errors, 1.0, 20.0, 1.0, 2.0)
+    names = [*case.methods, *(f'{name}@{tau:g}' for tau in case.taus for name in ('fused', 'gated'))]
+    return RunResult(case.name, case.key, {'input': case.input}, 20.0, {name: method() for name in names},
+                     truth={'time': time, 'azimuth': 0.0 * time},
+                     state={'time': time, 'state': 1.0 + (time > 10.0), 'sigma': 0.1 + 0.0 * time})
+
+
+def test_the_report_shows_the_four_experiments_and_the_three_tables(tmp_path):
+    groups = cases_of(1, True, tmp_path)
+    runs = {name: [made_up(case, 2.0) for case in cases] for name, cases in groups.items()}
+    page = tmp_path / 'report.html'
+    make_page(runs, 'make report QUICK=1', True).write(page)
+    text = page.read_text()
+    for part in ('Table 1', 'Table 2', 'Table 3', 'Figure 9', 'Figure 11', 'Figure 13', 'Figure 14', '4.11°', '5.89°',
+                 'tau', 'make report QUICK=1'):
+        assert part in text
+    metrics = metrics_by_experiment(runs)
+    assert {experiment.scenario for experiment in EXPERIMENTS} < set(metrics)
+    assert metrics['circle']['fused']['rmse_deg'] == pytest.approx(2.0, abs=0.05)
+    low, high = (metrics['all']['fused'][key] for key in ('rmse_low_deg', 'rmse_high_deg'))
+    assert low < metrics['all']['fused']['rmse_deg'] < high
+
+
+def test_the_whole_report_is_the_quick_one_several_times(tmp_path):
+    quick, whole = cases_of(1, True, tmp_path), cases_of(5, False, tmp_path)
+    assert set(quick) < set(whole) and all(set(cases) <= set(whole[name]) for name, cases in quick.items())
+
+
+def test_the_readme_says_what_was_measured():
+    """Made to agree by `make report`."""
+    assert disagreement(README, METRICS) == ''
+
+
+def test_a_readme_that_disagrees_is_found_out(tmp_path):
+    content = json.loads(METRICS.read_text())
+    readme, metrics = tmp_path / 'README.md', tmp_path / 'metrics.json'
+    readme.write_text(f'before\n{BEGIN}\n{measured_table(content)}\n{END}\nafter\n')
+    content['experiments']['circle']['fused']['rmse_deg'] += 1.0
+    write_json(metrics, content)
+    assert 'but' in disagreement(readme, metrics)
+    write_readme(readme, content)
+    assert disagreement(readme, metrics) == '' and readme.read_text().startswith('before\n')
+    assert readme.read_text().endswith('\nafter\n')
+    readme.write_text('nothing')
+    with pytest.raises(ValueError, match='no line'):
+        write_readme(readme, content)
+
+
+def test_sweeps_lead_to_scenarios_that_can_be_flown(tmp_path):
+    from av_common.microphone_array import MicrophoneArray
+    from av_evaluation.runs.runs import changed_scenario
+    for sweep in SWEEPS.values():
+        cases = [case for several in cases_of_sweep(sweep, 1, 10.0, tmp_path).values() for case in several]
+        assert len({case.key for case in cases}) == len(sweep.values)
+        assert changed_scenario(cases[0]) is not None
+    spacing = cases_of_sweep(SWEEPS['spacing'], 1, 10.0, tmp_path)[0.3][0]
+    assert np.ptp(MicrophoneArray.load(spacing.array).positions[:, 1]) == pytest.approx(0.3)
+
+
+def test_programs_say_what_is_wrong_and_how_to_go_on(tmp_path, monkeypatch, capsys):
+    """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
+    assert run_sweep(['wind', '--out', str(tmp_path)]) == 2
+    assert "'wind' is no sweep, only snr" in capsys.readouterr().err
+    monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
+    assert run_sweep(['snr', '--out', str(tmp_path)]) == 130
+    assert 'the same command goes on where it stopped' in capsys.readouterr().err
+
+
+def test_labels_become_azimuths(tmp_path):
+    """The picture's middle is ahead, left is positive; frames without a label lie between their neighbours."""
+    file = tmp_path / 'clip.csv'
+    file.write_text('frame,label,x,y,width,height\n0,DRONE,309.5,245,20,20\n4,DRONE,109.5,245,20,20\n')
+    azimuths = labelled_azimuths(file)
+    assert len(azimuths) == 5 and azimuths[0] == pytest.approx(0.0, abs=0.01) and azimuths[4] > 0.3
+    assert azimuths[2] == pytest.approx(azimuths[[0, 4]].mean())
+    with pytest.raises(FileNotFoundError):
+        labelled_azimuths(tmp_path / 'none.csv')
+
+
+def test_the_longest_take_of_a_spliced_film_is_used():
+    slow = np.radians(np.linspace(0.0, 60.0, 40))  # 45 deg/s
+    assert longest_take(slow) == (0, 40)
+    assert longest_take(np.concatenate([slow[:10], slow[25:], slow[:5]])) == (10, 25)
+
+
+def test_a_voice_moves_between_measured_directions():
+    """Responses that are delays of one sample a step: the voice's delay follows the azimuth."""
+    grid = np.radians(np.arange(0.0, 360.0, 5.0))
+    responses = np.zeros((len(grid), 2, 8))
+    for k in range(len(grid)):
+        responses[k, 0, 0] = responses[k, 1, min(k, 7)] = 1.0
+    voice = np.random.default_rng(0).normal(size=48_000)
+    still = moving_through(voice, np.full(30, grid[3]), grid, responses, 48_000)
+    assert np.allclose(still[3:, 1], still[:-3, 0], atol=1e-6)
+    between = moving_through(voice, np.full(30, 0.5 * (grid[3] + grid[4])), grid, responses, 48_000)
+    peak = between[:, 0]
+    assert np.allclose(between[4:, 1], 0.5 * (peak[1:-3] + peak[:-4]), atol=1e-6)

@@ -1,0 +1,1 @@
+"""The published confidence-gated switch."""

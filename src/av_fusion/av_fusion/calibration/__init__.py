@@ -1,0 +1,1 @@
+"""What sight teaches hearing: array self-calibration and the offset of clocks."""

@@ -1,0 +1,1 @@
+"""Telling front from back by turning."""

@@ -1,0 +1,1 @@
+"""The Gaussian-sum filter on the circle."""

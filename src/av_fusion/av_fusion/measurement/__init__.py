@@ -1,0 +1,1 @@
+"""From messages to measurements in the body frame."""

@@ -1,0 +1,1 @@
+"""From a track to a pointing command that is safe to obey."""

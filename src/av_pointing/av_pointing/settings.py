@@ -1,0 +1,21 @@
+"""Pointing as the parameters of pointing_node describe it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from av_common.limited_axis import AxisLimits
+from av_pointing.controller import PointingSettings
+
+
+def pointing_settings(p: Any) -> PointingSettings:
+    """Of the parameters of pointing_node. Raises ValueError on stops that exclude 0."""
+    gimbal = (math.radians(p.gimbal_rate_deg), math.radians(p.gimbal_acceleration_deg))
+    return PointingSettings(
+        pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),
+        tilt=AxisLimits(*gimbal, *map(math.radians, p.tilt_limits_deg)),
+        yaw=AxisLimits(math.radians(p.yaw_rate_deg), math.radians(p.yaw_acceleration_deg)),
+        search_rate=math.radians(p.search_rate_deg), dead_band=math.radians(p.dead_band_deg), lead=p.lead,
+        stale_after=p.stale_after, on_stale=p.on_stale, move_gimbal=p.move_gimbal, move_body=p.move_body,
+        body_follows_at=math.radians(p.body_follows_at_deg))

@@ -1,0 +1,1 @@
+"""Physics simulator: sound, images and truth of drones, sent as RFlySim sends them."""

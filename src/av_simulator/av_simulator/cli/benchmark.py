@@ -1,0 +1,81 @@
+"""`ros2 run av_simulator benchmark [SCENARIO ...]`: what a second of simulated sound and a picture cost on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+import time
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from av_common.config_files import find_config, shipped
+from av_simulator.run import BLOCKS_PER_SECOND, open_world
+from av_simulator.world import World
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a table; 0, or 2 for a scenario that cannot be had."""
+    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser.add_argument('scenarios', nargs='*', help='names or files (default: all shipped ones)')
+    parser.add_argument('--seconds', type=float, default=4.0, help='of sound in each (default: %(default)s)')
+    parser.add_argument('--pictures', type=int, default=30, help='of each scenario (default: %(default)s)')
+    options = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    print(f'{"scenario":20s} {"sound: work per s":>18s} {"picture: work":>14s} {"alone":>12s}')
+    try:
+        for name in options.scenarios or shipped('scenarios'):
+            world = open_world(find_config(name, 'scenarios'))
+            sound = _sound(world, options.seconds)
+            picture, wall = _picture(world, options.pictures)
+            print(f'{world.scenario.name:20s} {sound:16.3f} s {1e3 * picture:11.1f} ms {1 / wall:8.1f} fps', flush=True)
+    except (ValueError, OSError) as error:
+        print(f'benchmark: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _sound(world: World, seconds: float) -> float:
+    """Processor seconds for one second of sound, after the first one."""
+    block = world.sample_rate // BLOCKS_PER_SECOND
+
+    def hear() -> None:
+        world.advance(block)
+
+    _measured(hear, BLOCKS_PER_SECOND)
+    return _measured(hear, int(seconds * BLOCKS_PER_SECOND))[0] * BLOCKS_PER_SECOND
+
+
+def _picture(world: World, count: int) -> tuple[float, float]:
+    """Processor and wall seconds for one picture with the first drone in the middle, JPEG included."""
+    renderer = world.renderer()
+    # Look at the drone: the dearest case, for then its visible part is measured too.
+    rig = world.rig_state(world.time)
+    east, north, _ = world.scenario.targets[0].trajectory(world.time)[0] - rig.position
+    half = np.arctan2(north, east) / 2
+    world.dynamics.follow(dataclasses.replace(rig, attitude_wxyz=np.array([np.cos(half), 0.0, 0.0, np.sin(half)])))
+    for _ in range(2):    # to get there, and to be at rest there
+        world.advance(world.sample_rate // BLOCKS_PER_SECOND)
+    view = world.view(0, world.time)
+
+    def see() -> None:
+        cv2.imencode('.jpg', renderer.render(view).bgr)
+
+    _measured(see, 3)
+    cost = _measured(see, count)
+    renderer.close()
+    return cost
+
+
+def _measured(work: Callable[[], None], times: int) -> tuple[float, float]:
+    """Processor and wall seconds of one call."""
+    processor, wall = time.process_time(), time.perf_counter()
+    for _ in range(times):
+        work()
+    return (time.process_time() - processor) / times, (time.perf_counter() - wall) / times
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,13 @@
+"""Prints the JSON Schema of scenario files: `ros2 run av_simulator scenario_schema > config/scenario.schema.json`."""
+
+from __future__ import annotations
+
+import json
+
+from av_common.config_schema import schema
+from av_simulator.scenario import Scenario
+
+
+def main() -> None:
+    """Run the program."""
+    print(json.dumps(schema(Scenario), indent=1))

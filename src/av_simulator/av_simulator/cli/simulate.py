@@ -1,0 +1,91 @@
+"""`ros2 run av_simulator simulate SCENARIO --out DIR`: a scenario as sound, video, truth and bag, faster than real time."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_simulator.cli.arguments import not_negative, positive, seed
+from av_simulator.offline.files import FileRecorder
+from av_simulator.run import steps
+from av_simulator.scenario import load_scenario
+from av_simulator.world import World, with_voice
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
+    parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
+    parser.add_argument('--out', type=Path, required=True, help='folder for the results; made if needed')
+    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's)")
+    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
+    parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
+    parser.add_argument('--voice', help="a sound file as every drone's voice")
+    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='pictures a second, 0 for none (%(default)s)')
+    parser.add_argument('--everything', action='store_true', help='frames with depth, segmentation and temperatures')
+    parser.add_argument('--bag', action='store_true', help='also a rosbag2 (mcap) with the topics of the rig')
+    parser.add_argument('--preview', action='store_true', help='only a picture of what will be heard and seen')
+    return parser.parse_args(arguments)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write the files; 0 when done, 2 where something is wrong with scenario or folder, 130 when interrupted."""
+    options = parse(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        file = find_config(options.scenario, 'scenarios')
+        scenario = load_scenario(file)
+        if options.voice:
+            scenario = with_voice(scenario, options.voice)
+        world = World(scenario, load_rig(find_config(options.rig)), options.seed)
+        options.out.mkdir(parents=True, exist_ok=True)
+        if options.preview:
+            _preview(world, options)
+        else:
+            shutil.copy(file, options.out / 'scenario.yaml')
+            _simulate(world, options)
+    except (ValueError, OSError, RuntimeError, ImportError) as error:
+        print(f'simulate: {error}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f'\nsimulate: interrupted; what was done is in {options.out}', file=sys.stderr)
+        return 130
+    return 0
+
+
+def _preview(world: World, options: argparse.Namespace) -> None:
+    from av_simulator.offline.preview import preview  # brings matplotlib, which takes a second
+    preview(world, options.duration or world.scenario.duration, options.out / 'preview.png')
+    print(f'wrote {options.out / "preview.png"}')
+
+
+def _simulate(world: World, options: argparse.Namespace) -> None:
+    duration = options.duration or world.scenario.duration
+    recorders = [FileRecorder(options.out, world, options.image_rate, options.everything)]
+    if options.bag:
+        from av_simulator.offline.bag import BagRecorder  # needs ROS, the rest does not
+        recorders.append(BagRecorder(options.out / 'bag', world))
+    began = shown = time.monotonic()
+    try:
+        for step in steps(world, duration, options.image_rate, everything=options.everything):
+            for recorder in recorders:
+                recorder.write(step)
+            if sys.stderr.isatty() and time.monotonic() - shown > 0.5:
+                shown = time.monotonic()
+                speed = step.end / (shown - began)
+                print(f'\r{step.end:6.1f} of {duration:.1f} s, {speed:.1f} x real time', end='', file=sys.stderr)
+    finally:
+        for recorder in recorders:
+            recorder.close()
+    took = time.monotonic() - began
+    print(f'\r{world.time:.1f} s simulated in {took:.1f} s: {world.time / took:.1f} x real time; see {options.out}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""`ros2 run av_simulator simulator SCENARIO`: fly a scenario in real time and send it as RFlySim sends."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+from dataclasses import asdict
+
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_sim_bridge.wire.ports import Ports
+from av_simulator.cli.arguments import not_negative, port_offset, positive, seed
+from av_simulator.scenario import load_scenario
+from av_simulator.simulator import Simulator, WireOptions
+from av_simulator.world import World, standing_at, with_voice
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog='simulator', description=__doc__)
+    parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
+    parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
+    parser.add_argument('--host', default='127.0.0.1', help='where to send to (default: %(default)s)')
+    parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
+    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's; inf: until stopped)")
+    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
+    parser.add_argument('--voice', help="a sound file as every drone's voice")
+    parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le')
+    parser.add_argument('--audio-header', action='store_true', help='number the sound datagrams; RFlySim does not')
+    parser.add_argument('--image-header', choices=['old', 'new'], default='old', help="which of RFlySim's headers")
+    parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
+    parser.add_argument('--image-rate', type=not_negative, default=15.0,
+                        help='pictures a second, 0 for none (default: %(default)s)')
+    parser.add_argument('--depth', action='store_true', help='send depth, too, as the next image sensor')
+    parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='auto',
+                        help='3D scene, flat painting (cheaper), or what this machine can do')
+    parser.add_argument('--speed', type=positive, default=1.0, help='of real time (default: %(default)s)')
+    parser.add_argument('--begin', type=float, help='Unix time to begin at, so that several rigs share one world')
+    parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
+                        help="where this rig stands, instead of the scenario's")
+    # A launch file that runs this as a node adds --ros-args; nothing here is configured that way.
+    return parser.parse_args(_without_ros_arguments(sys.argv[1:] if arguments is None else arguments))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run until the duration is over or a signal comes; 0 then, 2 where the scenario cannot be had."""
+    logging.basicConfig(level=logging.INFO, format='[%(name)s] %(message)s', stream=sys.stderr)
+    log = logging.getLogger('simulator')
+    options = parse(arguments)
+    try:
+        scenario = load_scenario(find_config(options.scenario, 'scenarios'))
+        if options.voice:
+            scenario = with_voice(scenario, options.voice)
+        if options.at:
+            scenario = standing_at(scenario, *options.at)
+        world = World(scenario, load_rig(find_config(options.rig)), options.seed)
+        simulator = Simulator(world, WireOptions(
+            host=options.host, ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
+            audio_header=options.audio_header, image_frame_ids=options.image_header == 'new',
+            short_truth=options.truth_layout == 'short', image_rate=options.image_rate,
+            renderer=options.renderer, speed=options.speed, depth=options.depth))
+    except (ValueError, OSError) as error:
+        log.error('%s', error)
+        return 2
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: simulator.stop())
+    log.info('%s: %s', scenario.name, scenario.description)
+    try:
+        simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
+    except (RuntimeError, TimeoutError) as error:    # of the camera
+        log.error('%s', error)
+        return 1
+    finally:
+        simulator.close()
+    counts = [f'{count} {name.replace("_", " ")}' for name, count in asdict(simulator.counts).items() if count]
+    log.info('%.1f s simulated; %.1f pictures a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
+             ', '.join(counts))
+    return 0
+
+
+def _without_ros_arguments(arguments: list[str]) -> list[str]:
+    if '--ros-args' not in arguments:
+        return arguments
+    begin = arguments.index('--ros-args')
+    rest = arguments[begin:]
+    end = rest.index('--') + 1 if '--' in rest else len(rest)
+    return arguments[:begin] + rest[end:]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,184 @@
+"""`ros2 run av_simulator soak`: stream a scenario through the bridge for an hour; no sample may be lost, no memory grow."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+
+from av_common.qos import RESULT
+from av_interfaces.msg import AudioFrame
+from av_sim_bridge.wire.ports import Ports
+from av_simulator.cli.arguments import not_negative, port_offset, positive
+from av_simulator.run import BLOCKS_PER_SECOND
+
+# Deeper than the rig's: it is the stream that is tested and not how promptly this program is run.
+DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+NAMESPACE = f'soak_{os.getpid()}'    # several may run side by side
+SAMPLE_RATE = 48_000
+SETTLED = 0.2          # share of the run after which memory may not grow any more: buffers have been filled once by then
+PATIENCE = 60.0        # s without a sign of life after which a run is given up
+# What the bridge counts that may not happen on loopback.
+LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
+
+
+def parse(arguments: list[str] | None = None) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__)
+    parser.add_argument('scenario', nargs='?', default='fog_woodland', help='shipped or a file (default: %(default)s)')
+    parser.add_argument('--duration', type=positive, default=3600.0, help='seconds (default: %(default)s)')
+    parser.add_argument('--every', type=positive, default=60.0, help='seconds between lines (default: %(default)s)')
+    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='pictures a second (default: %(default)s)')
+    parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='painter', help='default: %(default)s')
+    parser.add_argument('--most-growth', type=positive, default=3.0, help='of memory, in MiB (default: %(default)s)')
+    parser.add_argument('--port-offset', type=port_offset, default=200, help='added to every port (default: %(default)s)')
+    return parser.parse_args(arguments)
+
+
+@dataclass
+class Memory:
+    """Resident memory of a process in MiB over time."""
+
+    process: subprocess.Popen
+    samples: list[float] = field(default_factory=list)
+
+    def take(self) -> None:
+        """Look once more; nothing is added when the process has ended."""
+        lines = Path(f'/proc/{self.process.pid}/status').read_text().splitlines()
+        self.samples += [int(line.split()[1]) / 1024 for line in lines if line.startswith('VmRSS')]
+
+    @property
+    def growth(self) -> float:
+        """MiB between the median of the first tenth after it settled and that of the last tenth."""
+        settled = self.samples[int(SETTLED * len(self.samples)):]
+        tenth = max(len(self.samples) // 10, 1)
+        return float(np.median(settled[-tenth:]) - np.median(settled[:tenth]))
+
+
+class Listener(Node):
+    """Hears what the bridge publishes: whether the sound is without a gap, and what the bridge says was lost."""
+
+    def __init__(self) -> None:
+        super().__init__('listener', namespace=NAMESPACE)
+        self.frames = self.gaps = 0
+        self.counts: dict[str, str] = {}
+        self.create_subscription(AudioFrame, 'audio/frames', self._on_sound, DEEP)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """What was lost, by the bridge's counts and by gaps between its messages."""
+        return {name: int(self.counts[name]) for name in LOSSES if int(self.counts.get(name, 0))} | (
+            {'gaps': self.gaps} if self.gaps else {})
+
+    def _on_sound(self, message: AudioFrame) -> None:
+        self.gaps += message.first_sample != self.frames
+        self.frames = message.first_sample + len(message.samples) // message.channels
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(f'{NAMESPACE}/bridge_node'):
+                self.counts = {value.key: value.value for value in status.values}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print a line a minute and the verdict; 0 where nothing was lost and nothing grew, 1 else."""
+    options = parse(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)    # Ctrl-C is a KeyboardInterrupt here
+    listener, processes = Listener(), []
+    try:
+        processes.append(_start_bridge(options))
+        _wait(listener, lambda: 'audio rate (Hz)' in listener.counts, processes, 'the bridge does not start')
+        processes.append(_start_simulator(options))
+        return _watch(listener, *(Memory(process) for process in processes), options)
+    except (RuntimeError, KeyboardInterrupt) as error:
+        print(f'soak: {str(error) or "interrupted"}', file=sys.stderr)
+        return 1
+    finally:
+        for process in processes:
+            process.terminate()
+            process.wait()
+        listener.destroy_node()
+        rclpy.shutdown()
+
+
+def _start_bridge(options: argparse.Namespace) -> subprocess.Popen:
+    ports = asdict(Ports().shifted(options.port_offset))
+    parameters = [text for name, port in ports.items() for text in ('-p', f'{name}_port:={port}')]
+    return subprocess.Popen([sys.executable, '-m', 'av_sim_bridge.nodes.bridge_node', '--ros-args', '-r',
+                             f'__ns:=/{NAMESPACE}', *parameters])
+
+
+def _start_simulator(options: argparse.Namespace) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, '-m', 'av_simulator.cli.simulator', options.scenario, '--audio-header',
+                             '--port-offset', str(options.port_offset), '--duration', str(options.duration),
+                             '--image-rate', str(options.image_rate), '--renderer', options.renderer])
+
+
+def _watch(listener: Listener, bridge: Memory, simulator: Memory, options: argparse.Namespace) -> int:
+    expected = math.ceil(options.duration * BLOCKS_PER_SECOND) * SAMPLE_RATE // BLOCKS_PER_SECOND
+    began = shown = heard_at = time.monotonic()
+    heard = 0
+    while listener.frames < expected:
+        _spin(listener, 1.0)
+        now = time.monotonic()
+        if listener.frames > heard:
+            heard, heard_at = listener.frames, now
+        bridge.take()
+        simulator.take()
+        if bridge.process.poll() is not None or simulator.process.poll() not in (None, 0):
+            raise RuntimeError('a process has ended')
+        if now - heard_at > PATIENCE:
+            break
+        if now - shown >= options.every:
+            shown = now
+            print(f'{now - began:7.0f} s: {heard} frames, lost {listener.lost or "none"}; resident memory: bridge '
+                  f'{bridge.samples[-1]:.1f}, simulator {simulator.samples[-1]:.1f} MiB', flush=True)
+    listener.counts = {}    # what was counted until now may be a second old
+    _wait(listener, lambda: bool(listener.counts), [bridge.process], 'no diagnostics')
+    return _verdict(listener, expected, {'bridge': bridge, 'simulator': simulator}, options.most_growth)
+
+
+def _verdict(listener: Listener, expected: int, memories: dict[str, Memory], most_growth: float) -> int:
+    complete = listener.frames == expected and not listener.lost
+    print(f'{listener.frames} of {expected} frames, lost {listener.lost or "none"}: {"holds" if complete else "MISSED"}')
+    steady = True
+    for name, memory in memories.items():
+        kept = memory.growth <= most_growth
+        steady &= kept
+        print(f'{name}: {memory.samples[-1]:.1f} MiB, grown by {memory.growth:+.2f} MiB since {SETTLED:.0%} of the run '
+              f'(<= {most_growth:g}): {"holds" if kept else "MISSED"}')
+    return 0 if complete and steady else 1
+
+
+def _spin(listener: Listener, seconds: float) -> None:
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0:
+        rclpy.spin_once(listener, timeout_sec=left)
+
+
+def _wait(listener: Listener, condition: Callable[[], bool], processes: list[subprocess.Popen], complaint: str) -> None:
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        if time.monotonic() > end or any(process.poll() is not None for process in processes):
+            raise RuntimeError(complaint)
+        _spin(listener, 0.2)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""A simulation as a bag: the topics of the rig, as if it had been driven."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ament_index_python.packages import get_package_share_directory
+from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+from tf2_msgs.msg import TFMessage
+from transforms3d.quaternions import mat2quat
+
+from av_common.frames import FLU_TO_OPTICAL
+from av_sim_bridge.nodes import bridge_messages as messages
+from av_simulator.run import Step
+from av_simulator.world import World
+
+EPOCH = 1_700_000_000.0    # s, of the scenario's beginning: the same run gives the same bag
+WORLD_FRAME = 'map'
+_TOPICS = {
+    'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
+    'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
+    'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
+    'truth/target': 'nav_msgs/msg/Odometry', '/tf_static': 'tf2_msgs/msg/TFMessage',
+}
+
+
+class BagRecorder:
+    """Writes each step of a world into a rosbag2 (mcap) that must not exist yet."""
+
+    def __init__(self, folder: Path, world: World):
+        self._rig, self._rate = world.rig, world.sample_rate
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer.open()
+        types = _types()
+        self._connections = {topic: self._writer.add_connection('/' + topic.lstrip('/'), kind, typestore=types)
+                             for topic, kind in _TOPICS.items()}
+        self._write('/tf_static', EPOCH, self._static_frames())
+
+    def write(self, step: Step) -> None:
+        """Append one step."""
+        header = messages.make_header(EPOCH + step.begin, self._rig.array.frame)
+        self._write('audio/frames', EPOCH + step.end, messages.audio_message(
+            header, self._rate, round(step.begin * self._rate), step.sound))
+        for moment in step.truth:
+            header = messages.make_header(EPOCH + moment.time, WORLD_FRAME)
+            rig = messages.odometry_message(header, self._rig.base_frame, moment.rig)
+            self._write('odometry', EPOCH + moment.time, rig)
+            self._write('truth/rig', EPOCH + moment.time, rig)
+            self._write('truth/target', EPOCH + moment.time,
+                        messages.odometry_message(header, 'target', moment.targets[0]))
+        for view, picture in step.pictures:
+            header = messages.make_header(EPOCH + view.time, self._rig.camera.optical_frame)
+            self._write('camera/image_raw', EPOCH + view.time, messages.image_message(header, picture.bgr))
+            self._write('camera/camera_info', EPOCH + view.time,
+                        messages.camera_info_message(header, self._rig.camera.model))
+            self._write('detections', EPOCH + view.time, messages.detections_message(header, picture.boxes))
+
+    def close(self) -> None:
+        """Finish the bag."""
+        self._writer.close()
+
+    def _write(self, topic: str, time: float, message: object) -> None:
+        self._writer.write(self._connections[topic], round(time * 1e9), serialize_message(message))
+
+    def _static_frames(self) -> TFMessage:
+        rig = self._rig
+        mounted = [(rig.base_frame, part.frame, part.mount.position, part.mount.rotation)
+                   for part in (rig.array, rig.camera)]
+        optical = (rig.camera.frame, rig.camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)
+        frames = []
+        for parent, child, position, rotation in [*mounted, optical]:
+            frame = TransformStamped(header=messages.make_header(EPOCH, parent), child_frame_id=child)
+            place, turn = frame.transform.translation, frame.transform.rotation
+            place.x, place.y, place.z = map(float, position)
+            turn.w, turn.x, turn.y, turn.z = map(float, mat2quat(rotation))
+            frames.append(frame)
+        return TFMessage(transforms=frames)
+
+
+def _types() -> Typestore:
+    """Definitions of all messages of the rig, from the packages' share folders."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for package in sorted({kind.split('/')[0] for kind in _TOPICS.values()}):
+        for file in sorted(Path(get_package_share_directory(package), 'msg').glob('*.msg')):
+            name = f'{package}/msg/{file.stem}'
+            if name not in store.fielddefs:
+                store.register(get_types_from_msg(file.read_text(), name))
+    return store

@@ -1,0 +1,107 @@
+"""Sound as WAV, pictures as video and frames, truth as CSV."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import soundfile
+
+from av_simulator.rendering.view import FIRST_TARGET_ID, Picture, View
+from av_simulator.run import Moment, Step
+from av_simulator.world import World
+
+_RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
+_TARGET = ['x', 'y', 'z', 'vx', 'vy', 'vz', 'azimuth', 'elevation', 'distance']
+_BOX = ['min_x', 'min_y', 'max_x', 'max_y', 'visible_fraction', 'transmission', 'credibility']
+
+
+class FileRecorder:
+    """Writes each step of a world into a folder.
+
+    `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and elevation in the
+    rig's frame), `boxes.csv` (one row for each target of each picture, px). With `everything` also
+    `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
+    ids, thermal in hundredths of a kelvin.
+    """
+
+    def __init__(self, folder: Path, world: World, image_rate: float, everything: bool = False):
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder, self._everything = folder, everything
+        camera, array = world.rig.camera, world.rig.array.geometry
+        self._sound = soundfile.SoundFile(folder / 'sound.wav', 'w', world.sample_rate, array.channels, 'FLOAT')
+        self._video = None
+        if image_rate:
+            code = cv2.VideoWriter_fourcc(*'mp4v')
+            self._video = cv2.VideoWriter(str(folder / 'video.mp4'), code, image_rate, (camera.width, camera.height))
+            if not self._video.isOpened():
+                raise OSError(f'{folder / "video.mp4"} cannot be written: OpenCV has no MPEG-4 encoder here')
+        numbers = range(len(world.scenario.targets))
+        self._files = [(folder / name).open('w', newline='') for name in ('truth.csv', 'boxes.csv')]
+        self._truth, self._boxes = map(csv.writer, self._files)
+        self._truth.writerow(['time', *(f'rig_{name}' for name in _RIG),
+                              *(f'target{number}_{name}' for number in numbers for name in _TARGET)])
+        self._boxes.writerow(['time', 'frame', 'target', *_BOX])
+        if everything:
+            (folder / 'frames').mkdir(exist_ok=True)
+
+    def write(self, step: Step) -> None:
+        """Append one step."""
+        self._sound.write(step.sound)
+        for moment in step.truth:
+            self._truth.writerow(_rounded(_truth_row(moment)))
+        for view, picture in step.pictures:
+            self._video.write(picture.bgr)
+            self._boxes.writerows(_box_rows(view, picture))
+            if self._everything:
+                self._write_frames(view, picture)
+
+    def close(self) -> None:
+        """Finish the files."""
+        self._sound.close()
+        _undate(Path(self._sound.name))
+        if self._video is not None:
+            self._video.release()
+        for file in self._files:
+            file.close()
+
+    def _write_frames(self, view: View, picture: Picture) -> None:
+        layers = {'rgb': picture.bgr, 'segmentation': picture.segmentation, 'depth': picture.depth_mm, 'thermal': None}
+        if picture.thermal is not None:
+            layers['thermal'] = (picture.thermal + 273.15) * 100.0
+        for name, layer in layers.items():
+            if layer is not None:
+                kind = np.uint8 if name in ('rgb', 'segmentation') else np.uint16
+                file = self._folder / 'frames' / f'{view.index:06d}_{name}.png'
+                cv2.imwrite(str(file), np.clip(layer, 0, np.iinfo(kind).max).astype(kind))
+
+
+def _undate(wav: Path) -> None:
+    """Clear the date that libsndfile writes into a float file's PEAK chunk: the same run is to give the same bytes."""
+    with wav.open('r+b') as file:
+        chunk = file.read(512).find(b'PEAK')
+        if chunk >= 0:
+            file.seek(chunk + 12)
+            file.write(bytes(4))
+
+
+def _truth_row(moment: Moment) -> list[float]:
+    rig = moment.rig
+    forward = rig.rotation[:, 0]
+    row = [moment.time, *rig.position, np.arctan2(forward[1], forward[0]), rig.rate_flu[2]]
+    for target, bearing in zip(moment.targets, moment.bearings, strict=True):
+        row += [*target.position, *target.velocity, bearing.azimuth, bearing.elevation, bearing.distance]
+    return row
+
+
+def _box_rows(view: View, picture: Picture) -> list[list]:
+    reported = {box.target_id: box.credibility for box in picture.boxes}
+    return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET_ID, *(truth.box or [''] * 4),
+             *_rounded([truth.visible_fraction, truth.transmission, reported.get(truth.target_id, 0.0)])]
+            for truth in picture.truth]
+
+
+def _rounded(values: list[float]) -> list[str]:
+    return [f'{value:.6f}' for value in values]

@@ -1,0 +1,48 @@
+"""A quantity that changes with time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from av_common.config_reader import ConfigError
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Piecewise linear through (times, values), constant before and after."""
+
+    times: tuple[float, ...] = (0.0,)
+    values: tuple[float, ...] = (0.0,)
+
+    def __call__(self, time: ArrayLike) -> NDArray | float:
+        """Value at a time in s."""
+        return np.interp(time, self.times, self.values)
+
+    @classmethod
+    def from_yaml(cls, content: object, key: str) -> Profile:
+        """A number, or a list of [time, value] with rising times. Raises ConfigError; values may not be negative."""
+        table = [[0.0, content]] if _is_number(content) else content
+        if not (isinstance(table, list) and table
+                and all(isinstance(row, list) and len(row) == 2 and all(map(_is_number, row)) for row in table)):
+            raise ConfigError(f'{key}: {content!r}, a number or a list of [time, value] expected')
+        times, values = zip(*table, strict=True)
+        if any(later <= earlier for earlier, later in pairwise(times)):
+            raise ConfigError(f'{key}: times {list(times)} must rise')
+        if min(values) < 0:
+            raise ConfigError(f'{key}: {min(values)} is below 0')
+        return cls(tuple(map(float, times)), tuple(map(float, values)))
+
+    @staticmethod
+    def yaml_schema() -> dict:
+        """JSON Schema of what `from_yaml` takes."""
+        point = {'type': 'array', 'prefixItems': [{'type': 'number'}, {'type': 'number', 'minimum': 0}],
+                 'minItems': 2, 'maxItems': 2}
+        return {'anyOf': [{'type': 'number', 'minimum': 0}, {'type': 'array', 'items': point, 'minItems': 1}]}
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))

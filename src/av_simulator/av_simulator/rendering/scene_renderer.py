@@ -1,0 +1,269 @@
+"""Pictures, depth and segmentation of a 3D scene, rendered by MuJoCo without a screen, seen through the air."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from transforms3d.quaternions import mat2quat
+
+from av_common.camera import PinholeCamera
+from av_simulator.rendering.camera_effects import CameraEffects, contrast_left
+from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
+from av_simulator.rendering.scenes import Scene, Solid
+from av_simulator.rendering.thermal import DRONE_WARMER_K, GROUND_WARMER_K, thermal_image
+from av_simulator.rendering.view import FIRST_TARGET_ID, Appearance, Drone, Picture, TruthBox, View, appearance, oracle_box
+
+# MuJoCo looks along -z with y up, the optical frame along z with y down.
+_OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
+AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # of thick fog by day: blue, green, red
+HORIZON = 1000.0
+Window = tuple[slice, slice]    # rows and columns of a picture
+_ALL = (slice(None), slice(None))
+SKY_DISTANCE = 3000.0                                     # m, over which fog lies before the sky
+
+
+class SceneRenderer:
+    """Renders what one camera sees of one scene. To be used by the thread that made it, as OpenGL demands."""
+
+    def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
+                 obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False):
+        """drones: size in m and rotors of each.  everything: make segmentation and thermal picture of every view.
+
+        Raises RuntimeError where there is no way to render without a screen.
+        """
+        self._mujoco = _import_mujoco()
+        self._camera, self._everything, self._air_c = camera, everything, air_c
+        self._effects = CameraEffects(camera.width, camera.height, seed)
+        self._lens = _Lens(camera)
+        solids = [*scene.solids(np.random.default_rng([seed, 11])), *(obstacles or [])]
+        xml, assets = build(solids, scene.ground, scene.sky, drones, self._lens.size, self._lens.fovy_deg, samples, seed)
+        mujoco = self._mujoco
+        self._model = mujoco.MjModel.from_xml_string(xml, assets)
+        self._data = mujoco.MjData(self._model)
+        self._warmth = self._warmth_of(solids, len(drones))
+        try:
+            self._open()
+        except (ImportError, mujoco.FatalError) as error:    # a library without a driver
+            raise RuntimeError(f'no OpenGL without a screen: {error}') from error
+
+    def _open(self) -> None:
+        mujoco = self._mujoco
+        self._context = mujoco.GLContext(*self._lens.size)
+        self._context.make_current()
+        self._target = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
+        self._scene = mujoco.MjvScene(self._model, self._model.ngeom + 100)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[flag] = False
+        self._eye = mujoco.MjvCamera()
+        self._eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._eye.fixedcamid = 0
+        self._options = mujoco.MjvOption()
+        self._all_groups = np.array([1] * 6)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._target.free()
+        self._context.free()
+
+    def render(self, view: View) -> Picture:
+        """The picture of one view, with depth, the oracle's boxes and the truth."""
+        self._place(view)
+        rgb, zbuffer = self._draw(self._lens.whole)
+        depth = self._lens.bend(self._to_metres(zbuffer), nearest=True)
+        bgr = self._lens.bend(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+        optical_depth = self._optical_depth(view, depth)
+        bgr = self._effects.apply(_veiled(bgr, optical_depth), view)
+        seen = {drone.target_id: appearance(self._camera, view, drone) for drone in view.drones}
+        identities = self._identities(_ALL) if self._everything else None
+        truth, boxes = [], []
+        for number, drone in enumerate(view.drones):
+            where = seen[drone.target_id]
+            truth.append(self._truth(view, number, drone, where, depth))
+            if where is not None and (box := oracle_box(where, truth[-1], contrast_left(view))) is not None:
+                boxes.append(box)
+        segmentation = None if identities is None else self._owner[identities]
+        thermal = self._thermal(view, depth, identities, optical_depth) if self._everything else None
+        return Picture(bgr, boxes, truth, depth, segmentation, thermal)
+
+    def _place(self, view: View) -> None:
+        data, model = self._data, self._model
+        for number, drone in enumerate(view.drones):
+            mocap = model.body(drone_body(number)).mocapid[0]
+            data.mocap_pos[mocap], data.mocap_quat[mocap] = drone.position, mat2quat(drone.rotation)
+            for rotor, angle in enumerate(drone.turned[:drone.rotors]):
+                data.qpos[model.joint(rotor_joint(number, rotor)).qposadr[0]] = angle
+        eye = model.body('camera').mocapid[0]
+        data.mocap_pos[eye], data.mocap_quat[eye] = view.position, mat2quat(view.rotation @ _OPTICAL_TO_MUJOCO)
+        self._mujoco.mj_kinematics(model, data)
+        self._mujoco.mj_camlight(model, data)
+
+    def _draw(self, crop: Crop, groups: NDArray | None = None, identities: bool = False) \
+            -> tuple[NDArray, NDArray | None]:
+        """Colours and depth buffer, or identities as colours, of a part of the rendered picture, top row first."""
+        mujoco = self._mujoco
+        self._options.geomgroup[:] = self._all_groups if groups is None else groups
+        for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
+            self._scene.flags[flag] = identities
+        mujoco.mjv_updateScene(self._model, self._data, self._options, None, self._eye, mujoco.mjtCatBit.mjCAT_ALL,
+                               self._scene)
+        for eye in self._scene.camera:
+            self._narrow(eye, crop)
+        viewport = mujoco.MjrRect(0, 0, crop.width, crop.height)
+        mujoco.mjr_render(viewport, self._scene, self._target)
+        rgb = np.empty((crop.height, crop.width, 3), np.uint8)
+        zbuffer = None if identities else np.empty((crop.height, crop.width), np.float32)
+        mujoco.mjr_readPixels(rgb, zbuffer, viewport, self._target)
+        return rgb[::-1], None if zbuffer is None else zbuffer[::-1]
+
+    def _narrow(self, eye: object, crop: Crop) -> None:
+        """Let an eye's frustum be that of a part of the picture, pixel by pixel."""
+        width, height = self._lens.size
+        pixel = (eye.frustum_top - eye.frustum_bottom) / height
+        eye.frustum_center += pixel * (crop.left + crop.width / 2 - width / 2)
+        eye.frustum_bottom += pixel * (height - crop.top - crop.height)
+        eye.frustum_top -= pixel * crop.top
+
+    def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
+        """Number of the thing at each pixel of a window of the picture, -1 for the sky."""
+        places, crop = self._lens.places(window)
+        rgb, _ = self._draw(crop, groups, identities=True)
+        red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
+        value = red + (green << 8) + (blue << 16)
+        order = np.full(self._scene.ngeom + 1, -1, np.int32)
+        for geom in self._scene.geoms[:self._scene.ngeom]:
+            if geom.segid >= 0:
+                order[geom.segid + 1] = geom.objid
+        return order[value]
+
+    def _truth(self, view: View, number: int, drone: Drone, where: Appearance | None, depth: NDArray) -> TruthBox:
+        distance = float(np.linalg.norm(drone.position - view.position))
+        transmission = view.atmosphere.transmission(view.position, drone.position)
+        hidden = TruthBox(drone.target_id, None, 0.0, transmission, distance)
+        if where is None:
+            return hidden
+        window = where.window(margin=2)
+        alone = np.zeros(6, int)
+        alone[DRONE_GROUP + number] = 1
+        covered = self._identities(window, alone) >= 0
+        visible = covered
+        nearest = view.to_optical(drone.position[np.newaxis])[0, 2] - 0.6 * drone.size
+        if depth[window].min() < nearest:    # something may stand before it
+            visible = self._owner[self._identities(window)] == drone.target_id
+        if not visible.any():
+            return hidden
+        fraction = float(visible.sum() / max(covered.sum(), visible.sum()))
+        rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
+        box = (columns[0] + window[1].start, rows[0] + window[0].start,
+               columns[-1] + window[1].start, rows[-1] + window[0].start)
+        return TruthBox(drone.target_id, tuple(map(float, box)), fraction, transmission, distance)
+
+    @cached_property
+    def _owner(self) -> NDArray:
+        """Target id of each geom, 0 of all else and, as the last one, of the sky."""
+        groups = np.array([*self._model.geom_group, 0], np.int32)
+        return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET_ID, 0)
+
+    def _warmth_of(self, solids: list[Solid], drones: int) -> NDArray:
+        warmth = np.where(self._model.geom_group >= DRONE_GROUP, DRONE_WARMER_K, GROUND_WARMER_K)
+        for number, solid in enumerate(solids):
+            warmth[self._model.geom(f'solid{number}').id] = solid.warmer_k
+        return np.append(warmth, 0.0)
+
+    def _to_metres(self, zbuffer: NDArray) -> NDArray:
+        """Metres along the optical axis, inf where nothing is."""
+        near = self._model.vis.map.znear * self._model.stat.extent
+        far = self._model.vis.map.zfar * self._model.stat.extent
+        depth = near / (1.0 - zbuffer * np.float32(1.0 - near / far))
+        depth[depth > HORIZON] = np.inf    # the sky is a box far behind everything
+        return depth
+
+    def _optical_depth(self, view: View, depth: NDArray) -> NDArray:
+        """Optical depth of the air before each pixel's thing."""
+        distance = np.where(np.isfinite(depth), depth * self._lens.stretch, np.float32(SKY_DISTANCE))
+        if view.atmosphere.even:
+            return distance * np.float32(view.atmosphere.fog + view.atmosphere.rain_extinction)
+        rays = cv2.transform(self._lens.rays[:, np.newaxis], view.rotation.astype(np.float32))[:, 0]
+        return view.atmosphere.optical_depth(view.position.astype(np.float32), rays, distance.ravel()).reshape(depth.shape)
+
+    def _thermal(self, view: View, depth: NDArray, identities: NDArray, optical_depth: NDArray) -> NDArray:
+        upward = (self._lens.rays @ view.rotation[2].astype(np.float32)).reshape(depth.shape)
+        return thermal_image(self._warmth[identities], ~np.isfinite(depth), upward, optical_depth, self._air_c)
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A part of the rendered picture, in its pixels."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+class _Lens:
+    """The pinhole picture that has to be rendered so that the distorted camera's one can be cut out of it."""
+
+    def __init__(self, camera: PinholeCamera):
+        columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+        rays = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]))
+        self.rays = rays.astype(np.float32)
+        shape = (camera.height, camera.width)
+        self.stretch = (1.0 / rays[:, 2]).reshape(shape).astype(np.float32)   # distance over depth
+        plane = rays[:, :2] / rays[:, 2:]
+        half_x, half_y = np.abs(plane).max(axis=0)
+        focal = max(camera.fx, camera.fy)
+        self.size = (2 * int(np.ceil(half_x * focal) + 1), 2 * int(np.ceil(half_y * focal) + 1))
+        self.fovy_deg = float(np.rad2deg(2 * np.arctan(self.size[1] / 2 / focal)))
+        centre = (np.array(self.size) - 1) / 2
+        places = (plane * focal + centre).astype(np.float32)
+        self._map = cv2.convertMaps(places[:, 0].reshape(shape), places[:, 1].reshape(shape), cv2.CV_16SC2)
+        self._nearest = (np.rint(places).astype(np.int16).reshape(*shape, 2), None)
+
+    @property
+    def whole(self) -> Crop:
+        """All of the rendered picture."""
+        return Crop(0, 0, *self.size)
+
+    def places(self, window: Window) -> tuple[NDArray, Crop]:
+        """Where the pixels of a window lie in the rendered picture: column and row (h, w, 2) in a part of it."""
+        places = self._nearest[0][window]
+        low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
+        width, height = (high - low + 1).tolist()
+        return places - low, Crop(int(low[0]), int(low[1]), width, height)
+
+    def bend(self, image: NDArray, nearest: bool = False) -> NDArray:
+        """The camera's picture out of the rendered one."""
+        interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        return cv2.remap(np.ascontiguousarray(image), *(self._nearest if nearest else self._map), interpolation)
+
+
+def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
+    """The picture behind air: I = J t + A (1 - t) with t = exp(-optical depth) (Koschmieder)."""
+    if not optical_depth.any():
+        return bgr
+    clear = cv2.exp(-np.minimum(optical_depth, np.float32(50.0)))
+    return cv2.blendLinear(bgr, np.full_like(bgr, AIRLIGHT), clear, 1.0 - clear)
+
+
+def _import_mujoco():  # noqa: ANN202 (a module)
+    """MuJoCo with a way to render without a screen: EGL, else OSMesa. Raises RuntimeError saying what to install."""
+    if 'MUJOCO_GL' not in os.environ:
+        for backend, library in (('egl', 'EGL'), ('osmesa', 'OSMesa')):
+            if ctypes.util.find_library(library):
+                os.environ['MUJOCO_GL'] = backend
+                break
+        else:
+            raise RuntimeError('no OpenGL without a screen: install libegl1 with libgl1-mesa-dri, or libosmesa6')
+    try:
+        import mujoco
+        import mujoco.rendering
+    except ImportError as error:
+        raise RuntimeError(f'mujoco cannot be imported: {error}') from error
+    return mujoco

@@ -1,0 +1,143 @@
+"""How the simulated rig moves: by its scenario and by commanded yaw rates, or as an autopilot says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from av_sim_bridge.vehicle import VehicleState
+from av_simulator.scenario import RigMotion
+from av_simulator.trajectories import Position, acceleration, velocity
+
+COMMAND_LIFETIME = 0.5   # s; a rig whose commands cease stops
+FARTHEST = 100.0         # m/s; beyond, a given pose is taken at once, for nothing flies there
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Yaw from `start` s on, while one rate is aimed at: angles in rad, rates in rad/s, counter-clockwise."""
+
+    start: float
+    yaw0: float
+    rate0: float
+    aim: float
+    acceleration: float
+
+    def rate(self, times: ArrayLike) -> NDArray:
+        """Yaw rates at times from `start` on."""
+        reach = self.acceleration * (np.asarray(times, float) - self.start)
+        return self.rate0 + np.clip(self.aim - self.rate0, -reach, reach)
+
+    def yaw(self, times: ArrayLike) -> NDArray:
+        """Yaw at times from `start` on: a ramp of the rate, then a constant rate."""
+        elapsed = np.asarray(times, float) - self.start
+        change = self.aim - self.rate0
+        ramp = np.minimum(elapsed, abs(change) / self.acceleration)
+        ramped = self.rate0 * ramp + np.sign(change) * self.acceleration * ramp**2 / 2
+        return self.yaw0 + ramped + self.aim * (elapsed - ramp)
+
+
+@dataclass(frozen=True)
+class Programme:
+    """The rig on its scenario's path, turning about the vertical."""
+
+    path: Position
+    turn: Turn
+
+    def poses(self, times: ArrayLike) -> tuple[NDArray, NDArray]:
+        """Positions (k, 3) in ENU and rotations (k, 3, 3) from the body to ENU at times (k,)."""
+        t = np.atleast_1d(np.asarray(times, float))
+        turned = np.zeros((len(t), 3))
+        turned[:, 2] = self.turn.yaw(t)
+        return self.path(t), Rotation.from_rotvec(turned).as_matrix()
+
+    def state(self, time: float) -> VehicleState:
+        """The rig's state at a time."""
+        yaw = float(self.turn.yaw(time))
+        return VehicleState(time, self.path(time)[0], velocity(self.path, time)[0], acceleration(self.path, time)[0],
+                            np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
+                            np.array([0.0, 0.0, float(self.turn.rate(time))]))
+
+
+@dataclass(frozen=True)
+class Passage:
+    """The rig on its way from one given pose to the next, evenly."""
+
+    begin: float
+    end: float
+    position0: NDArray
+    rotation0: Rotation
+    position1: NDArray
+    rotation1: Rotation
+
+    def poses(self, times: ArrayLike) -> tuple[NDArray, NDArray]:
+        """Positions (k, 3) in ENU and rotations (k, 3, 3) from the body to ENU at times (k,)."""
+        share = (np.atleast_1d(np.asarray(times, float)) - self.begin) / (self.end - self.begin)
+        turned = Rotation.from_rotvec(share[:, np.newaxis] * self._turned)
+        return (self.position0 + share[:, np.newaxis] * (self.position1 - self.position0),
+                (self.rotation0 * turned).as_matrix())
+
+    def state(self, time: float) -> VehicleState:
+        """The rig's state at a time."""
+        positions, rotations = self.poses([time])
+        duration = self.end - self.begin
+        return VehicleState(time, positions[0], (self.position1 - self.position0) / duration,
+                            attitude_wxyz=Rotation.from_matrix(rotations[0]).as_quat()[[3, 0, 1, 2]],
+                            rate_flu=self._turned / duration)
+
+    @property
+    def _turned(self) -> NDArray:
+        """Rotation vector (3,) of the whole turn in the body's frame."""
+        return (self.rotation0.inv() * self.rotation1).as_rotvec()
+
+
+class RigDynamics:
+    """Where the rig is, step by step.
+
+    Its yaw obeys commanded rates, from the next step on. Once another simulator or an autopilot says where it is
+    (`follow`), it goes there instead, and stays where it was last said to be.
+    """
+
+    def __init__(self, motion: RigMotion):
+        self._limit = np.deg2rad(motion.max_yaw_rate_deg)
+        self._acceleration = np.deg2rad(motion.max_yaw_acceleration_deg)
+        self._programme: float | None = np.deg2rad(motion.yaw_rate_deg)   # until the first command
+        self._command, self._commanded = 0.0, -np.inf
+        self._followed: VehicleState | None = None
+        rate = float(np.clip(self._programme, -self._limit, self._limit))
+        turn = Turn(0.0, float(np.deg2rad(motion.yaw_deg)), rate, rate, self._acceleration)
+        self.motion: Programme | Passage = Programme(motion.trajectory, turn)
+
+    def command(self, yaw_rate: float, time: float) -> None:
+        """Aim at a yaw rate in rad/s, counter-clockwise, given at `time` s."""
+        self._programme = None
+        self._command, self._commanded = yaw_rate, time
+
+    def follow(self, state: VehicleState) -> None:
+        """Be where another simulator or an autopilot has the rig."""
+        self._followed = state
+
+    def step(self, begin: float, end: float) -> Programme | Passage:
+        """How the rig moves from `begin` to `end` s."""
+        if self._followed is None:
+            self.motion = Programme(self.motion.path, self._turn(begin))
+        else:
+            positions, rotations = self.motion.poses([begin])
+            attitude = Rotation.from_quat(self._followed.attitude_wxyz[[1, 2, 3, 0]])
+            start = (positions[0], Rotation.from_matrix(rotations[0]))
+            if np.linalg.norm(self._followed.position - positions[0]) > FARTHEST * (end - begin):
+                start = (self._followed.position, attitude)
+            self.motion = Passage(begin, end, *start, self._followed.position, attitude)
+        return self.motion
+
+    def _turn(self, start: float) -> Turn:
+        if self._programme is not None:
+            aim = self._programme
+        else:
+            aim = self._command if start - self._commanded <= COMMAND_LIFETIME else 0.0
+        aim = float(np.clip(aim, -self._limit, self._limit))
+        turn = self.motion.turn
+        return Turn(start, float(turn.yaw(start)), float(turn.rate(start)), aim, self._acceleration)

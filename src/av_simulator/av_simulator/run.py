@@ -1,0 +1,104 @@
+"""A world from beginning to end, as fast as it can be had: for files, notebooks and training.
+
+for step in steps(open_world('fog_woodland', seed=3), duration=10.0):
+step.sound          # (samples, microphones) float32, from step.begin to step.end
+step.pictures       # [(view, picture), ...] taken in that time
+step.truth          # [Moment, ...]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import direction_to_angles
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_sim_bridge.vehicle import VehicleState
+from av_simulator.rendering.view import Picture, View
+from av_simulator.scenario import Scenario, load_scenario
+from av_simulator.world import World
+
+BLOCKS_PER_SECOND = 30
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """Where a target is, seen from the rig's body: azimuth and elevation in rad, distance in m."""
+
+    azimuth: float
+    elevation: float
+    distance: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The true state of everything at one time (s); one bearing for each target."""
+
+    time: float
+    rig: VehicleState
+    targets: list[VehicleState]
+
+    @property
+    def bearings(self) -> list[Bearing]:
+        """Directions from the body's origin to each target, in the body's frame."""
+        away = [(target.position - self.rig.position) @ self.rig.rotation for target in self.targets]
+        return [Bearing(*map(float, direction_to_angles(vector)), float(np.linalg.norm(vector))) for vector in away]
+
+
+@dataclass(frozen=True)
+class Step:
+    """What happened between two times (s)."""
+
+    begin: float
+    end: float
+    sound: NDArray
+    pictures: list[tuple[View, Picture]]
+    truth: list[Moment]
+
+
+def open_world(scenario: str | Path | Scenario, rig: str | Path = 'rig', seed: int | None = None,
+               sample_rate: int = 48_000) -> World:
+    """A world of a scenario (a shipped name, a file, or one made in Python). Raises ConfigError or OSError."""
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(find_config(str(scenario), 'scenarios'))
+    return World(scenario, load_rig(find_config(str(rig))), seed, sample_rate)
+
+
+def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = 100.0,
+          everything: bool = False, renderer: str = 'auto') -> Iterator[Step]:
+    """Run a world for `duration` s (the scenario's by default) in thirtieths of a second.
+
+    image_rate: pictures a second, 0 for none.  everything: with segmentation and thermal picture. Turn the rig between
+    steps by `world.dynamics.command(yaw_rate, world.time)`.
+    """
+    duration = world.scenario.duration if duration is None else duration
+    camera = world.renderer(renderer, everything=everything) if image_rate else None
+    try:
+        while world.time < duration - 1e-9:
+            begin = world.time
+            sound = world.advance(world.sample_rate // BLOCKS_PER_SECOND)
+            views = [world.view(round(time * image_rate), time) for time in times(begin, world.time, image_rate)]
+            yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views],
+                       moments(world, times(begin, world.time, truth_rate)))
+    finally:
+        if camera is not None:
+            camera.close()
+
+
+def moments(world: World, at: list[float]) -> list[Moment]:
+    """The truth at times within the world's newest step."""
+    targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
+    return [Moment(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
+
+
+def times(begin: float, end: float, rate: float) -> list[float]:
+    """Multiples of 1/rate in (begin, end], none for a rate of 0."""
+    if not rate:
+        return []
+    first, last = int(begin * rate + 1e-6) + 1, int(end * rate + 1e-6)
+    return [number / rate for number in range(first, last + 1)]

@@ -1,0 +1,175 @@
+"""What happens in a simulated world, read from YAML: who flies where, how the weather is, what there is to hear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+
+from av_common.acoustics import speed_of_sound
+from av_common.config_files import find_config
+from av_common.config_reader import bounded, load
+from av_simulator.profile import Profile
+from av_simulator.rendering.atmosphere import Atmosphere, Cloud
+from av_simulator.rendering.scenes import AnyScene, Woodland
+from av_simulator.sound import (
+    Attenuation,
+    Box,
+    Ground,
+    Noise,
+    RecordingVoice,
+    ReverbZone,
+    Room,
+    RotorVoice,
+    Surroundings,
+    ToneVoice,
+    Trunk,
+)
+from av_simulator.sound.frames import FASTEST
+from av_simulator.trajectories import Static, Trajectory, Vector, velocity
+
+VOICES = {'rotor': RotorVoice, 'recording': RecordingVoice, 'tone': ToneVoice}
+Voice = Annotated[Any, VOICES]
+Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A drone: `size` in m from rotor tip to rotor tip.
+
+    It sounds as the profile `drone` of config/drones says, or as `voice` if there is one.
+    """
+
+    trajectory: Trajectory
+    name: str = 'drone'
+    size: float = bounded(0.6, low=0.05, high=20.0)
+    drone: str = 'camera_quadrotor'
+    voice: Voice = None
+    gain_db: float = bounded(0.0, low=-120.0, high=60.0)
+
+    def __post_init__(self) -> None:
+        if self.voice is None:
+            try:
+                find_config(self.drone, 'drones')
+            except ValueError as error:
+                raise ValueError(f'drone: {error}') from error
+
+
+@dataclass(frozen=True)
+class RigMotion:
+    """How the rig moves by itself. Its yaw follows commands once there are any; `yaw_rate_deg` holds until then."""
+
+    trajectory: Trajectory = field(default_factory=lambda: Static((0.0, 0.0, 1.5)))
+    yaw_deg: float = 0.0
+    yaw_rate_deg: float = bounded(0.0, low=-180.0, high=180.0)
+    max_yaw_rate_deg: float = bounded(60.0, above=0.0, high=720.0)
+    max_yaw_acceleration_deg: float = bounded(120.0, above=0.0, high=7200.0)
+
+
+@dataclass(frozen=True)
+class Smoke:
+    """A cloud of smoke or a bank of fog that drifts and spreads, from `begin` to `end`.
+
+    radius: standard deviation in m, growing by `growth` m/s.  density: extinction in its centre in 1/m at the beginning;
+    as it spreads it thins, so that what it consists of stays the same.
+    """
+
+    position: Vector
+    density: float = bounded(0.5, low=0.0, high=100.0)
+    radius: float = bounded(2.0, above=0.0)
+    growth: float = bounded(0.0, low=0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    begin: float = 0.0
+    end: float = bounded(1e9, above=0.0)
+
+    def at(self, time: float) -> Cloud | None:
+        """The cloud at a time in s, None where there is none."""
+        if not self.begin <= time <= self.end:
+            return None
+        age = time - self.begin
+        radius = self.radius + self.growth * age
+        centre = np.array(self.position) + age * np.array(self.velocity)
+        return Cloud(centre, radius, self.density * (self.radius / radius) ** 3)
+
+
+@dataclass(frozen=True)
+class Weather:
+    """Air and light. Profiles are a number, or a list of [time, value].
+
+    fog: extinction in 1/m; of an object's contrast one sees exp(-fog * distance).  fog_layer_m: height over which fog
+    thins to 1/e.  daylight: 1 at noon, 0.005 at night.  exposure: of the camera, 1 being right at noon.
+    absorption: whether air absorbs sound (ISO 9613-1).  attenuation: how sound falls with distance.
+    """
+
+    temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
+    humidity_percent: float = bounded(60.0, low=1.0, high=100.0)
+    pressure_kpa: float = bounded(101.325, low=30.0, high=110.0)
+    fog: Profile = field(default_factory=Profile)
+    fog_layer_m: float | None = bounded(None, above=0.0)
+    smoke: tuple[Smoke, ...] = ()
+    rain_mm_h: Profile = field(default_factory=Profile)
+    daylight: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
+    exposure: Profile = field(default_factory=lambda: Profile(values=(1.0,)))
+    absorption: bool = True
+    attenuation: Attenuation = field(default_factory=Attenuation)
+
+    def atmosphere(self, time: float) -> Atmosphere:
+        """The air at a time in s, as light finds it."""
+        clouds = (smoke.at(time) for smoke in self.smoke)
+        return Atmosphere(float(self.fog(time)), self.fog_layer_m, float(self.rain_mm_h(time)),
+                          tuple(cloud for cloud in clouds if cloud is not None))
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong on purpose: the microphones' clock is fast by `clock_ppm`, datagrams get lost."""
+
+    clock_ppm: float = bounded(0.0, low=-1000.0, high=1000.0)
+    lost_datagrams: float = bounded(0.0, low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One reproducible run: the same scenario and seed give the same world.
+
+    `scene` is only seen, `ground`, `room` and `reverberation` are only heard, `obstacles` are both.
+    """
+
+    name: str
+    targets: tuple[Target, ...]
+    duration: float = bounded(60.0, above=0.0, high=86_400.0)
+    seed: int = bounded(1, low=0)
+    description: str = ''
+    rig: RigMotion = field(default_factory=RigMotion)
+    weather: Weather = field(default_factory=Weather)
+    scene: AnyScene = field(default_factory=Woodland)
+    obstacles: tuple[Obstacle, ...] = ()
+    ground: Ground | None = None
+    room: Room | None = None
+    reverberation: tuple[ReverbZone, ...] = ()
+    noise: Noise = field(default_factory=Noise)
+    faults: Faults = field(default_factory=Faults)
+
+    def __post_init__(self) -> None:
+        if not self.targets:
+            raise ValueError('targets: none, at least one expected')
+        _ = self.surroundings   # raises what does not go together
+        fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
+        for key, mover in {'rig': self.rig, **{f'targets[{k}]': target for k, target in enumerate(self.targets)}}.items():
+            times = np.linspace(0.0, self.duration, 2000)
+            speed = np.linalg.norm(velocity(mover.trajectory, times), axis=1)
+            if speed.max() > fastest:
+                raise ValueError(f'{key}.trajectory: {speed.max():.0f} m/s at {times[speed.argmax()]:.1f} s, '
+                                 f'at most {fastest:.0f} m/s expected ({FASTEST} of the speed of sound)')
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What sound meets. Raises ValueError for a ground inside of a room."""
+        return Surroundings(self.ground, self.obstacles, self.room, self.reverberation)
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario's file. Raises ConfigError or OSError that name file, key and value."""
+    return load(Scenario, path)

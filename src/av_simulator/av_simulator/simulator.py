@@ -1,0 +1,250 @@
+"""A world on the wire: paced to real time, sent as RFlySim sends, turned by commands."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import time
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
+from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
+from av_sim_bridge.wire.image import EncodedImage, encode_image
+from av_sim_bridge.wire.imu import encode_imu
+from av_sim_bridge.wire.oracle import encode_oracle
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
+from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
+from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
+from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
+from av_simulator.rendering.studio import Shot, Studio
+from av_simulator.rendering.view import FIRST_TARGET_ID
+from av_simulator.run import times
+from av_simulator.world import World
+
+log = logging.getLogger('simulator')
+
+RIG_ID = 1
+
+
+@dataclass(frozen=True)
+class WireOptions:
+    """What goes where and how.
+
+    audio_header: put this project's header before the sound, so that loss is known exactly.  image_frame_ids: send
+    RFlySim's new image header instead of the old.  short_truth: RFlySim's short layout.
+    """
+
+    host: str = '127.0.0.1'
+    ports: Ports = field(default_factory=Ports)
+    sample_format: str = 's16le'
+    audio_header: bool = False
+    image_frame_ids: bool = False
+    short_truth: bool = False
+    block_rate: int = 30       # sound datagrams a second
+    image_rate: float = 15.0
+    truth_rate: int = 100
+    jpeg_quality: int = 85
+    depth: bool = False        # beside every picture, on the next port
+    renderer: str = 'auto'
+    speed: float = 1.0         # of real time
+
+
+@dataclass
+class SimulatorCounts:
+    """What was sent, and what went wrong: pictures skipped for lack of time, late blocks."""
+
+    audio_frames: int = 0
+    images: int = 0
+    images_skipped: int = 0
+    commands: int = 0
+    malformed_commands: int = 0
+    late_blocks: int = 0
+    resynchronised: int = 0
+    unsent: int = 0
+    lost_on_purpose: int = 0
+
+
+class Simulator:
+    """Runs a world in real time. `run` returns after the duration or when `stop` is called from any thread."""
+
+    LATE = 0.1        # s behind real time from which a block counts as late
+    HOPELESS = 1.0    # s behind real time after which the schedule begins anew
+
+    def __init__(self, world: World, options: WireOptions = WireOptions()):
+        self.world, self.options, self.counts = world, options, SimulatorCounts()
+        self._layout = AudioFormat(options.sample_format, world.rig.array.geometry.channels, world.sample_rate)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+        self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._control.bind(('', options.ports.control))
+        except OSError as error:
+            raise OSError(f'control port {options.ports.control}: {error.strerror}') from error
+        self._control.setblocking(False)
+        self._stopped = False
+        self._studio: Studio | None = None
+        self._start: float | None = None
+        self._sequence = 0
+        self._lossy = np.random.default_rng([world.seed, 16])
+        self._begin: float | None = None
+
+    def stop(self) -> None:
+        """End `run` within a block; may be called from a signal handler."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """Give the ports back."""
+        self._socket.close()
+        self._control.close()
+
+    def run(self, duration: float, begin: float | None = None) -> None:
+        """Simulate `duration` seconds from the Unix time `begin` on, or until stopped.
+
+        Raises what keeps the camera from working.
+        """
+        self._begin = begin
+        samples = self.world.sample_rate // self.options.block_rate
+        if self.options.image_rate:
+            self._studio = Studio(self.world.stage, self.options.renderer, self.options.jpeg_quality,
+                                  self.world.view(0, 0.0), self.options.depth)
+        try:
+            if self._studio is not None:
+                self._studio.open(lambda: not self._stopped)
+            while self.world.time < duration and not self._stopped:
+                self._step(samples)
+        finally:
+            if self._studio is not None:
+                self._send_pictures(self._studio.close())
+
+    def _step(self, samples: int) -> None:
+        self._take_commands()
+        begin = self.world.time
+        sound = self.world.advance(samples)
+        end = self.world.time
+        if self._start is None:    # what takes its time the first time is ready now
+            self._start, self._start_ms = self._wait_for_begin()
+        for due, send in self._schedule(begin, end):
+            if not self._wait_until(due):
+                return
+            send(due)
+        if self._wait_until(end):
+            self._send_sound(sound, begin)
+            self._watch_lag(end)
+
+    def _wait_for_begin(self) -> tuple[float, int]:
+        """Monotonic time in s and Unix time in ms at which the world begins."""
+        while self._begin is not None and (remaining := self._begin - time.time()) > 0 and not self._stopped:
+            time.sleep(min(remaining, 0.1))
+        return time.monotonic(), time.time_ns() // 1_000_000
+
+    def _schedule(self, begin: float, end: float) -> list:
+        """What is to be sent at which time in (begin, end], in order."""
+        options = self.options
+        moments = times(begin, end, options.truth_rate)
+        targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
+        events = [(moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
+        events += [(moment, self._ask_for_picture) for moment in times(begin, end, options.image_rate)]
+        events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
+        return sorted(events, key=lambda event: event[0])
+
+    def _wait_until(self, moment: float) -> bool:
+        """Sleep until the world's time is `moment`, sending pictures as they get ready; False when stopped meanwhile."""
+        while True:
+            left = max(-self._lag(moment), 0.0)
+            if self._studio is not None and self._studio.busy:
+                self._send_pictures(self._studio.ready(left))
+            else:
+                time.sleep(left)
+            if self._stopped or self._lag(moment) >= 0.0:
+                return not self._stopped
+
+    def _lag(self, moment: float) -> float:
+        """Seconds by which the world's time is behind the wall's."""
+        return time.monotonic() - self._start - moment / self.options.speed
+
+    def _watch_lag(self, moment: float) -> None:
+        lag = self._lag(moment)
+        if lag > self.LATE:
+            self.counts.late_blocks += 1
+            if self.counts.late_blocks == 1:
+                log.warning('fell %.0f ms behind real time at %.1f s', 1e3 * lag, moment)
+        if lag > self.HOPELESS:
+            self._start += lag
+            self.counts.resynchronised += 1
+            if self.counts.resynchronised in (1, 10, 100, 1000):
+                log.warning('%.1f s behind real time: going on from here, for the %d. time', lag,
+                            self.counts.resynchronised)
+
+    def _take_commands(self) -> None:
+        while True:
+            try:
+                datagram = self._control.recv(65_535)
+            except BlockingIOError:
+                return
+            try:
+                if is_truth(datagram):
+                    self.counts.commands += 1
+                    self.world.dynamics.follow(from_truth(decode_truth(datagram)))
+                else:
+                    self._obey(decode_rig_control(datagram))
+            except WireError as error:
+                self.counts.malformed_commands += 1
+                log.debug('%s', error)
+
+    def _obey(self, command: RigControl) -> None:
+        self.counts.commands += 1
+        if command.yaw_rate is not None:
+            self.world.dynamics.command(command.yaw_rate, self.world.time)
+
+    def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
+        if self._lossy.random() < self.world.scenario.faults.lost_datagrams:
+            self.counts.lost_on_purpose += 1
+            return
+        try:
+            self._socket.sendto(datagram, (host or self.options.host, port))
+        except OSError as error:
+            self.counts.unsent += 1
+            if self.counts.unsent == 1:
+                log.warning('cannot send to %s:%d: %s', host or self.options.host, port, error.strerror)
+
+    def _send_sound(self, sound: NDArray, begin: float) -> None:
+        header = AudioHeader(self._sequence, len(sound), begin) if self.options.audio_header else None
+        self._send(encode_audio(self._layout, sound, header), self.options.ports.audio)
+        self._sequence += 1
+        self.counts.audio_frames += len(sound)
+
+    def _send_truth(self, targets: list[VehicleState], moment: float) -> None:
+        ports, short = self.options.ports, self.options.short_truth
+        rig = self.world.rig_state(moment)
+        self._send(encode_truth(to_truth(rig, RIG_ID), short), ports.rig_truth)
+        self._send(encode_imu(to_imu(rig, round(moment * self.options.truth_rate))), ports.imu)
+        for number, target in enumerate(targets):
+            truth = to_truth(target, FIRST_TARGET_ID + number)
+            self._send(encode_truth(truth, short), ports.target_truth + 2 * number)
+
+    def _send_time_sync(self, moment: float) -> None:
+        now = self._start_ms + round(moment * 1e3)
+        self._send(encode_time_sync(TimeSync(RIG_ID, self._start_ms, now, round(moment))), self.options.ports.time_sync,
+                   TIME_SYNC_GROUP)
+
+    def _ask_for_picture(self, moment: float) -> None:
+        if self._lag(moment) > self.LATE:    # sound cannot wait, a picture can be left out
+            self.counts.images_skipped += 1
+            return
+        if not self._studio.ask(self.world.view(round(moment * self.options.image_rate), moment)):
+            self.counts.images_skipped += 1
+
+    def _send_pictures(self, shots: list[Shot]) -> None:
+        for shot in shots:
+            frame_id = shot.view.index if self.options.image_frame_ids else None
+            for data, port in ((shot.jpeg, self.options.ports.image), (shot.depth, self.options.ports.depth)):
+                for datagram in encode_image(EncodedImage(shot.view.time, data, frame_id)):
+                    self._send(datagram, port)
+            self._send(encode_oracle(shot.boxes), self.options.ports.image)
+            self.counts.images += 1

@@ -1,0 +1,203 @@
+"""What must hold for the simulated sound, measured."""
+
+from __future__ import annotations
+
+import importlib.util
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import firwin
+
+from av_simulator.sound.absorption import absorption_db_per_m
+from av_simulator.sound.benchmark import peers
+from av_simulator.sound.benchmark.fly_by import PAIR, RATE, FlyBy, deviation
+from av_simulator.sound.ground import Ground
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.noise import Noise, Snr
+from av_simulator.sound.rotor import RotorVoice
+from av_simulator.sound.source import Source
+from av_simulator.sound.surroundings import Room, Surroundings
+from av_simulator.sound.voices import FormulaVoice
+from av_simulator.sound.world import SoundWorld
+
+CLIMATES = ((20.0, 50.0), (0.0, 30.0), (35.0, 80.0), (20.0, 10.0))  # degrees Celsius, % humidity
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured value and, where one is promised, the limit that it keeps: at most, or at least."""
+
+    name: str
+    value: float
+    unit: str = ''
+    most: float | None = None
+    least: float | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the limits are kept."""
+        return (self.most is None or self.value <= self.most) and (self.least is None or self.value >= self.least)
+
+
+def fly_by() -> Iterator[Figure]:
+    """A 1 kHz tone at 20 m/s, 10 m away."""
+    scene = FlyBy()
+    found = deviation(scene, scene.render())
+    yield Figure('error against the analytic signal', found.error_db, 'dB', most=-55.0)
+    yield Figure('delay, RMS', found.delay_us, 'us', most=0.3)
+    yield Figure('instantaneous frequency, RMS', found.frequency_hz, 'Hz', most=3.0)
+    yield Figure('Doppler against f / (1 - M cos), greatest', found.doppler_hz, 'Hz', most=3.0)
+    yield Figure('level against 1 / r, greatest', found.spreading_db, 'dB', most=0.1)
+    yield Figure('level difference of the pair, greatest', found.level_difference_db, 'dB', most=0.1)
+
+
+def moving_rig(block: int = 1600) -> Iterator[Figure]:
+    """The same tone from a source at rest, heard by a rig that flies past at 10 m/s and turns at 90 degrees a second."""
+    c, samples = Medium().speed_of_sound, 2 * RATE
+    source = np.array([0.0, 10.0, 1.5])
+
+    def microphones(times: NDArray) -> NDArray:
+        turn = np.pi / 2 * times
+        half = 0.1 * np.stack([-np.sin(turn), np.cos(turn), 0 * turn], axis=1)
+        centre = np.stack([10.0 * (times - 1.0), 0 * times, 0 * times + 1.5], axis=1)
+        return np.stack([centre + half, centre - half], axis=1)
+
+    voice = FormulaVoice(lambda t: np.sin(2 * np.pi * 1000.0 * t))
+    world = SoundWorld(RATE, [Source(lambda t: np.broadcast_to(source, (len(t), 3)), voice)], noise=Noise(None))
+    heard = np.concatenate([world.render(block, microphones((start + np.arange(0, block + 1, 160)) / RATE))
+                            for start in range(0, samples, block)])
+    times = np.arange(samples) / RATE
+    distance = np.linalg.norm(microphones(times) - source, axis=-1)
+    truth = np.sin(2 * np.pi * 1000.0 * (times[:, None] - distance / c)) / distance
+    yield Figure('error against the analytic signal', float(10 * np.log10(np.mean((heard - truth) ** 2) / np.mean(truth**2))),
+                 'dB', most=-55.0)
+
+
+def air() -> Iterator[Figure]:
+    """ISO 9613-1 as a number, against pyroadacoustics' own formula, and in rendered tones."""
+    if _installed('pyroadacoustics'):
+        import pyroadacoustics
+
+        worst = 0.0
+        for temperature, humidity in CLIMATES:
+            theirs = pyroadacoustics.Environment(fs=20000, temperature=temperature, rel_humidity=humidity)
+            known = np.asarray(theirs.air_absorption_coefficients)
+            frequency = np.linspace(0.0, 10000.0, len(known))
+            ours = absorption_db_per_m(frequency, temperature, humidity)
+            worst = max(worst, float(np.abs(ours[frequency >= 50] / known[frequency >= 50] - 1.0).max()))
+        yield Figure('ISO 9613-1 against pyroadacoustics, four climates, to 10 kHz', 100 * worst, '%', most=1.0)
+    tones = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
+    voice = FormulaVoice(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in tones))
+    for distance in (10.0, 50.0, 100.0):
+        worst = 0.0
+        for temperature, humidity in CLIMATES:
+            lost = _amplitudes(voice, tones, distance, Medium(temperature, humidity)) / _amplitudes(
+                voice, tones, distance, Medium(temperature, humidity, absorption=True))
+            formula = absorption_db_per_m(tones, temperature, humidity) * distance
+            worst = max(worst, float(np.abs(20 * np.log10(lost) - formula).max()))
+        yield Figure(f'rendered absorption over {distance:.0f} m, 50 Hz to 10 kHz, greatest', worst, 'dB', most=0.5)
+
+
+def _amplitudes(voice: FormulaVoice, tones: NDArray, distance: float, medium: Medium) -> NDArray:
+    source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), voice)
+    heard = SoundWorld(RATE, [source], medium, 1, Noise(None)).render(RATE + RATE // 2, np.zeros((2, 1, 3)))
+    return np.abs(np.fft.rfft(heard[RATE // 2:, 0]))[tones]
+
+
+def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
+    """A room at rest, with the image sources of pyroomacoustics."""
+    if not _installed('pyroomacoustics'):
+        return
+    import pyroomacoustics as pra
+
+    size, place, pair, absorption = [6.0, 5.0, 3.0], [2.0, 3.1, 1.4], np.array([[4.1, 1.9, 1.2], [4.1, 2.1, 1.2]]), 0.45
+    pulse = firwin(255, [100.0, 7000.0], pass_zero=False, fs=rate)
+    voice = FormulaVoice(lambda t: np.interp(t - 0.05, (np.arange(255) - 127) / rate, pulse, left=0.0, right=0.0))
+    source = Source(lambda t: np.broadcast_to(place, (len(t), 3)), voice)
+    walls = Surroundings(room=Room([0.0, 0.0, 0.0], size, (absorption,), order=order))
+    heard = SoundWorld(rate, [source], noise=Noise(None), surroundings=walls).render(rate // 2, np.array([pair, pair]))
+    pra.constants.set('c', Medium().speed_of_sound)
+    pra.constants.set('rir_hpf_enable', False)
+    theirs = pra.ShoeBox(size, fs=rate, materials=pra.Material(absorption), max_order=order)
+    theirs.add_source(place)
+    theirs.add_microphone_array(pair.T)
+    theirs.compute_rir()
+    late = pra.constants.get('frac_delay_length') // 2
+    sent = voice.stream(rate, [0], source.position).read(0, rate // 2)
+    known = np.array([np.convolve(sent, responses[0])[late:late + rate // 2] for responses in theirs.rir]).T
+    alike = min(np.corrcoef(heard[:, channel], known[:, channel])[0, 1] for channel in range(2))
+    yield Figure(f'room of order {order}, correlation with pyroomacoustics', float(alike), least=0.99)
+    ratio = _decay_s(heard[:, 0], rate) / _decay_s(known[:, 0], rate)
+    yield Figure(f'room of order {order}, T60 over that of pyroomacoustics', ratio, least=0.9, most=1.1)
+
+
+def _decay_s(answer: NDArray, rate: int) -> float:
+    """T60 from the fall between -5 and -25 dB of the backward integral (ISO 3382-1)."""
+    energy = np.cumsum(answer[::-1].astype(float) ** 2)[::-1]
+    left = 10 * np.log10(energy / energy[0] + 1e-30)
+    first, last = int(np.argmax(left < -5)), int(np.argmax(left < -25))
+    return float(-60.0 / np.polyfit(np.arange(first, last) / rate, left[first:last], 1)[0])
+
+
+def speed() -> Iterator[Figure]:
+    """Processor seconds for a second of two microphones at 48 kHz."""
+    scene = FlyBy()
+    for block in (480, 1600):
+        full = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
+        yield Figure(f'drone, ground, absorption and noise, blocks of {block}', full, 's', most=0.2)
+    tone, open_air = FormulaVoice(lambda t: np.sin(2 * np.pi * 1000.0 * t)), Surroundings()
+    direct = _work(lambda: _tone(scene, tone, Medium(), open_air), 960)
+    ground = _work(lambda: _tone(scene, tone, Medium(absorption=True), Surroundings(ground=Ground())), 960)
+    yield Figure('a tone, direct sound', direct, 's')
+    yield Figure('a tone, ground and absorption', ground, 's')
+    short = FlyBy(start=(-2.0, 10.0, 1.5), seconds=0.2)
+    contests: list[tuple[str, str, Callable[[], tuple[NDArray, float]], float, float]] = [
+        ('pyroomacoustics', 'direct sound', lambda: peers.with_pyroomacoustics(scene), scene.seconds, direct),
+        ('pyroomacoustics', 'ground and absorption', lambda: peers.with_pyroomacoustics(scene, True), scene.seconds, ground),
+        ('acoular', 'direct sound, 16-fold', lambda: peers.with_acoular(scene), scene.seconds, direct),
+        ('pyroadacoustics', 'ground and absorption', lambda: peers.with_pyroadacoustics(short), short.seconds, ground),
+    ]
+    for package, what, run, seconds, own in contests:
+        if _installed(package):
+            theirs = min(run()[1] for _ in range(1 if seconds < 1.0 else 3)) / seconds
+            yield Figure(f'{package}, {what}', theirs, 's', least=own)
+
+
+def peers_fly_by() -> Iterator[Figure]:
+    """The fly-by from the other simulators, for comparison."""
+    scene, short = FlyBy(), FlyBy(start=(-4.0, 10.0, 1.5), seconds=0.4)
+    for package, run, of in (('pyroomacoustics', peers.with_pyroomacoustics, scene), ('acoular', peers.with_acoular, scene),
+                             ('pyroadacoustics', lambda scene: peers.with_pyroadacoustics(scene, False), short)):
+        if _installed(package):
+            found = deviation(of, run(of)[0])
+            yield Figure(f'{package}, error', found.error_db, 'dB')
+            yield Figure(f'{package}, delay, RMS', found.delay_us, 'us')
+
+
+def _drone(medium: Medium, surroundings: Surroundings, noise: Noise) -> SoundWorld:
+    return SoundWorld(RATE, [Source(FlyBy(start=(-20.0, 10.0, 8.0)).position, RotorVoice())], medium, noise=noise,
+                      surroundings=surroundings)
+
+
+def _tone(scene: FlyBy, voice: FormulaVoice, medium: Medium, surroundings: Surroundings) -> SoundWorld:
+    return SoundWorld(RATE, [Source(scene.position, voice)], medium, noise=Noise(None), surroundings=surroundings)
+
+
+def _work(make: Callable[[], SoundWorld], block: int, repeats: int = 5) -> float:
+    """Best processor time for one second of sound, after the first block."""
+    world, still = make(), np.stack([PAIR, PAIR])
+    world.render(block, still)
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        for _ in range(RATE // block):
+            world.render(block, still)
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+def _installed(package: str) -> bool:
+    return importlib.util.find_spec(package) is not None

@@ -1,0 +1,104 @@
+"""A tone that flies past a pair of microphones in a straight line, for which everything is known in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import hilbert
+
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.noise import Noise
+from av_simulator.sound.source import Source
+from av_simulator.sound.voices import FormulaVoice
+from av_simulator.sound.world import SoundWorld
+
+RATE = 48000
+PAIR = np.array([[0.0, 0.1, 1.5], [0.0, -0.1, 1.5]])
+_EDGE = RATE // 10  # samples at both ends that the analytic signal of a finite piece gets wrong
+
+
+@dataclass(frozen=True)
+class FlyBy:
+    """A source at constant velocity (m/s) from `start` (m), a tone of amplitude 1 at 1 m, microphones (m, 3) at rest."""
+
+    start: tuple[float, float, float] = (-20.0, 10.0, 1.5)
+    velocity: tuple[float, float, float] = (20.0, 0.0, 0.0)
+    tone_hz: float = 1000.0
+    seconds: float = 2.0
+    medium: Medium = Medium()  # noqa: RUF009 - it cannot change
+
+    @property
+    def times(self) -> NDArray:
+        """Instants (n,) of the samples in s."""
+        return np.arange(int(self.seconds * RATE)) / RATE
+
+    def position(self, times: NDArray) -> NDArray:
+        """Positions (k, 3) of the source."""
+        return np.asarray(self.start) + np.multiply.outer(times, np.asarray(self.velocity))
+
+    def delay(self, microphone: NDArray) -> NDArray:
+        """Travel times (n,) in s: the positive root of |m - p(t - tau)|^2 = (c tau)^2."""
+        c, velocity = self.medium.speed_of_sound, np.asarray(self.velocity)
+        away = microphone - self.position(self.times)
+        approach, a = away @ velocity, c**2 - velocity @ velocity
+        return (approach + np.sqrt(approach**2 + a * (away**2).sum(axis=1))) / a
+
+    def doppler(self, microphone: NDArray) -> NDArray:
+        """Frequencies (n,) that a microphone hears: f / (1 - M cos), M cos taken where and when the sound was sent."""
+        sent_from = self.position(self.times - self.delay(microphone))
+        towards = microphone - sent_from
+        mach = towards @ np.asarray(self.velocity) / np.linalg.norm(towards, axis=1) / self.medium.speed_of_sound
+        return self.tone_hz / (1.0 - mach)
+
+    def truth(self) -> NDArray:
+        """The analytic signal (n, m) at the pair."""
+        delays = np.array([self.delay(microphone) for microphone in PAIR]).T
+        phase = 2 * np.pi * self.tone_hz * (self.times[:, None] - delays)
+        return np.exp(1j * (phase - np.pi / 2)) / (delays * self.medium.speed_of_sound)
+
+    def render(self, block: int = 1600) -> NDArray:
+        """The same (n, m) from SoundWorld."""
+        voice = FormulaVoice(lambda t: np.sin(2 * np.pi * self.tone_hz * t))
+        world = SoundWorld(RATE, [Source(self.position, voice)], self.medium, noise=Noise(None))
+        still = np.stack([PAIR, PAIR])
+        return np.concatenate([world.render(block, still) for _ in range(len(self.times) // block)])
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far a rendering is from the truth."""
+
+    error_db: float             # power of the difference over that of the truth
+    delay_us: float             # RMS, of the channels' own delays and of the delay between them, whichever is worse
+    frequency_hz: float         # RMS of the instantaneous frequency
+    doppler_hz: float           # greatest difference of the frequency, averaged over 20 ms, from f / (1 - M cos)
+    spreading_db: float         # greatest difference of a channel's level from 1 / r
+    level_difference_db: float  # greatest difference of the level difference between the channels
+
+
+def deviation(fly_by: FlyBy, rendered: NDArray) -> Deviation:
+    """Compare (n, 2) samples with the closed form; a rendering shorter than the truth is compared as far as it goes."""
+    inner = slice(_EDGE, len(rendered) - _EDGE)
+    truth = fly_by.truth()[:len(rendered)]
+    heard = hilbert(rendered.astype(float), axis=0)[inner]
+    difference = rendered[inner] - truth.real[inner]
+    error = np.mean(difference**2) / np.mean(truth.real[inner] ** 2)
+    exact = truth[inner]
+    phase = np.angle(heard * np.conj(exact))
+    formula_hz = np.array([fly_by.doppler(microphone)[:len(rendered)][inner] for microphone in PAIR]).T
+    off_hz = np.diff(np.unwrap(np.angle(heard), axis=0), axis=0) * RATE / (2 * np.pi) - formula_hz[:-1]
+    late = phase / (2 * np.pi * formula_hz)
+    between = late[:, 0] - late[:, 1]
+    step = RATE // 50
+    smooth_hz = off_hz[:len(off_hz) // step * step].reshape(-1, step, 2).mean(axis=1)
+    level = 20 * np.log10(np.abs(heard) / np.abs(exact))
+    return Deviation(
+        error_db=float(10 * np.log10(error)), delay_us=1e6 * float(max(*_rms(late), _rms(between))),
+        frequency_hz=float(np.max(_rms(off_hz))), doppler_hz=float(np.abs(smooth_hz).max()),
+        spreading_db=float(np.abs(level).max()), level_difference_db=float(np.abs(level[:, 0] - level[:, 1]).max()))
+
+
+def _rms(values: NDArray) -> NDArray:
+    return np.sqrt(np.mean(values**2, axis=0))

@@ -1,0 +1,38 @@
+"""The air between source and microphone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.acoustics import speed_of_sound
+from av_simulator.sound.absorption import absorption_db_per_m
+from av_simulator.sound.attenuation import Attenuation
+
+
+@dataclass(frozen=True)
+class Medium:
+    """Air at rest.
+
+    `absorption` turns on that of ISO 9613-1. As `attenuation` any function from distances in m to gains will do.
+    """
+
+    temperature_c: float = 20.0
+    humidity_percent: float = 50.0
+    pressure_kpa: float = 101.325
+    absorption: bool = False
+    attenuation: Attenuation = field(default_factory=Attenuation)
+
+    def __post_init__(self) -> None:
+        self.absorption_db_per_m(np.zeros(1))  # raises what is wrong with the climate
+
+    @property
+    def speed_of_sound(self) -> float:
+        """In m/s."""
+        return speed_of_sound(self.temperature_c)
+
+    def absorption_db_per_m(self, frequency_hz: NDArray) -> NDArray:
+        """Absorption of the air in dB/m at each frequency, whether or not `absorption` is on."""
+        return absorption_db_per_m(frequency_hz, self.temperature_c, self.humidity_percent, self.pressure_kpa)

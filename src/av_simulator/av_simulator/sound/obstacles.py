@@ -1,0 +1,200 @@
+"""Things that stand in the way of sound, as upright prisms, and the detours around them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_simulator.sound.materials import Absorption, reflection_factor
+
+_GAP_M = 0.05  # an obstacle nearer to the ground than this lets nothing pass below
+
+
+class Obstacle:
+    """A prism: a convex `footprint` (corners, 2) in m, counter-clockwise, from `bottom` to `top`, in world ENU.
+
+    One that `reflects` is a mirror for sound too, less the `absorption` of its faces.
+    """
+
+    footprint: NDArray
+    bottom: float
+    top: float
+    absorption: Absorption
+    reflects: bool
+
+    def faces(self) -> Iterator[Face]:
+        """The upright faces and the top."""
+        for here, there in zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True):
+            edge = (there - here) / np.hypot(*(there - here))
+            normal = np.array([edge[1], -edge[0], 0.0])
+            yield Face(normal, float(normal[:2] @ here), self)
+        yield Face(np.array([0.0, 0.0, 1.0]), self.top, self)
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Obstacle):
+    """A box of `size` (x, y, z) in m about `center` (x, y, z), turned by `yaw_deg`; a thin one is a wall or a whiteboard."""
+
+    center: Sequence[float]
+    size: Sequence[float]
+    yaw_deg: float = 0.0
+    absorption: Absorption = (0.1,)
+    reflects: bool = True
+
+    def __post_init__(self) -> None:
+        if len(self.center) != 3 or len(self.size) != 3 or min(self.size) <= 0.0:
+            raise ValueError(f'box center is {list(self.center)} and size {list(self.size)}, '
+                             'expected x, y, z and three positive lengths')
+        reflection_factor(self.absorption, np.zeros(1))
+
+    @cached_property
+    def footprint(self) -> NDArray:
+        """See Obstacle."""
+        yaw = np.deg2rad(self.yaw_deg)
+        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * np.asarray(self.size[:2], float) / 2.0
+        return corners @ turn.T + np.asarray(self.center[:2], float)
+
+    @property
+    def bottom(self) -> float:
+        """See Obstacle."""
+        return self.center[2] - self.size[2] / 2.0
+
+    @property
+    def top(self) -> float:
+        """See Obstacle."""
+        return self.center[2] + self.size[2] / 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Trunk(Obstacle):
+    """A tree trunk or a column at (x, y), from z = `bottom` to `top` in m, as an octagon. It does not mirror."""
+
+    center: Sequence[float]
+    radius: float = 0.2
+    top: float = 10.0
+    bottom: float = 0.0
+
+    absorption = (0.1,)
+    reflects = False
+
+    def __post_init__(self) -> None:
+        if len(self.center) != 2 or self.radius <= 0.0 or self.top <= self.bottom:
+            raise ValueError(f'trunk center is {list(self.center)}, radius {self.radius}, bottom {self.bottom} and top '
+                             f'{self.top}, expected x, y, a positive radius and bottom < top')
+
+    @cached_property
+    def footprint(self) -> NDArray:
+        """See Obstacle."""
+        angle = np.arange(8) * np.pi / 4.0
+        return np.asarray(self.center, float) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+OBSTACLES = {'box': Box, 'trunk': Trunk}  # kinds, by their names in scenarios
+
+
+@dataclass(frozen=True)
+class Face:
+    """A flat side of an obstacle: the points of the plane normal @ point = offset that belong to the obstacle."""
+
+    normal: NDArray
+    offset: float
+    obstacle: Obstacle
+
+    @property
+    def upright(self) -> bool:
+        """Whether it is a side and not the top."""
+        return self.normal[2] == 0.0
+
+    def holds(self, point: NDArray) -> bool:
+        """Whether a point (3,) of the plane lies on the face."""
+        here = self.obstacle.footprint
+        edge = np.roll(here, -1, axis=0) - here
+        inward = edge[:, 0] * (point[1] - here[:, 1]) - edge[:, 1] * (point[0] - here[:, 0])
+        return bool(inward.min() > -1e-6 and self.obstacle.bottom <= point[2] <= self.obstacle.top + 1e-6)
+
+
+def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray | None:
+    """How much longer than straight the ways around an obstacle are, in m: left, right, over and, given a gap, under it.
+
+    A negative number belongs to a way that is clear: the straight line passes that edge on the open side, and over the
+    edge would be longer by that much. None means that the obstacle is not between source and receiver (each (3,), world
+    ENU).
+    """
+    rise = float(receiver[2] - source[2])
+    length = float(np.hypot(*(receiver - source)[:2]))
+    if length < 1e-6:
+        return None
+    forward = (receiver - source)[:2] / length
+    to_line = np.array([[forward[0], -forward[1]], [forward[1], forward[0]]])
+    corners = (obstacle.footprint - source[:2]) @ to_line  # along the line, and to its left
+    between = _part_above(_part_above(corners, 0.0, 1.0), -length, -1.0)
+    if len(between) == 0:
+        return None
+    straight = float(np.hypot(length, rise))
+    ways = []
+    for side in (1.0, -1.0):
+        detour = _signed_detour(corners * [1.0, side], between * [1.0, side], length)
+        ways.append(np.hypot(length + detour, rise) - straight if detour > 0.0 else detour)
+    tilt = np.array([[length, -rise], [rise, length]]) / straight
+    entered = _crossing(between)
+    for height, side in ((obstacle.top, 1.0), (obstacle.bottom, -1.0)):
+        edges = np.stack([entered, np.full(2, height - source[2])], axis=1) @ tilt * [1.0, side]
+        ways.append(_signed_detour(edges, edges, straight))
+    return np.array(ways if obstacle.bottom > _GAP_M else ways[:3])
+
+
+def _signed_detour(corners: NDArray, between: NDArray, length: float) -> float:
+    """Detour over the corners above the line, or minus that over the nearest one between its ends when all are below it."""
+    above = corners[corners[:, 1] > 0.0]
+    if len(above) and between[:, 1].max() > 0.0:
+        return _detour(above, length)
+    return -_detour(between[[np.argmin(np.abs(between[:, 1]))]], length)
+
+
+def _part_above(polygon: NDArray, limit: float, sign: float) -> NDArray:
+    """The part of a convex polygon with sign * x >= limit (Sutherland and Hodgman)."""
+    kept = []
+    for here, there in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        a, b = sign * here[0] - limit, sign * there[0] - limit
+        if a >= 0.0:
+            kept.append(here)
+        if a * b < 0.0:
+            kept.append(here + (there - here) * (a / (a - b)))
+    return np.array(kept).reshape(-1, 2)
+
+
+def _crossing(polygon: NDArray) -> NDArray:
+    """Where the line y = 0 enters and leaves a convex polygon; where it passes outside, the nearest corner's place twice."""
+    after = np.roll(polygon, -1, axis=0)
+    cut = (polygon[:, 1] < 0.0) != (after[:, 1] < 0.0)
+    if not cut.any():
+        return np.full(2, polygon[np.argmin(np.abs(polygon[:, 1])), 0])
+    here, there = polygon[cut], after[cut]
+    return np.sort(here[:, 0] - here[:, 1] * (there[:, 0] - here[:, 0]) / (there[:, 1] - here[:, 1]))
+
+
+def _detour(corners: NDArray, length: float) -> float:
+    """How much longer than `length` a string is, tight from (0, 0) to (length, 0) around corners (n, 2) on one side.
+
+    The ends and the string are the outline of a convex hull.
+    """
+    points = sorted([(0.0, 0.0), (length, 0.0), *map(tuple, corners.tolist())])
+    outline = _chain(points) + _chain(points[::-1])
+    steps = np.diff(np.array([*outline, outline[0]]), axis=0)
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum()) - 2.0 * length
+
+
+def _chain(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """One half of the convex hull of sorted points, without its last point (Andrew's monotone chain)."""
+    chain: list[tuple[float, float]] = []
+    for x, y in points:
+        while len(chain) > 1 and ((chain[-1][0] - chain[-2][0]) * (y - chain[-2][1])
+                                  - (chain[-1][1] - chain[-2][1]) * (x - chain[-2][0])) <= 0.0:
+            chain.pop()
+        chain.append((x, y))
+    return chain[:-1]

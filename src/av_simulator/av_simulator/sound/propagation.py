@@ -1,0 +1,114 @@
+"""Sound on its way from moving sources to moving microphones along all rays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
+from av_simulator.sound.frames import FASTEST, Frame, FrameMaker
+from av_simulator.sound.interpolation import interpolate
+from av_simulator.sound.levels import db_to_ratio
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.rays import rays_of
+from av_simulator.sound.source import Source
+from av_simulator.sound.stream import Stream
+from av_simulator.sound.surroundings import Surroundings
+
+
+class Propagation:
+    """The sum over all sources and rays.
+
+    Delays and spreading are those of each microphone at each sample; what depends on frequency (air, ground, faces,
+    edges, directivity) is computed for the array's centre at the beginning of each frame of about 20 ms.
+    """
+
+    def __init__(self, sample_rate: int, clock_ratio: float, sources: Sequence[Source], voices: Sequence[Stream],
+                 medium: Medium, surroundings: Surroundings):
+        """`clock_ratio` is the true interval between the microphones' samples over the nominal one."""
+        self._rate, self._ratio = sample_rate, clock_ratio
+        self._sources, self._medium = list(sources), medium
+        self._maker = FrameMaker(sample_rate, voices)
+        frequency = self._maker.frequency_hz
+        self._air = medium.absorption_db_per_m(frequency) if medium.absorption else np.zeros(len(frequency))
+        self._rays = rays_of(surroundings, frequency, medium.speed_of_sound)
+        self._mirrors = np.array([ray.mirror for ray in self._rays])
+        self._shifts = np.array([ray.shift for ray in self._rays])
+        self._plain = surroundings.open and not medium.absorption and not any(source.directivity for source in sources)
+        self._frames: dict[int, Frame] = {}
+        self._spread = 0
+
+    def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
+        """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
+        self._begin_frames(start, samples, positions)
+        grid = BlockGrid(start, samples, moving=bool(np.any(positions != positions[0])))
+        receivers = along_block(positions, start, samples, grid.instants)
+        heard = np.zeros((positions.shape[1], samples))
+        for number in range(len(self._sources)):
+            heard += self._hear(number, grid, receivers)
+        return heard
+
+    def _hear(self, number: int, grid: BlockGrid, receivers: NDArray) -> NDArray:
+        """Pressure (m, samples) of one source at receivers (m, intervals, 4, 3)."""
+        first_frame = grid.samples[0] // self._maker.samples
+        frame_of = grid.samples // self._maker.samples - first_frame
+        frames = [self._frames[first_frame + index] for index in range(frame_of[-1] + 1)]
+        rays = np.flatnonzero(np.any([frame.active[number] for frame in frames], axis=0))
+        if len(rays) == 0:
+            return np.zeros((len(receivers), len(grid.samples)))
+        images = np.einsum('rij,m...j->rm...i', self._mirrors[rays], receivers) + self._shifts[rays][:, None, None, None]
+        times = (grid.instants * (self._ratio / self._rate)).ravel()
+        c = self._medium.speed_of_sound
+        delay = retarded_delay(self._sources[number].position, images.reshape(*images.shape[:2], -1, 3), times, c)
+        delay = delay.reshape(images.shape[:-1])
+        signals = np.array([frame.signals[number, rays] for frame in frames])  # (frames, rays, length)
+        begins = np.array([frame.first[number, rays] for frame in frames])
+        places = grid.samples * self._ratio - grid.to_samples(delay) * self._rate - begins[frame_of].T[:, None]
+        rows = np.broadcast_to((frame_of * len(rays) + np.arange(len(rays))[:, None])[:, None], places.shape)
+        try:
+            values = interpolate(signals.reshape(-1, signals.shape[-1]), rows, places)
+        except ValueError as error:
+            when = grid.samples[0] / self._rate
+            raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of sound, '
+                             f'near {when:.2f} s') from error
+        gain = db_to_ratio(self._sources[number].gain_db) * grid.to_samples(self._medium.attenuation(delay * c))
+        return np.einsum('rmn,rmn->mn', gain, values)
+
+    def _begin_frames(self, start: int, samples: int, positions: NDArray) -> None:
+        """Prepare the frames that begin within a block and forget those that ended before it."""
+        length = self._maker.samples
+        self._frames = {index: frame for index, frame in self._frames.items() if (index + 1) * length > start}
+        if start == 0:
+            apart = np.linalg.norm(positions[0] - positions[0].mean(axis=0), axis=-1).max()
+            self._spread = int(1.1 * apart / self._medium.speed_of_sound * self._rate) + 2
+        for index in range(-(-start // length), (start + samples - 1) // length + 1):
+            microphones = along_block(positions, start, samples, np.array([float(index * length)]))[:, 0]
+            self._frames[index] = self._frame(index * length * self._ratio, microphones.mean(axis=0))
+
+    def _frame(self, heard_at: float, centre: NDArray) -> Frame:
+        """What is heard by the array's centre (3,) from a moment on, in samples of true time."""
+        images = self._mirrors @ centre + self._shifts
+        sent = np.empty((len(self._sources), len(images)))
+        factors = None if self._plain else np.zeros((*sent.shape, len(self._air)), complex)
+        for number, source in enumerate(self._sources):
+            now = np.array([heard_at / self._rate])
+            delay = retarded_delay(source.position, images[:, None], now, self._medium.speed_of_sound)[:, 0]
+            sent[number] = heard_at - delay * self._rate
+            if factors is not None:
+                factors[number] = self._factors(source, sent[number] / self._rate, images, centre)
+        return self._maker.make(sent, factors, self._spread)
+
+    def _factors(self, source: Source, sent_s: NDArray, images: NDArray, centre: NDArray) -> NDArray:
+        """Responses (rays, F) from a source, where it was at times (rays,), to the centre and its images (rays, 3)."""
+        places = source.position(sent_s)
+        ways = images - places
+        distance = np.linalg.norm(ways, axis=1, keepdims=True)
+        factors = 10.0 ** (-self._air * distance / 20.0) * (1.0 + 0.0j)
+        if source.directivity is not None:
+            factors *= source.directivity(ways / np.maximum(distance, 1e-9), self._maker.frequency_hz, float(sent_s[0]))
+        for factor, ray in zip(factors, self._rays, strict=True):
+            on_the_way = ray.factor(places[0], centre)
+            factor *= 0.0 if on_the_way is None else on_the_way
+        return factors

@@ -1,0 +1,167 @@
+"""The ways sound takes: direct, over the ground, off the faces of obstacles and the walls of a room.
+
+A reflected ray is a straight one to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (3,), so
+that the image is mirror @ receiver + shift, and a `factor` (F,) on the amplitude at the frequencies the rays were made
+for, or None while nothing comes that way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_simulator.sound.diffraction import occlusion
+from av_simulator.sound.ground import Ground
+from av_simulator.sound.materials import reflection_factor
+from av_simulator.sound.obstacles import Face, Obstacle
+from av_simulator.sound.surroundings import Room, Surroundings
+
+_MARGIN_M = 1.5  # an edge farther from the way than this matters below 100 Hz only
+
+
+class Ray(Protocol):
+    """One way from a source to the receivers."""
+
+    mirror: NDArray
+    shift: NDArray
+
+    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
+        """(F,), real or complex, or None; source and receiver (3,) in world ENU."""
+
+
+def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: float) -> list[Ray]:
+    """The direct ray first, then all others."""
+    shade = Shade(surroundings.obstacles, frequency_hz, speed_of_sound)
+    rays: list[Ray] = [DirectRay(shade)]
+    ground = surroundings.ground
+    if ground is not None:
+        rays.append(GroundRay(ground, shade))
+    for obstacle in surroundings.obstacles:
+        if obstacle.reflects:
+            kept = reflection_factor(obstacle.absorption, frequency_hz)
+            for face in obstacle.faces():
+                rays.append(FaceRay(face, kept, shade, obstacle))
+                if ground is not None and face.upright:
+                    rays.append(FaceRay(face, kept, shade, obstacle, ground))
+    if surroundings.room is not None:
+        rays.extend(_room_rays(surroundings.room, frequency_hz))
+    return rays
+
+
+class Shade:
+    """What obstacles leave of sound on straight ways; those far from a way are not looked at."""
+
+    def __init__(self, obstacles: tuple[Obstacle, ...], frequency_hz: NDArray, speed_of_sound: float):
+        # Nothing is heard at 0 Hz, where an edge would lose nothing and the step would spread to its neighbours.
+        self.frequency_hz, self.speed_of_sound = np.maximum(frequency_hz, frequency_hz[1]), speed_of_sound
+        self._obstacles = list(obstacles)
+        corners = [obstacle.footprint for obstacle in obstacles]
+        self._center = np.array([footprint.mean(axis=0) for footprint in corners]).reshape(-1, 2)
+        self._reach = np.array([np.hypot(*(f - f.mean(axis=0)).T).max() for f in corners]) + _MARGIN_M
+
+    def factor(self, start: NDArray, end: NDArray, but: Obstacle | None = None) -> NDArray:
+        """(F,) on the way from start to end, (3,) each, past all obstacles but one."""
+        along = end[:2] - start[:2]
+        share = np.clip((self._center - start[:2]) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+        apart = self._center - start[:2] - share[:, None] * along
+        near = np.flatnonzero(np.hypot(*apart.T) < self._reach)
+        close = [self._obstacles[index] for index in near if self._obstacles[index] is not but]
+        return occlusion(close, start, end, self.frequency_hz, self.speed_of_sound)
+
+
+class DirectRay:
+    """The straight way."""
+
+    def __init__(self, shade: Shade):
+        self.mirror, self.shift = np.eye(3), np.zeros(3)
+        self._shade = shade
+
+    def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
+        """See Ray."""
+        return self._shade.factor(source, receiver)
+
+
+class GroundRay:
+    """By way of the ground."""
+
+    def __init__(self, ground: Ground, shade: Shade):
+        self.mirror = np.diag([1.0, 1.0, -1.0])
+        self.shift = np.array([0.0, 0.0, 2.0 * ground.height_m])
+        self._ground, self._shade = ground, shade
+
+    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
+        """See Ray."""
+        above, heard_above = source[2] - self._ground.height_m, receiver[2] - self._ground.height_m
+        if above < 0.0 or heard_above < 0.0:
+            return None
+        path = self.mirror @ receiver + self.shift - source
+        touched = source + path * (above / max(above + heard_above, 1e-9))
+        reflected = ground_factor(self._ground, path, self._shade)
+        return reflected * self._shade.factor(source, touched) * self._shade.factor(touched, receiver)
+
+
+def ground_factor(ground: Ground, path: NDArray, shade: Shade) -> NDArray:
+    """Reflection (F,) of the ground on a path (3,) from the source to the receiver's image."""
+    length = np.linalg.norm(path)
+    return ground.reflection(np.abs(path[2]) / length, length, shade.frequency_hz, shade.speed_of_sound)
+
+
+class FaceRay:
+    """Off one face of an obstacle and, with `ground`, off the ground too."""
+
+    def __init__(self, face: Face, kept: NDArray, shade: Shade, obstacle: Obstacle, ground: Ground | None = None):
+        self.mirror = np.eye(3) - 2.0 * np.outer(face.normal, face.normal)
+        self.shift = 2.0 * face.offset * face.normal
+        if ground is not None:
+            self.mirror = self.mirror @ np.diag([1.0, 1.0, -1.0])
+            self.shift = self.shift + np.array([0.0, 0.0, 2.0 * ground.height_m])
+        self._face, self._kept, self._shade, self._obstacle, self._ground = face, kept, shade, obstacle, ground
+
+    def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
+        """See Ray."""
+        before, behind = (self._face.normal @ point - self._face.offset for point in (source, receiver))
+        if before <= 0.0 or behind <= 0.0:
+            return None
+        path = self.mirror @ receiver + self.shift - source
+        touched = source + path * (before / (before + behind))
+        if self._ground is not None:
+            touched[2] = self._ground.height_m + abs(touched[2] - self._ground.height_m)
+        if not self._face.holds(touched):
+            return None
+        factor = self._kept * self._shade.factor(source, touched, self._obstacle)
+        factor = factor * self._shade.factor(touched, receiver, self._obstacle)
+        return factor if self._ground is None else factor * ground_factor(self._ground, path, self._shade)
+
+
+@dataclass(frozen=True)
+class WallsRay:
+    """Off walls of a room, with a loss that never changes."""
+
+    mirror: NDArray
+    shift: NDArray
+    kept: NDArray
+
+    def factor(self, source: NDArray, receiver: NDArray) -> NDArray:
+        """See Ray."""
+        return self.kept
+
+
+def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
+    """All rays with 1 to `order` reflections (Allen and Berkley 1979, but the receiver is mirrored, not the source)."""
+    low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
+    kept = np.array([reflection_factor(absorption, frequency_hz) for absorption in room.walls]).reshape(3, 2, -1)
+    reach = range(-room.order, room.order + 1)
+    for turns in product(reach, reach, reach):
+        # Along one axis, `turn` reflections give the image 2 * size * ceil(turn / 2) +- x; an odd number of them mirrors.
+        hits = [(abs(turn // 2), abs((turn + 1) // 2)) for turn in turns]
+        if not 0 < sum(map(sum, hits)) <= room.order:
+            continue
+        sign = np.array([1.0 if turn % 2 == 0 else -1.0 for turn in turns])
+        cells = np.array([(turn + 1) // 2 for turn in turns])
+        loss = np.prod([kept[axis, side] ** hits[axis][side] for axis in range(3) for side in range(2)], axis=0)
+        yield WallsRay(np.diag(sign), low - sign * low + 2.0 * cells * size, loss)

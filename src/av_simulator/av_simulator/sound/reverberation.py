@@ -1,0 +1,223 @@
+"""Late reverberation in zones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, rfft
+
+from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
+from av_simulator.sound.fields import diffuse, field_noise
+from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate, kernels
+from av_simulator.sound.levels import db_to_ratio
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.source import Source
+from av_simulator.sound.stream import Stream
+
+_PRE_DELAY_S = 0.02  # before it come the reflections that are told one by one
+_ALIKE_M = 0.1  # over so much of the way of source or microphones the answer is alike, as a diffuse field of 1 kHz is
+
+
+@dataclass(frozen=True)
+class ReverbZone:
+    """A box of world space that answers sound when the source or the rig is inside.
+
+    `decay_s` is the time of 60 dB below the frequencies that air swallows. `density` is the number of separate echoes
+    in a second; `diffusion`, 0 to 1, the share of the energy that is smooth instead. `gain_db` is the energy of all
+    reverberation over that of the direct sound at 1 m; by default it follows from Sabine's formula and the zone's
+    volume. Within `edge_m` of the box the zone fades in; a partner that stays outside is heard as 1/r of its distance
+    to the box.
+    """
+
+    minimum: Sequence[float]
+    maximum: Sequence[float]
+    decay_s: float = 1.0
+    gain_db: float | None = None
+    density: float = 2000.0
+    diffusion: float = 0.7
+    edge_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not np.all(np.less(self.minimum, self.maximum)):
+            raise ValueError(f'zone minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
+                             'expected minimum < maximum')
+        for name, value, low, high in (('decay_s', self.decay_s, 0.05, 20.0), ('density', self.density, 1.0, 1e5),
+                                       ('diffusion', self.diffusion, 0.0, 1.0)):
+            if not low <= value <= high:
+                raise ValueError(f'zone {name} is {value}, expected {low} to {high}')
+
+    def gain(self) -> float:
+        """Amplitude ratio of `gain_db`. Sabine: 16 pi / A at 1 m, with the absorption area A = 0.161 V / T."""
+        if self.gain_db is not None:
+            return 10.0 ** (self.gain_db / 20.0)
+        volume = float(np.prod(np.subtract(self.maximum, self.minimum)))
+        return float(np.sqrt(16.0 * np.pi * self.decay_s / (0.161 * volume)))
+
+    def weight(self, sources: NDArray, listeners: NDArray) -> NDArray:
+        """Share (...,) of the sound at places (..., 3) that the zone answers."""
+        gaps = np.array([self._outside(sources), self._outside(listeners)])
+        inside = np.clip(1.0 - gaps.min(axis=0) / self.edge_m, 0.0, 1.0)
+        return inside / np.maximum(gaps.max(axis=0), 1.0)
+
+    def _outside(self, places: NDArray) -> NDArray:
+        """Distance (...,) from the box, 0 inside."""
+        return np.linalg.norm(np.maximum(np.maximum(np.subtract(self.minimum, places), places - self.maximum), 0.0), axis=-1)
+
+
+class Reverberation:
+    """The answer of all zones at microphones with a given layout (m, 3).
+
+    A room answers anew wherever source and microphones are: with one answer for all places, a steady tone would seem to
+    come from one and the same direction for ever.
+    """
+
+    def __init__(self, zones: Sequence[ReverbZone], sample_rate: int, clock_ratio: float, sources: Sequence[Source],
+                 voices: Sequence[Stream], medium: Medium, layout: NDArray, key: Sequence[int]):
+        self._zones, self._rate, self._ratio = list(zones), sample_rate, clock_ratio
+        self._sources, self._voices, self._medium = list(sources), list(voices), medium
+        block = 2 ** round(np.log2(_PRE_DELAY_S / 2.0 * sample_rate))
+        answers = [Answer.of(zone, sample_rate, medium, layout, block, [*key, number]) for number, zone in enumerate(zones)]
+        self._convolutions = [[MovingConvolution(answer) for answer in answers] for _ in self._sources]
+
+    def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
+        """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
+        centre = positions.mean(axis=1, keepdims=True)
+        grid = BlockGrid(start, samples, moving=bool(np.any(centre != centre[0])))
+        listener = along_block(centre, start, samples, grid.instants)[0]
+        microphones = along_block(positions, start, samples, grid.instants)
+        times = (grid.instants * (self._ratio / self._rate)).ravel()
+        pressure = np.zeros((len(microphones), samples))
+        for source, voice, convolutions in zip(self._sources, self._voices, self._convolutions, strict=True):
+            delay = retarded_delay(source.position, listener.reshape(-1, 3), times, self._medium.speed_of_sound)
+            place = source.position(times - delay).reshape(listener.shape)
+            sent_at = grid.samples * self._ratio - grid.to_samples(delay.reshape(listener.shape[:-1])) * self._rate
+            first = int(np.floor(sent_at.min())) - BEFORE - 1
+            sent = voice.read(first, int(sent_at.max()) + AFTER + 3)
+            heard = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
+            ways = np.moveaxis(np.concatenate([place[None], microphones / np.sqrt(len(microphones))]), -1, 1)
+            where = grid.to_samples(ways.reshape(-1, *listener.shape[:-1]))
+            for zone, convolution in zip(self._zones, convolutions, strict=True):
+                pressure += convolution.process(grid.to_samples(zone.weight(place, listener)) * heard, where)
+        return pressure
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A zone's answer in parts of `block` samples, each a mixture of two that follows the place, coordinates (d,) in m.
+
+    spectra: (m, parts, 2, frequencies); turns, phases: of a random plane wave for each part (parts, d), (parts,), whose sine
+    and cosine are the two shares (random Fourier features, Rahimi and Recht 2007: alike over _ALIKE_M, Gaussian).
+    """
+
+    spectra: NDArray
+    turns: NDArray
+    phases: NDArray
+    block: int
+
+    @classmethod
+    def of(cls, zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, block: int, key: Sequence[int]) -> Answer:
+        """For a source and microphones with a given layout (m, 3): d is 3 (1 + m)."""
+        both = np.stack([impulse_response(zone, sample_rate, medium, layout, [*key, way]) for way in range(2)], axis=1)
+        random = np.random.default_rng([*key, 2])
+        parts = -(-both.shape[2] // block)
+        return cls.cut(both, block, random.standard_normal((parts, 3 * (1 + len(layout)))) / _ALIKE_M,
+                       random.uniform(0.0, 2.0 * np.pi, parts))
+
+    @classmethod
+    def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
+        """Of two responses (m, 2, length)."""
+        padded = np.pad(both, ((0, 0), (0, 0), (0, len(turns) * block - both.shape[2])))
+        parts = np.moveaxis(padded.reshape(*both.shape[:2], len(turns), block), 1, 2)
+        return cls(rfft(parts, 4 * block).astype(np.complex64), turns, phases, block)
+
+    def shares(self, place: NDArray) -> NDArray[np.float32]:
+        """How much of both is heard (parts, 2) of each part; the squares sum to 1."""
+        angles = self.turns @ place + self.phases
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
+
+
+def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, key: Sequence[int]) -> NDArray:
+    """The zone's answer (m, length) to a pulse.
+
+    It is diffuse noise plus echoes, which are plane waves from random directions; both decay.
+    """
+    length = int(1.1 * zone.decay_s * sample_rate)
+    smooth = field_noise([*key, 0], sample_rate, layout, np.ones_like, diffuse(medium.speed_of_sound)).read(0, length)
+    random = np.random.default_rng([*key, 1])
+    count = random.poisson(zone.density * length / sample_rate)
+    directions = random.standard_normal((count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    earlier = (layout - layout.mean(axis=0)) @ directions.T * (sample_rate / medium.speed_of_sound)
+    arrivals = np.clip(random.uniform(0.0, length, count) - earlier, BEFORE, length - AFTER - 1)  # (m, count)
+    below = np.floor(arrivals).astype(int)
+    pulses = random.choice([-1.0, 1.0], count)[:, None] * kernels(arrivals - below)
+    echoes = np.zeros_like(smooth)
+    for echo, indices, pulse in zip(echoes, below[..., None] + np.arange(-BEFORE, AFTER + 1), pulses, strict=True):
+        np.add.at(echo, indices, pulse)
+    density_gain = np.sqrt(sample_rate / zone.density)
+    answer = np.sqrt(zone.diffusion) * smooth + np.sqrt(1.0 - zone.diffusion) * density_gain * echoes
+    answer = _decaying(answer, zone.decay_s, sample_rate, medium)
+    return answer * zone.gain() / np.sqrt(np.mean(np.sum(answer**2, axis=1)))
+
+
+def _decaying(signal: NDArray, decay_s: float, sample_rate: int, medium: Medium) -> NDArray:
+    """The signal (m, length) decaying by 60 dB in `decay_s`, and faster where the air absorbs (both rates add)."""
+    size = 2 ** round(np.log2(0.02 * sample_rate))
+    hop, length = size // 2, signal.shape[1]
+    rate_db = 60.0 / decay_s + medium.speed_of_sound * medium.absorption_db_per_m(np.fft.rfftfreq(size, 1.0 / sample_rate))
+    window = np.sin(np.pi * (np.arange(size) + 0.5) / size)
+    padded = np.pad(signal, ((0, 0), (hop, 2 * size)))
+    decayed = np.zeros_like(padded)
+    for begin in range(0, length + hop, hop):
+        gain = 10.0 ** (-rate_db * (begin / sample_rate) / 20.0)
+        piece = rfft(padded[:, begin:begin + size] * window) * gain
+        decayed[:, begin:begin + size] += irfft(piece, size) * window
+    return decayed[:, hop:hop + length]
+
+
+class MovingConvolution:
+    """Convolution with an answer that changes with the place, in equal parts (Stockham 1966), later by two blocks.
+
+    The sound of each block meets the answer of its own place; between blocks it passes linearly from one to the next.
+    """
+
+    def __init__(self, answer: Answer):
+        self._answer, self._block = answer, answer.block
+        outputs, parts, _, frequencies = answer.spectra.shape
+        self._each = np.arange(parts)
+        self._heard = np.zeros((parts, frequencies), np.complex64)  # ring of the last blocks' spectra, older ones further on
+        self._shares = np.zeros((parts, parts, 2), np.float32)  # and theirs of each part
+        self._filled = self._newest = 0
+        rising = (np.arange(self._block) + 0.5) / self._block
+        self._window = np.concatenate([rising, rising[::-1]])
+        self._input, self._output = np.zeros(2 * self._block), np.zeros((outputs, 3 * self._block))
+
+    def process(self, samples: NDArray, places: NDArray) -> NDArray:
+        """The next samples (n,), sent at places (d, n), to the next output (m, n)."""
+        output, done = np.empty((len(self._output), len(samples))), 0
+        while done < len(samples):
+            taken = min(self._block - self._filled, len(samples) - done)
+            now = slice(self._filled, self._filled + taken)
+            output[:, done:done + taken] = self._output[:, now]
+            self._input[self._block:][now] = samples[done:done + taken]
+            if self._filled == 0:
+                self._place = places[:, done]
+            self._filled, done = self._filled + taken, done + taken
+            if self._filled == self._block:
+                self._turn()
+        return output
+
+    def _turn(self) -> None:
+        self._newest = (self._newest or len(self._heard)) - 1
+        self._heard[self._newest] = rfft(self._input * self._window, 4 * self._block)
+        self._shares[self._newest] = self._answer.shares(self._place)
+        order = (self._newest + self._each) % len(self._heard)
+        mixed = self._shares[order, self._each][..., None] * self._heard[order][:, None]
+        answer = irfft((self._answer.spectra * mixed).sum(axis=(1, 2)), 4 * self._block)
+        self._output = np.pad(self._output[:, self._block:], ((0, 0), (0, self._block)))
+        self._output += answer[:, :3 * self._block]
+        self._input[:self._block] = self._input[self._block:]
+        self._filled = 0

@@ -1,0 +1,166 @@
+"""The voice of a multirotor: harmonics of each rotor's blade passing, and the broadband noise of its blades."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.signal import firwin
+
+from av_simulator.sound.delays import Position
+from av_simulator.sound.levels import db_to_ratio, spl_to_pascal
+from av_simulator.sound.stream import CHUNK, VOICE_CHUNKS, Stream, filtered, white_noise
+from av_simulator.sound.wander import Wander
+
+_TABLE = 8192  # points of one turn of a rotor
+_MILESTONE = 256  # every so many chunks the turns are remembered for good
+_STEPS = 128  # steps a chunk in which the rotors' speeds are integrated
+_FASTEST = 1.6  # greatest speed relative to rotor_hz for which no harmonic is folded at half the sample rate
+
+_GRAVITY = 9.80665
+_DRAG_PER_M = 0.017  # deceleration over speed squared: a tilt of 35 degrees at 20 m/s
+_STEP_S = 0.1  # of the differences that give velocity and acceleration: what a flight controller follows
+
+Speed = Callable[[NDArray], NDArray]  # times (k,) -> speeds relative to hovering (k, rotors) or (k, 1)
+
+
+def thrust_speed(position: Position) -> Speed:
+    """Rotor speed relative to hovering for the motion of a source: thrust grows with the square of it (actuator disk theory).
+
+    Thrust carries the weight, accelerates and works against drag. It is kept within 0.25 and 2.5 times the weight.
+    """
+    def speed(times: NDArray) -> NDArray:
+        before, now, after = (position(times + step) for step in (-_STEP_S, 0.0, _STEP_S))
+        velocity, acceleration = (after - before) / (2 * _STEP_S), (after - 2.0 * now + before) / _STEP_S**2
+        drag = _DRAG_PER_M * velocity * np.linalg.norm(velocity, axis=1, keepdims=True)
+        thrust = np.linalg.norm(acceleration + drag + [0.0, 0.0, _GRAVITY], axis=1, keepdims=True) / _GRAVITY
+        return np.sqrt(np.clip(thrust, 0.25, 2.5))
+
+    return speed
+
+
+def _hover(times: NDArray) -> NDArray:
+    return np.ones((len(times), 1))
+
+
+@dataclass(frozen=True)
+class RotorVoice:
+    """Several rotors. Levels are those of the whole vehicle at 1 m.
+
+    A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first
+    (beyond the list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the
+    first harmonic at `imbalance_db`. Turbulence makes each rotor's speed wander by `jitter` (relative, root mean
+    square) at rates up to `jitter_hz`. `rotor_hz` is hovering; with `follow` the speeds change with the thrust that the
+    source's motion takes, or as `speed` says: relative to `rotor_hz`, at times (k,) as (k, rotors) or (k, 1). The
+    broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
+    """
+
+    rotor_hz: Sequence[float] = (92.0, 94.5, 90.5, 96.0)
+    blades: int = 2
+    tone_db_spl: float = 72.0
+    harmonics_db: Sequence[float] = (0.0, -3.0, -6.0, -7.0, -9.0, -11.0)
+    rolloff_db: float = 1.0
+    harmonics: int = 30
+    imbalance_db: float = -20.0
+    jitter: float = 0.004
+    jitter_hz: float = 12.0
+    broadband_db_spl: float = 70.0
+    broadband_hz: tuple[float, float] = (400.0, 7000.0)
+    modulation: float = 0.3
+    follow: bool = True
+    speed: Speed | None = None
+
+    def __post_init__(self) -> None:
+        if not len(self.rotor_hz) or min(self.rotor_hz) <= 0.0:
+            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed in turns per second for each rotor')
+        if self.blades < 1:
+            raise ValueError(f'blades is {self.blades}, expected 1 or more')
+        low, high = self.broadband_hz
+        if not 0.0 < low < high:
+            raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
+
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
+        speed = self.speed or (thrust_speed(position) if self.follow else _hover)
+        turns = _Turns(self, speed, sample_rate, key)
+        waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
+        low, high = self.broadband_hz
+        shape = firwin(255, [low, min(high, 0.45 * sample_rate)], pass_zero=False, fs=sample_rate)
+        hiss = filtered(white_noise([*key, 2]), shape)
+        swell_power = 1.0 + self.modulation**2 / (2.0 * len(self.rotor_hz))
+        gain = spl_to_pascal(self.broadband_db_spl) / np.sqrt(np.sum(shape**2) * swell_power)
+
+        def make(index: int) -> NDArray:
+            turned = turns.chunk(index)
+            fraction = turned - np.floor(turned)
+            tone = sum(_look_up(wave, part * _TABLE) for wave, part in zip(waveforms, fraction, strict=True))
+            swell = 1.0 + self.modulation * np.cos(2 * np.pi * self.blades * fraction).mean(axis=0)
+            return tone + gain * swell * hiss.read(index * CHUNK, (index + 1) * CHUNK)
+
+        return Stream(make, VOICE_CHUNKS)
+
+    def _waveforms(self, sample_rate: int, random: np.random.Generator) -> NDArray:
+        """One turn of each rotor, (rotors, _TABLE), in Pa at 1 m; the phases of the harmonics are drawn at random."""
+        rotors = len(self.rotor_hz)
+        listed = np.asarray(self.harmonics_db, float)[:self.harmonics]
+        beyond = listed[-1] - self.rolloff_db * np.arange(1, self.harmonics - len(listed) + 1)
+        amplitude = np.zeros(_TABLE // 2 + 1)
+        amplitude[1:self.blades] = db_to_ratio(self.imbalance_db)
+        levels_db = np.concatenate([listed, beyond])
+        amplitude[self.blades:self.blades * (self.harmonics + 1):self.blades] = 10.0 ** (levels_db / 20.0)
+        amplitude[int(0.45 * sample_rate / (_FASTEST * max(self.rotor_hz))):] = 0.0
+        amplitude *= spl_to_pascal(self.tone_db_spl) * np.sqrt(2.0 / (rotors * np.sum(amplitude**2)))
+        phase = np.exp(2j * np.pi * random.random((rotors, len(amplitude))))
+        return np.fft.irfft(amplitude * phase, axis=-1) * _TABLE / 2.0
+
+
+def _look_up(wave: NDArray, places: NDArray) -> NDArray:
+    """Values of one turn (_TABLE,) at places 0 ... _TABLE, straight between its points."""
+    below = places.astype(int)
+    return wave[below] + (places - below) * (np.roll(wave, -1)[below] - wave[below])
+
+
+class _Turns:
+    """How often each rotor has turned: the integral of its speed from time zero, both ways, whatever is asked first."""
+
+    def __init__(self, voice: RotorVoice, speed: Speed, sample_rate: int, key: Sequence[int]):
+        rotors = len(voice.rotor_hz)
+        self._voice, self._rate, self._speed_given = voice, sample_rate, speed
+        self._turbulence = Wander([*key, 0], voice.jitter_hz, rotors)
+        self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
+
+    def chunk(self, index: int) -> NDArray:
+        """Turns (rotors, CHUNK) at the samples of a chunk."""
+        places, speeds, turns = self._integrate(index)
+        turns = turns + self._start(index)
+        spline = CubicHermiteSpline(places[::2], turns, speeds[::2])
+        return spline(np.arange(CHUNK) / self._rate + places[0]).T
+
+    def _integrate(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Instants (2 * _STEPS + 1,), speeds there, and turns since the first at every second one (Simpson's rule)."""
+        places = (index + np.arange(2 * _STEPS + 1) / (2 * _STEPS)) * (CHUNK / self._rate)
+        speeds = self._speed(places)
+        step = CHUNK / self._rate / _STEPS
+        steps = (speeds[:-1:2] + 4.0 * speeds[1::2] + speeds[2::2]) * (step / 6.0)
+        return places, speeds, np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
+
+    def _start(self, index: int) -> NDArray:
+        way = 1 if index > 0 else -1
+        known = index
+        while known not in self._at_start:
+            known -= way
+        for passed in range(known, index, way):
+            turned = self._integrate(min(passed, passed + way))[2][-1]
+            self._at_start[passed + way] = self._at_start[passed] + way * turned
+            forgotten = passed - way * VOICE_CHUNKS
+            if forgotten % _MILESTONE:
+                self._at_start.pop(forgotten, None)
+        return self._at_start[index]
+
+    def _speed(self, times: NDArray) -> NDArray:
+        """Turns per second of each rotor at times (k,): (k, rotors)."""
+        wander = 1.0 + self._voice.jitter * self._turbulence(times)
+        return np.asarray(self._voice.rotor_hz) * wander * self._speed_given(times)

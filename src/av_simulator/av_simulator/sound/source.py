@@ -1,0 +1,19 @@
+"""A thing that sounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from av_simulator.sound.delays import Position
+from av_simulator.sound.directivity import Directivity
+from av_simulator.sound.voices import Voice
+
+
+@dataclass(frozen=True)
+class Source:
+    """A point that sounds. `position` gives world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well."""
+
+    position: Position
+    voice: Voice
+    gain_db: float = 0.0
+    directivity: Directivity | None = None

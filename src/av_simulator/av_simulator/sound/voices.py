@@ -1,0 +1,120 @@
+"""What sources sound like: recordings, tones and formulas; rotors are in rotor.py.
+
+A voice is a plain description; `voice.stream(sample_rate, key, position)` makes its signal: the sound pressure in Pa at
+1 m against time of emission, sample 0 at time 0. `key` names its random numbers, `position` is its source's, for voices
+that follow it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+from scipy.signal import resample_poly
+
+from av_simulator.sound.delays import Position
+from av_simulator.sound.levels import spl_to_pascal
+from av_simulator.sound.stream import CHUNK, VOICE_CHUNKS, Stream
+
+
+class Voice(Protocol):
+    """What a source needs of its voice."""
+
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """The signal of one source."""
+
+
+@dataclass(frozen=True)
+class FormulaVoice:
+    """Pressure in Pa at 1 m as a function of time in s: (k,) -> (k,)."""
+
+    pressure: Callable[[NDArray], NDArray]
+
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
+        return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate), VOICE_CHUNKS)
+
+
+@dataclass(frozen=True)
+class ToneVoice:
+    """A sine of one frequency."""
+
+    frequency_hz: float = 1000.0
+    level_db_spl: float = 74.0
+
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
+        amplitude = np.sqrt(2.0) * spl_to_pascal(self.level_db_spl)
+        return FormulaVoice(lambda t: amplitude * np.sin(2 * np.pi * self.frequency_hz * t)).stream(sample_rate, key, position)
+
+
+@dataclass(frozen=True)
+class RecordingVoice:
+    """A sound file of any format and rate that libsndfile reads; channels are averaged unless one is chosen.
+
+    The level is that of the whole file at 1 m. `pitch` above 1 plays it faster and higher. A loop is joined by a
+    cross-fade of `fade_s`; one shot begins at `start_s` and is followed by silence.
+    """
+
+    file: str | Path
+    level_db_spl: float = 74.0
+    pitch: float = 1.0
+    loop: bool = True
+    start_s: float = 0.0
+    channel: int | None = None
+    fade_s: float = 0.05
+
+    def __post_init__(self) -> None:
+        if not Path(self.file).is_file():
+            raise FileNotFoundError(f'voice file is {str(self.file)!r}, which does not exist')
+        if not 0.1 <= self.pitch <= 10.0:
+            raise ValueError(f'voice pitch is {self.pitch}, expected 0.1 to 10')
+
+    def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
+        """See Voice."""
+        samples = self._load(sample_rate)
+        if self.loop:
+            samples = _join_ends(samples, int(self.fade_s * sample_rate))
+        begin = round(self.start_s * sample_rate)
+
+        def make(index: int) -> NDArray:
+            place = np.arange(index * CHUNK, (index + 1) * CHUNK) - begin
+            if self.loop:
+                return samples[place % len(samples)]
+            inside = (place >= 0) & (place < len(samples))
+            return np.where(inside, samples[np.clip(place, 0, len(samples) - 1)], 0.0)
+
+        return Stream(make, VOICE_CHUNKS)
+
+    def _load(self, sample_rate: int) -> NDArray:
+        try:
+            recorded, rate = soundfile.read(self.file, always_2d=True)
+        except RuntimeError as error:
+            raise ValueError(f'voice file {str(self.file)!r} cannot be read: {error}') from error
+        if self.channel is not None and not 0 <= self.channel < recorded.shape[1]:
+            raise ValueError(f'voice channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
+                             f'{recorded.shape[1] - 1}')
+        mono = recorded.mean(axis=1) if self.channel is None else recorded[:, self.channel]
+        ratio = Fraction(sample_rate / (rate * self.pitch)).limit_denominator(1000)
+        samples = resample_poly(mono, ratio.numerator, ratio.denominator)
+        rms = np.sqrt(np.mean(samples**2))
+        if len(samples) == 0 or rms == 0.0:
+            raise ValueError(f'voice file {str(self.file)!r} is empty or silent')
+        return samples * spl_to_pascal(self.level_db_spl) / rms
+
+
+def _join_ends(samples: NDArray, fade: int) -> NDArray:
+    """The recording shortened by `fade` samples, its end cross-faded at equal power into its beginning."""
+    fade = min(fade, len(samples) // 2)
+    if fade == 0:
+        return samples
+    angle = (np.arange(fade) + 0.5) / fade * np.pi / 2
+    joined = samples[:-fade].copy()
+    joined[:fade] = np.sin(angle) * samples[:fade] + np.cos(angle) * samples[-fade:]
+    return joined

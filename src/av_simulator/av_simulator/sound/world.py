@@ -1,0 +1,105 @@
+"""What the microphones of a moving rig hear."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from av_simulator.sound.levels import db_to_ratio
+from av_simulator.sound.medium import Medium
+from av_simulator.sound.noise import Noise
+from av_simulator.sound.propagation import Propagation
+from av_simulator.sound.reverberation import Reverberation
+from av_simulator.sound.source import Source
+from av_simulator.sound.stream import Stream, band_power
+from av_simulator.sound.surroundings import Surroundings
+
+
+class SoundWorld:
+    """Renders what each microphone hears, block by block.
+
+    The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where
+    the microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however
+    time is cut into blocks; with moving microphones, blocks must be multiples of 80 samples for that.
+    """
+
+    def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
+                 noise: Noise | None = None, seed: int = 0, full_scale_pa: float = 1.0,
+                 surroundings: Surroundings | None = None, clock_ppm: float = 0.0):
+        """`full_scale_pa` is the pressure that gives a sample of 1; the microphones' clock is fast by `clock_ppm`."""
+        if sample_rate < 8000:
+            raise ValueError(f'sample_rate is {sample_rate}, expected 8000 Hz or more')
+        self._rate, self._sources, self._microphones = sample_rate, list(sources), microphones
+        self._medium = medium or Medium()
+        self._noise, self._seed, self._full_scale_pa = noise or Noise(), seed, full_scale_pa
+        self._clock_rate = sample_rate * (1.0 + clock_ppm * 1e-6)
+        self._voices = [source.voice.stream(sample_rate, [seed, 1, number], source.position)
+                        for number, source in enumerate(self._sources)]
+        surroundings = surroundings or Surroundings()
+        self._propagation = Propagation(sample_rate, sample_rate / self._clock_rate, self._sources, self._voices, self._medium,
+                                        surroundings)
+        self._zones = surroundings.zones
+        self._reverberation: Reverberation | None = None
+        self._noise_stream: Stream | None = None
+        self._noise_gain = 1.0
+        self._next = 0
+        self._source_power = self._power_of_reference()
+
+    @property
+    def next_sample(self) -> int:
+        """Index of the first sample that the next call of `render` gives."""
+        return self._next
+
+    def time_of(self, sample: int) -> float:
+        """True time in s at which the microphones take a sample; sample 0 is at time 0."""
+        return sample / self._clock_rate
+
+    def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
+        """The next `n` samples of all microphones, (n, m) float32, where 1 is full scale.
+
+        microphone_positions (k, m, 3): world ENU in m at k >= 2 instants evenly spaced from the block's start to its
+        end inclusive; between them microphones move in straight lines (5 ms or less between instants keeps a turning
+        rig exact). Raises ValueError when the shape is wrong.
+        """
+        positions = np.asarray(microphone_positions, float)
+        if positions.ndim != 3 or positions.shape[1:] != (self._microphones, 3) or len(positions) < 2:
+            raise ValueError(f'microphone_positions has shape {positions.shape}, '
+                             f'expected (k, {self._microphones}, 3) with k >= 2')
+        if n < 1:
+            raise ValueError(f'n is {n}, expected 1 or more samples')
+        start, self._next = self._next, self._next + n
+        if start == 0:
+            self._begin(positions[0])
+        heard = self._propagation.render(start, n, positions)
+        heard += self._noise_gain * self._noise_stream.read(start, start + n)
+        if self._reverberation is not None:
+            heard += self._reverberation.render(start, n, positions)
+        return (heard.T / self._full_scale_pa).astype(np.float32)
+
+    def _begin(self, layout: NDArray) -> None:
+        """Make what needs the array's geometry (m, 3); wind hears the array as it stands now."""
+        self._noise_stream = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
+        if self._zones:
+            self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources,
+                                                self._voices, self._medium, layout, [self._seed, 2])
+        snr = self._noise.snr
+        if snr is not None:
+            steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
+            wanted = self._source_power / 10.0 ** (snr.ratio_db / 10.0)
+            self._noise_gain = float(np.sqrt(wanted / band_power(steady, self._rate, snr.band_hz)))
+
+    def _power_of_reference(self) -> float:
+        """In-band power at one microphone of the source that the ratio of source to noise refers to, in Pa^2."""
+        snr = self._noise.snr
+        if snr is None:
+            return 0.0
+        if not 0 <= snr.source < len(self._sources):
+            raise ValueError(f'snr source is {snr.source}, expected 0 to {len(self._sources) - 1}')
+        power = band_power(self._voices[snr.source], self._rate, snr.band_hz)
+        if power == 0.0:
+            raise ValueError(f'snr source is {snr.source}, which is silent in its first seconds; '
+                             'leave snr out and state the noise in dB SPL')
+        spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
+        return power * (spreading * db_to_ratio(self._sources[snr.source].gain_db)) ** 2

@@ -1,0 +1,170 @@
+"""Paths through the world: positions (k, 3) in metres ENU at any times (k,) in seconds, before zero as well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from av_common.config_reader import bounded
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Static:
+    """Stays where it is."""
+
+    position: Vector
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        return np.tile(np.array(self.position), (len(np.atleast_1d(times)), 1))
+
+
+@dataclass(frozen=True)
+class Line:
+    """Straight on at constant velocity (m/s), at `position` at `time`."""
+
+    position: Vector
+    velocity: Vector
+    time: float = 0.0
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        elapsed = np.atleast_1d(np.asarray(times, float)) - self.time
+        return np.array(self.position) + elapsed[:, np.newaxis] * np.array(self.velocity)
+
+
+@dataclass(frozen=True)
+class Circle:
+    """Around `center`, counter-clockwise unless the period is negative, with radius and height that may breathe."""
+
+    center: Vector
+    radius: float = bounded(10.0, above=0.0)
+    period: float = 60.0
+    start_deg: float = 0.0
+    radius_swing: float = bounded(0.0, low=0.0)
+    radius_period: float = bounded(20.0, above=0.0)
+    height_swing: float = bounded(0.0, low=0.0)
+    height_period: float = bounded(15.0, above=0.0)
+
+    def __post_init__(self) -> None:
+        if self.period == 0.0:
+            raise ValueError('period: 0 s, a time other than 0 expected')
+        if self.radius_swing >= self.radius:
+            raise ValueError(f'radius_swing: {self.radius_swing} m, less than the radius {self.radius} expected')
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        t = np.atleast_1d(np.asarray(times, float))
+        angle = np.deg2rad(self.start_deg) + 2 * np.pi * t / self.period
+        radius = self.radius + self.radius_swing * np.sin(2 * np.pi * t / self.radius_period)
+        height = self.height_swing * np.sin(2 * np.pi * t / self.height_period)
+        return np.array(self.center) + np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+
+
+@dataclass(frozen=True)
+class FigureEight:
+    """A lemniscate of Gerono, `length` along `heading_deg` (counter-clockwise from east) and `width` across."""
+
+    center: Vector
+    length: float = bounded(20.0, above=0.0)
+    width: float = bounded(10.0, above=0.0)
+    period: float = bounded(40.0, above=0.0)
+    heading_deg: float = 0.0
+    phase_deg: float = 0.0
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        phase = np.deg2rad(self.phase_deg) + 2 * np.pi * np.atleast_1d(np.asarray(times, float)) / self.period
+        along, across = self.length / 2 * np.sin(phase), self.width / 2 * np.sin(2 * phase)
+        c, s = np.cos(np.deg2rad(self.heading_deg)), np.sin(np.deg2rad(self.heading_deg))
+        offset = np.stack([c * along - s * across, s * along + c * across, np.zeros_like(along)], axis=1)
+        return np.array(self.center) + offset
+
+
+@dataclass(frozen=True)
+class Waypoints:
+    """Smoothly through points [time, x, y, z]: a cubic spline that starts and ends at rest and waits there."""
+
+    points: tuple[tuple[float, float, float, float], ...]
+
+    def __post_init__(self) -> None:
+        if len(self.points) < 2:
+            raise ValueError(f'points: {len(self.points)} of them, at least 2 expected')
+        table = np.array(self.points)
+        if not (np.diff(table[:, 0]) > 0).all():
+            raise ValueError(f'points: times {table[:, 0].tolist()} must rise')
+        object.__setattr__(self, '_spline', CubicSpline(table[:, 0], table[:, 1:], bc_type='clamped'))
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        t = np.atleast_1d(np.asarray(times, float))
+        return self._spline(np.clip(t, self.points[0][0], self.points[-1][0]))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Around `center` in steps, as a loudspeaker is carried around a tripod: `dwell` s at rest, `move` s on the way."""
+
+    center: Vector
+    radius: float = bounded(3.0, above=0.0)
+    step_deg: float = 20.0
+    dwell: float = bounded(4.0, low=0.0)
+    move: float = bounded(1.0, above=0.0)
+    start_deg: float = 0.0
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        steps, within = np.divmod(np.atleast_1d(np.asarray(times, float)), self.dwell + self.move)
+        moved = np.clip((within - self.dwell) / self.move, 0.0, 1.0)
+        smooth = moved**2 * (3 - 2 * moved)
+        angle = np.deg2rad(self.start_deg + self.step_deg * (steps + smooth))
+        flat = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+        return np.array(self.center) + self.radius * flat
+
+
+@dataclass(frozen=True)
+class RandomFlight:
+    """Wanders smoothly inside a box of half extents `extent` around `center`; changes take about `period` s."""
+
+    center: Vector
+    extent: Vector = (10.0, 10.0, 2.0)
+    period: float = bounded(12.0, above=0.0)
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        random = np.random.default_rng(self.seed)
+        terms = 4
+        amplitude = random.random((terms, 3))
+        object.__setattr__(self, '_amplitude', amplitude / amplitude.sum(axis=0) * np.array(self.extent))
+        object.__setattr__(self, '_rate', 2 * np.pi / self.period * random.uniform(0.3, 1.0, (terms, 3)))
+        object.__setattr__(self, '_phase', random.uniform(0.0, 2 * np.pi, (terms, 3)))
+
+    def __call__(self, times: ArrayLike) -> NDArray:
+        """Positions (k, 3) at times (k,)."""
+        t = np.atleast_1d(np.asarray(times, float))[:, np.newaxis, np.newaxis]
+        return np.array(self.center) + (self._amplitude * np.sin(self._rate * t + self._phase)).sum(axis=1)
+
+
+TRAJECTORIES = {'static': Static, 'line': Line, 'circle': Circle, 'figure_eight': FigureEight,
+                'waypoints': Waypoints, 'steps': Steps, 'random': RandomFlight}
+Trajectory = Annotated[Any, TRAJECTORIES]
+Position = Callable[[ArrayLike], NDArray]
+
+
+def velocity(position: Position, times: ArrayLike, step: float = 1e-3) -> NDArray:
+    """Velocities (k, 3) in m/s along a path, by central differences."""
+    t = np.atleast_1d(np.asarray(times, float))
+    return (position(t + step) - position(t - step)) / (2 * step)
+
+
+def acceleration(position: Position, times: ArrayLike, step: float = 5e-3) -> NDArray:
+    """Accelerations (k, 3) in m/s^2 along a path, by central differences."""
+    t = np.atleast_1d(np.asarray(times, float))
+    return (position(t + step) - 2 * position(t) + position(t - step)) / step**2

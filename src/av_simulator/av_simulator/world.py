@@ -1,0 +1,193 @@
+"""A scenario that runs: sound, views and true states, in fixed steps, without sockets and without a wall clock."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from av_common.config_files import find_config
+from av_common.rig import Rig
+from av_sim_bridge.vehicle import GRAVITY, VehicleState
+from av_simulator.rendering.mjcf import MOST_DRONES
+from av_simulator.rendering.scenes import Solid
+from av_simulator.rendering.stage import Stage
+from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
+from av_simulator.rig_dynamics import RigDynamics
+from av_simulator.scenario import Scenario, Target
+from av_simulator.sound import Box, Medium, Noise, RecordingVoice, RotorVoice, SoundWorld, Source, load_profile
+from av_simulator.sound.levels import spl_to_pascal
+from av_simulator.sound.obstacles import Obstacle
+from av_simulator.trajectories import Position, Static, acceleration, velocity
+
+INSTANT = 160   # samples between the instants at which the microphones' positions are known
+
+
+class World:
+    """One rig and its targets. `advance` moves on by one step; states and views may be asked for within that step."""
+
+    def __init__(self, scenario: Scenario, rig: Rig, seed: int | None = None, sample_rate: int = 48_000):
+        """seed: instead of the scenario's. Raises ValueError or OSError for voices and arrays that cannot be had."""
+        self.scenario, self.rig, self.sample_rate = scenario, rig, sample_rate
+        self.seed = scenario.seed if seed is None else seed
+        self.dynamics = RigDynamics(scenario.rig)
+        self._samples = 0
+        weather, array = scenario.weather, rig.array
+        self._sources = [_source(target) for target in scenario.targets]
+        self._sound = SoundWorld(
+            sample_rate, self._sources,
+            Medium(weather.temperature_c, weather.humidity_percent, weather.pressure_kpa, weather.absorption,
+                   weather.attenuation),
+            microphones=array.geometry.channels, noise=_noise(scenario.noise, rig), seed=self.seed,
+            full_scale_pa=spl_to_pascal(array.full_scale_db_spl), surroundings=scenario.surroundings,
+            clock_ppm=scenario.faults.clock_ppm)
+
+    @property
+    def time(self) -> float:
+        """End of the newest step in s."""
+        return self._samples / self.sample_rate
+
+    @property
+    def stage(self) -> Stage:
+        """What a renderer has to know beforehand."""
+        drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
+        return Stage(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
+                     tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
+                     self.scenario.weather.temperature_c)
+
+    def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
+        """What makes pictures of this world's views, to be used by the calling thread; see `Stage.renderer`."""
+        return self.stage.renderer(kind, samples, everything)
+
+    def solids(self) -> list[Solid]:
+        """All that stands in the scene and can hide a drone."""
+        return [*self.scenario.scene.solids(np.random.default_rng([self.seed, 11])),
+                *(_seen(obstacle) for obstacle in self.scenario.obstacles)]
+
+    def advance(self, samples: int) -> NDArray:
+        """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""
+        if samples <= 0 or samples % INSTANT:
+            raise ValueError(f'samples: {samples}, a positive multiple of {INSTANT} expected')
+        end = (self._samples + samples) / self.sample_rate
+        motion = self.dynamics.step(self.time, end)
+        positions, rotations = motion.poses(np.linspace(self.time, end, samples // INSTANT + 1))
+        microphones = positions[:, np.newaxis] + np.einsum('kij,mj->kmi', rotations, self.rig.array.positions)
+        self._samples += samples
+        return self._sound.render(samples, microphones)
+
+    def rig_state(self, time: float) -> VehicleState:
+        """The rig's state at a time within the newest step."""
+        return self.dynamics.motion.state(time)
+
+    def target_state(self, number: int, time: float) -> VehicleState:
+        """State of one target at a time."""
+        return self.target_states(number, [time])[0]
+
+    def target_states(self, number: int, times: ArrayLike) -> list[VehicleState]:
+        """States of one target at times (k,): it flies forward, tilted as its acceleration needs."""
+        path, t, step = self.scenario.targets[number].trajectory, np.asarray(times, float), 2e-3
+        before, rotations, after = np.split(_flight_attitudes(path, np.concatenate([t - step, t, t + step])), 3)
+        turned = np.einsum('kji,kjl->kil', before, after)
+        rates = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / (2 * step)
+        attitudes = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
+        rows = zip(t.tolist(), path(t), velocity(path, t), acceleration(path, t), attitudes, rates,
+                   self._rotor_rpm(number, t), strict=True)
+        return [VehicleState(*row) for row in rows]
+
+    def view(self, index: int, time: float) -> View:
+        """What the camera has before it at a time within the newest step."""
+        state, camera, weather = self.rig_state(time), self.rig.camera, self.scenario.weather
+        rotation = state.rotation @ camera.optical_to_body
+        drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
+        # What stands still far away moves against the camera's turn.
+        turn = rotation.T @ state.rotation @ state.rate_flu
+        motion = (-camera.model.fx * turn[1], camera.model.fy * turn[0])
+        return View(index, time, state.position + state.rotation @ np.array(camera.mount.position), rotation,
+                    weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)
+
+    def _drone(self, number: int, time: float) -> Drone:
+        target, state = self.scenario.targets[number], self.target_state(number, time)
+        rotors = self._rotors(number)
+        sides = (-1.0) ** np.arange(rotors)
+        turns = state.rotor_rpm[:rotors] / 60.0 if state.rotor_rpm.any() else np.full(rotors, 90.0)
+        return Drone(FIRST_TARGET_ID + number, state.position, state.rotation, target.size, rotors,
+                     np.mod(2 * np.pi * turns * time * sides, 2 * np.pi))
+
+    def _rotor_rpm(self, number: int, times: NDArray) -> NDArray:
+        """Rotor speeds (k, 8) at times (k,), 0 for what has no rotors."""
+        rpm, voice = np.zeros((len(times), 8)), self._sources[number].voice
+        if isinstance(voice, RotorVoice):
+            rotors = np.array(voice.rotor_hz)[:8]
+            rpm[:, :len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, times)
+        return rpm
+
+    def _rotors(self, number: int) -> int:
+        voice = self._sources[number].voice
+        return min(max(len(voice.rotor_hz), 3), 8) if isinstance(voice, RotorVoice) else 4
+
+
+def with_voice(scenario: Scenario, file: str | Path) -> Scenario:
+    """The scenario with a recording as every drone's voice. Raises FileNotFoundError."""
+    voice = RecordingVoice(file)
+    return dataclasses.replace(scenario, targets=tuple(dataclasses.replace(target, voice=voice)
+                                                       for target in scenario.targets))
+
+
+def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float) -> Scenario:
+    """The scenario heard and seen from another place (m, ENU)."""
+    rig = dataclasses.replace(scenario.rig, trajectory=Static((x, y, z)), yaw_deg=yaw_deg)
+    return dataclasses.replace(scenario, rig=rig)
+
+
+def _source(target: Target) -> Source:
+    """What a target sounds like, with rotors that turn faster when it climbs or brakes. Raises ConfigError."""
+    voice, directivity = target.voice, None
+    if voice is None:
+        profile = load_profile(find_config(target.drone, 'drones'))
+        voice, directivity = profile.voice, profile.directivity
+    if isinstance(voice, RotorVoice) and voice.speed is None:
+        voice = dataclasses.replace(voice, speed=partial(_rotor_speed, target.trajectory))
+    return Source(target.trajectory, voice, target.gain_db, directivity)
+
+
+def _noise(noise: Noise, rig: Rig) -> Noise:
+    """The noise, with the rig's own microphones beside its rotors."""
+    if noise.own_rotors is None:
+        return noise
+    microphones = rig.array.positions.tolist()
+    return dataclasses.replace(noise, own_rotors=dataclasses.replace(noise.own_rotors, microphones=microphones))
+
+
+def _seen(obstacle: Obstacle) -> Solid:
+    """What an obstacle of sound looks like: whiteboards are white, thick boxes grey, trunks brown."""
+    if isinstance(obstacle, Box):
+        colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
+        return Solid('box', tuple(obstacle.center), tuple(length / 2 for length in obstacle.size), colour,
+                     np.deg2rad(obstacle.yaw_deg))
+    half = (obstacle.top - obstacle.bottom) / 2
+    return Solid('cylinder', (*obstacle.center, obstacle.bottom + half), (obstacle.radius, obstacle.radius, half),
+                 (0.42, 0.36, 0.30))
+
+
+def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:
+    """Rotor speed relative to hover (k, 1): thrust rises with its square and carries weight and acceleration."""
+    thrust = np.linalg.norm(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]), axis=1)
+    return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
+
+
+def _flight_attitudes(path: Position, times: NDArray) -> NDArray:
+    """Rotations (k, 3, 3) from FLU to ENU: x along the flight, z along the thrust."""
+    ahead = velocity(path, times)
+    moving = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.05
+    heading = np.where(moving, np.arctan2(ahead[:, 1], ahead[:, 0]), 0.0)
+    up = _unit(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]))
+    left = _unit(np.cross(up, np.stack([np.cos(heading), np.sin(heading), np.zeros_like(heading)], axis=1)))
+    return np.stack([np.cross(left, up), left, up], axis=2)
+
+
+def _unit(vectors: NDArray) -> NDArray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -1,0 +1,140 @@
+"""Simulations as files: complete, true to the geometry, and the same each time."""
+
+import csv
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+import soundfile
+
+from av_common.config_files import find_config
+from av_simulator.cli import simulate, simulator
+from av_simulator.offline.files import FileRecorder
+from av_simulator.run import open_world, steps
+from av_simulator.scenario import RigMotion, load_scenario
+from av_simulator.trajectories import Circle
+
+
+def turning_world(seed=None):
+    scenario = load_scenario(find_config('circle', 'scenarios'))
+    rig = RigMotion(trajectory=Circle((1.0, 2.0, 1.5), radius=2.0, period=20.0), yaw_deg=10.0, yaw_rate_deg=20.0)
+    return open_world(dataclasses.replace(scenario, rig=rig), seed=seed)
+
+
+def rendered(world, duration=0.4):
+    taken = list(steps(world, duration, image_rate=10.0, renderer='painter'))
+    return np.concatenate([step.sound for step in taken]), [picture.bgr for step in taken for _, picture in step.pictures]
+
+
+def test_same_scenario_and_seed_give_the_same_bytes():
+    (sound, pictures), (again, pictures_again) = rendered(turning_world()), rendered(turning_world())
+    assert sound.tobytes() == again.tobytes()
+    assert [picture.tobytes() for picture in pictures] == [picture.tobytes() for picture in pictures_again]
+    other, _ = rendered(turning_world(seed=99))
+    assert sound.tobytes() != other.tobytes()
+
+
+def test_bearings_follow_from_poses():
+    for step in steps(turning_world(), 1.0, image_rate=0.0, truth_rate=10.0):
+        for moment in step.truth:
+            yaw = np.deg2rad(10.0 + 20.0 * moment.time)
+            offset = moment.targets[0].position - moment.rig.position
+            expected = np.arctan2(offset[1], offset[0]) - yaw
+            assert np.angle(np.exp(1j * (moment.bearings[0].azimuth - expected))) == pytest.approx(0.0, abs=1e-9)
+            assert moment.bearings[0].distance == pytest.approx(np.linalg.norm(offset))
+
+
+def test_commands_turn_the_rig_between_steps():
+    world = turning_world()
+    for step in steps(world, 2.0, image_rate=0.0):
+        world.dynamics.command(np.deg2rad(-30.0), step.end)
+    assert step.truth[-1].rig.rate_flu[2] == pytest.approx(np.deg2rad(-30.0))
+
+
+def test_files_are_complete(tmp_path):
+    world = turning_world()
+    recorder = FileRecorder(tmp_path, world, image_rate=10.0, everything=True)
+    for step in steps(world, 1.0, 10.0, renderer='painter'):
+        recorder.write(step)
+    recorder.close()
+    wav = (tmp_path / 'sound.wav').read_bytes()
+    peak = wav.find(b'PEAK')    # libsndfile dates this chunk, and the same run would give other bytes
+    assert peak < 0 or wav[peak + 12:peak + 16] == bytes(4)
+    sound, rate = soundfile.read(tmp_path / 'sound.wav')
+    assert (rate, sound.shape) == (48_000, (48_000, 2))
+    video = cv2.VideoCapture(str(tmp_path / 'video.mp4'))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 10
+    truth = list(csv.DictReader((tmp_path / 'truth.csv').open()))
+    boxes = list(csv.DictReader((tmp_path / 'boxes.csv').open()))
+    assert (len(truth), len(boxes)) == (100, 10)
+    assert float(truth[-1]['time']) == 1.0
+    assert float(truth[-1]['rig_yaw']) == pytest.approx(np.deg2rad(30.0), abs=1e-5)
+    assert len(list((tmp_path / 'frames').glob('*_rgb.png'))) == 10
+
+
+def test_the_sound_in_the_file_comes_from_where_the_truth_says():
+    """Broadband delay between both channels against d sin(azimuth) / c."""
+    scenario = load_scenario(find_config('circle', 'scenarios'))
+    scenario = dataclasses.replace(scenario, noise=dataclasses.replace(scenario.noise, snr=None))
+    taken = list(steps(open_world(scenario), 1.0, image_rate=0.0))
+    sound = np.concatenate([step.sound for step in taken])[24_000:]
+    truth = taken[22].truth[0].bearings[0]
+    spectrum = np.fft.rfft(sound, 2 * len(sound), axis=0)
+    correlation = np.fft.irfft(spectrum[:, 1] * spectrum[:, 0].conj(), 64 * len(sound))[:64 * 40]
+    late = np.argmax(correlation) / (32 * 48_000)
+    speed = 331.3 * np.sqrt(1 + 15 / 273.15)
+    assert late == pytest.approx(0.2 * np.sin(truth.azimuth) * np.cos(truth.elevation) / speed, abs=10e-6)
+
+
+def test_preview_is_a_picture(tmp_path, monkeypatch):
+    monkeypatch.setattr('av_simulator.rendering.stage.SceneRenderer', _no_renderer)
+    assert simulate.main(['circle', '--out', str(tmp_path), '--preview', '--duration', '1']) == 0
+    assert cv2.imread(str(tmp_path / 'preview.png')).shape[1] > 1000
+
+
+def _no_renderer(*_args, **_options):
+    raise RuntimeError('no OpenGL in this test')
+
+
+@pytest.mark.parametrize(('arguments', 'message'), [
+    (['nowhere', '--out', 'x'], 'nowhere'),
+    (['circle', '--out', 'x', '--voice', 'none.wav'], 'none.wav'),
+    (['circle', '--out', 'x', '--rig', 'none.yaml'], 'none.yaml'),
+])
+def test_errors_are_named(tmp_path, capsys, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert simulate.main(arguments) == 2
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('program', 'arguments'), [
+    (simulate, '--duration -1'), (simulate, '--image-rate -3'), (simulate, '--seed 1.5'), (simulator, '--speed 0'),
+    (simulator, '--image-rate none'), (simulator, '--port-offset 60000')])
+def test_impossible_arguments_are_named_with_their_value(program, arguments, capsys):
+    option, value = arguments.split()
+    with pytest.raises(SystemExit, match='2'):
+        program.parse(['circle', '--out', 'x', option, value] if program is simulate else ['circle', option, value])
+    assert f"argument {option}: '{value}', a" in capsys.readouterr().err
+
+
+def test_bags_hold_the_topics_of_the_rig(tmp_path):
+    pytest.importorskip('rclpy', reason='needs ROS 2')
+    pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
+    from rosbags.highlevel import AnyReader
+
+    from av_simulator.offline.bag import EPOCH, BagRecorder
+    world = turning_world()
+    recorder = BagRecorder(tmp_path / 'bag', world)
+    for step in steps(world, 1.0, 10.0, renderer='painter'):
+        recorder.write(step)
+    recorder.close()
+    with AnyReader([tmp_path / 'bag']) as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+        audio = [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(
+            [each for each in reader.connections if each.topic == '/audio/frames'])]
+    assert counts == {'/audio/frames': 30, '/camera/image_raw': 10, '/camera/camera_info': 10, '/detections': 10,
+                      '/odometry': 100, '/truth/rig': 100, '/truth/target': 100, '/tf_static': 1}
+    assert [message.first_sample for message in audio] == list(range(0, 48_000, 1600))
+    assert audio[3].header.stamp.sec == int(EPOCH)
+    assert audio[3].header.stamp.nanosec == pytest.approx(1e8, abs=500)

@@ -1,0 +1,210 @@
+"""Rendered pictures against geometry and Beer-Lambert: what is where, how far, how clear, and how much of it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_simulator.rendering.atmosphere import Atmosphere, Cloud
+from av_simulator.rendering.camera_effects import CameraEffects, motion_blurred
+from av_simulator.rendering.painter import Painter
+from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
+from av_simulator.rendering.scenes import SCENES, Solid, Woodland
+from av_simulator.rendering.view import Drone, View, outline
+from av_simulator.rendering.visibility import LEAST, credibility
+
+CAMERA = load_rig(find_config('rig')).camera
+EYE = np.array([0.0, 0.0, 1.5])
+LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])   # optical to ENU, looking east
+DRONE = Drone(2, np.array([6.0, 1.0, 2.5]), np.eye(3), 0.6)
+EMPTY = Woodland(trees=0)
+
+
+def renderer(obstacles=(), drones=((0.6, 4),), scene=EMPTY, **options):
+    try:
+        return SceneRenderer(CAMERA.model, scene, list(drones), 1, list(obstacles), **options)
+    except RuntimeError as error:
+        pytest.skip(str(error))
+
+
+def picture(view, *args, **options):
+    made = renderer(*args, **options)
+    try:
+        return made.render(view)
+    finally:
+        made.close()
+
+
+def view(**changes):
+    return View(**({'index': 1, 'time': 0.0, 'position': EYE, 'rotation': LEVEL, 'drones': [DRONE]} | changes))
+
+
+def wall(distance):
+    return Solid('box', (distance + 0.5, 0.0, 1.5), (0.5, 1.2, 1.2), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('fog', [0.02, 0.1, 0.3])
+@pytest.mark.parametrize('distance', [4.0, 8.0])
+def test_fog_follows_beer_lambert_within_2_percent(fog, distance):
+    """Transmission from the pictures alone: (fogged - airlight) / (clear - airlight) of a black wall, pixel by pixel."""
+    made = renderer([wall(distance)])
+    clear = made.render(view(drones=[])).bgr.astype(float)
+    fogged = np.mean([made.render(view(drones=[], index=n, atmosphere=Atmosphere(fog))).bgr for n in range(12)], axis=0)
+    made.close()
+    centre = (slice(225, 255), slice(300, 340))
+    measured = (fogged[centre] - AIRLIGHT).mean() / (clear[centre] - AIRLIGHT).mean()
+    assert measured == pytest.approx(np.exp(-fog * distance), rel=0.02)
+
+
+def test_depth_is_the_distance_along_the_axis():
+    depth = picture(view(drones=[]), [wall(7.0)]).depth
+    assert depth[240, 320] == pytest.approx(7.0, abs=0.01)
+    assert np.isinf(depth[5, 320])
+    row = 400       # ground: rays of the camera model meet the plane z = 0
+    rays = CAMERA.model.rays(np.column_stack([np.arange(640), np.full(640, row)]))
+    expected = EYE[2] / rays[:, 1] * rays[:, 2]
+    beside = np.abs(np.arange(640) - 320) > 200
+    np.testing.assert_allclose(depth[row, beside], expected[beside], rtol=0.02)
+
+
+@pytest.mark.parametrize('position', [(6.0, 1.0, 2.5), (5.0, -2.6, 1.2), (12.0, 5.0, 3.0)])
+def test_boxes_lie_where_the_distorted_camera_projects_the_drone(position):
+    drone = dataclasses.replace(DRONE, position=np.array(position))
+    truth = picture(view(drones=[drone])).truth[0]
+    pixels = CAMERA.model.project((outline(drone) - EYE) @ LEVEL)
+    assert truth.visible_fraction == 1.0
+    assert truth.box[0] == pytest.approx(pixels[:, 0].min(), abs=0.12 * np.ptp(pixels[:, 0]) + 1.5)
+    assert truth.box[2] == pytest.approx(pixels[:, 0].max(), abs=0.12 * np.ptp(pixels[:, 0]) + 1.5)
+    centre = CAMERA.model.project([(drone.position - EYE) @ LEVEL])[0]
+    assert (truth.box[0] + truth.box[2]) / 2 == pytest.approx(centre[0], abs=3.0)
+
+
+def test_what_stands_before_a_drone_hides_that_share_of_it():
+    # A post covers the drone from its middle to the left, seen from the eye.
+    middle = np.array([3.0, 0.5, 2.0])
+    post = Solid('box', (3.0, middle[1] + 0.3, 2.0), (0.02, 0.3, 1.0), (0.5, 0.5, 0.5))
+    made = renderer([post])
+    half, = made.render(view()).truth
+    hidden, = made.render(view(drones=[dataclasses.replace(DRONE, position=np.array([6.0, 1.7, 2.5]))])).truth
+    made.close()
+    assert half.visible_fraction == pytest.approx(0.5, abs=0.1)
+    assert hidden.visible_fraction == 0.0 and hidden.box is None
+
+
+def test_segmentation_names_each_drone():
+    drones = [DRONE, Drone(3, np.array([5.0, -1.0, 1.6]), np.eye(3), 0.6, 6, np.zeros(6))]
+    made = picture(view(drones=drones), drones=[(0.6, 4), (0.6, 6)], everything=True)
+    assert set(np.unique(made.segmentation)) == {0, 2, 3}
+    for truth in made.truth:
+        columns = np.flatnonzero((made.segmentation == truth.target_id).any(axis=0))
+        assert (truth.box[0], truth.box[2]) == (columns[0], columns[-1])
+
+
+def test_the_oracle_reports_what_can_be_seen():
+    assert [box.target_id for box in picture(view()).boxes] == [2]
+    assert picture(view(atmosphere=Atmosphere(1.0))).boxes == []
+    assert picture(view(daylight=0.001)).boxes == []
+    assert picture(view(rotation=np.diag([-1.0, -1.0, 1.0]) @ LEVEL)).boxes == []
+
+
+def test_the_same_view_gives_the_same_bytes():
+    foggy = view(atmosphere=Atmosphere(0.1, 5.0, 3.0, (Cloud(np.array([4.0, 0.0, 1.0]), 1.0, 0.5),)))
+    scene = Woodland(trees=30)
+    first, second = picture(foggy, scene=scene), picture(foggy, scene=scene)
+    np.testing.assert_array_equal(first.bgr, second.bgr)
+    assert (picture(dataclasses.replace(foggy, index=2), scene=scene).bgr != first.bgr).any()
+
+
+@pytest.mark.parametrize('kind', SCENES)
+def test_every_scene_renders(kind):
+    made = picture(view(), scene=SCENES[kind](), everything=True)
+    assert made.bgr.shape == (480, 640, 3)
+    assert made.bgr.std() > 10
+    assert made.thermal.shape == (480, 640)
+
+
+def test_a_drone_is_warm_and_fog_veils_it():
+    made = renderer(everything=True, air_c=10.0)
+    clear, foggy = made.render(view()), made.render(view(atmosphere=Atmosphere(0.2)))
+    made.close()
+    warm = clear.segmentation == 2
+    assert clear.thermal[warm].mean() == pytest.approx(25.0, abs=0.1)
+    distance = np.linalg.norm(DRONE.position - EYE)
+    assert foggy.thermal[warm].mean() - 10.0 == pytest.approx(15.0 * np.exp(-0.7 * 0.2 * distance), rel=0.05)
+
+
+@pytest.mark.parametrize('atmosphere', [
+    Atmosphere(0.2), Atmosphere(0.3, layer_m=2.0), Atmosphere(0.0, clouds=(Cloud(np.array([5.0, 0.5, 1.0]), 1.5, 0.8),)),
+    Atmosphere(0.05, 4.0, 10.0, (Cloud(np.array([2.0, -1.0, 2.0]), 0.7, 2.0),))])
+def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
+    directions = rng.standard_normal((20, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    directions[0] = [1.0, 0.0, 0.0]
+    distance = rng.uniform(1.0, 15.0, 20)
+    steps = (np.arange(20_000) + 0.5) / 20_000
+    for direction, far, depth in zip(directions, distance,
+                                     atmosphere.optical_depth(EYE, directions, distance), strict=True):
+        points = EYE + steps[:, np.newaxis] * far * direction
+        extinction = np.full(len(points), 1.076 * atmosphere.rain_mm_h**0.67 * np.log(10) / 1e4)
+        extinction += atmosphere.fog * (1.0 if atmosphere.layer_m is None else np.exp(-points[:, 2] / atmosphere.layer_m))
+        for cloud in atmosphere.clouds:
+            offset = np.sum((points - cloud.centre) ** 2, axis=1)
+            extinction += cloud.density * np.exp(-offset / (2 * cloud.radius**2))
+        assert depth == pytest.approx(extinction.mean() * far, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize('atmosphere', [
+    Atmosphere(0.02, None, 12.0, (Cloud(np.array([4.0, 0.0, 1.0]), 2.0, 0.7),)), Atmosphere(0.0, 3.0),
+    Atmosphere(0.02, 3.0, 5.0), Atmosphere(clouds=(Cloud(np.array([4.0, 0.0, 1.0]), np.float64(2.0), 0.7),))])
+def test_every_kind_of_air_can_be_rendered(rng, atmosphere):
+    made = picture(view(atmosphere=atmosphere), everything=True)
+    assert made.bgr.shape == (480, 640, 3) and made.thermal.dtype == np.float32
+    directions = rng.standard_normal((9, 3)).astype(np.float32)
+    assert atmosphere.optical_depth(EYE.astype(np.float32), directions, np.ones(9)).dtype == np.float32
+
+
+def test_light_scales_the_picture_and_gain_brings_noise():
+    grey = np.full((480, 640, 3), 100, np.uint8)
+    effects = CameraEffects(640, 480, 1)
+    noon, dusk = effects.apply(grey, view()), effects.apply(grey, view(daylight=0.1, exposure=10.0))
+    assert noon.mean() == pytest.approx(100, abs=1) and dusk.mean() == pytest.approx(100, abs=1)
+    assert dusk.std() > 2.5 * noon.std()
+    assert (effects.apply(grey, view(exposure=8.0)) == 255).mean() > 0.9
+
+
+def test_motion_blur_smears_along_the_motion():
+    line = np.zeros((101, 101, 3), np.uint8)
+    line[:, 50] = 255
+    blurred = motion_blurred(line, (1000.0, 0.0), shutter_s=0.01)[50, :, 0].astype(float)
+    assert blurred.sum() == pytest.approx(255, abs=15)
+    assert 9 <= (blurred > 5).sum() <= 12
+    assert motion_blurred(line, (10.0, 0.0), shutter_s=0.01) is line
+
+
+def test_credibility_rises_with_size_contrast_and_visible_part():
+    assert credibility(30.0, 1.0) > 0.9
+    values = [credibility(30.0, t) for t in np.linspace(0, 1, 50)]
+    assert (np.diff(values) >= 0).all() and values[0] == 0.0
+    assert credibility(8.0, 1.0) == pytest.approx(0.5, abs=0.02)
+    assert credibility(30.0, 1.0, 0.0) == 0.0
+    assert min(value for value in values if value > 0) >= LEAST
+
+
+def test_the_painter_puts_the_drone_where_the_camera_model_does():
+    made = Painter(CAMERA.model, EMPTY, 1).render(view())
+    centre = CAMERA.model.project([(DRONE.position - EYE) @ LEVEL])[0]
+    dark = made.bgr[..., 1] < 60
+    assert np.flatnonzero(dark.any(axis=0)).mean() == pytest.approx(centre[0], abs=2.0)
+    assert [box.target_id for box in made.boxes] == [2]
+
+
+@pytest.mark.parametrize(('shift', 'fraction'), [(0.0, 0.0), (0.2, 0.5), (0.6, 1.0)])
+def test_the_painter_hides_a_drone_behind_what_stands_before_it(shift, fraction):
+    """A wall at half the distance, moved aside by no, half and more than half a drone's width, as seen there."""
+    board = Solid('box', (3.0, -shift, 2.0), (0.02, 0.5, 1.0), (0.9, 0.9, 0.9))
+    drone = dataclasses.replace(DRONE, position=np.array([6.0, 0.6, 2.5]))
+    made = Painter(CAMERA.model, EMPTY, 1, [board]).render(view(drones=[drone]))
+    assert made.truth[0].visible_fraction == pytest.approx(fraction, abs=0.15)
+    assert bool(made.boxes) == (fraction > 0.0)

@@ -1,0 +1,75 @@
+"""The rig's yaw against the integral of a rate with limited acceleration."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from av_sim_bridge.vehicle import VehicleState
+from av_simulator.rig_dynamics import COMMAND_LIFETIME, RigDynamics
+from av_simulator.scenario import RigMotion
+
+MOTION = RigMotion(yaw_deg=15.0, max_yaw_rate_deg=60.0, max_yaw_acceleration_deg=120.0)
+
+
+def turn(dynamics, commands, duration, step=1 / 30):
+    """Yaw and rate in degrees at fine instants; commands: {time: rate in deg/s}."""
+    times, yaws, rates = [], [], []
+    for number in range(round(duration / step)):
+        start = number * step
+        for at in [at for at in commands if start - step < at <= start]:
+            dynamics.command(np.deg2rad(commands[at]), start)
+        segment = dynamics.step(start, start + step).turn
+        fine = start + np.arange(20) * step / 20
+        times.append(fine), yaws.append(segment.yaw(fine)), rates.append(segment.rate(fine))
+    return np.concatenate(times), np.rad2deg(np.concatenate(yaws)), np.rad2deg(np.concatenate(rates))
+
+
+def test_yaw_is_the_integral_of_the_rate():
+    times, yaw, rate = turn(RigDynamics(MOTION), {0.0: 40.0, 0.3: 40.0, 0.6: -50.0, 0.9: -50.0}, 1.2)
+    integral = 15.0 + np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(times))])
+    np.testing.assert_allclose(yaw, integral, atol=0.02)
+    assert np.abs(np.diff(rate) / np.diff(times)).max() <= 120.0 + 1e-6
+
+
+def test_rates_are_limited_and_end_with_the_commands():
+    _, _, rate = turn(RigDynamics(MOTION), {0.0: 200.0, 0.4: 200.0}, 2.5)
+    assert rate.max() == pytest.approx(60.0)
+    assert rate[-1] == 0.0
+
+
+def test_a_command_lives_half_a_second():
+    times, _, rate = turn(RigDynamics(MOTION), {0.0: 20.0}, 1.5)
+    assert rate[np.searchsorted(times, COMMAND_LIFETIME - 0.01)] == pytest.approx(20.0)
+    assert rate[-1] == 0.0
+
+
+def test_the_scenario_turns_the_rig_until_somebody_commands():
+    dynamics = RigDynamics(RigMotion(yaw_rate_deg=10.0))
+    _, yaw, _ = turn(dynamics, {}, 2.0)
+    assert yaw[-1] == pytest.approx(20.0, abs=0.1)
+    dynamics.command(0.0, 2.0)
+    assert dynamics.step(2.0, 2.1).turn.aim == 0.0
+
+
+def test_an_autopilot_says_where_the_rig_is():
+    """Poses given at 30 Hz are passed through at the end of each step, evenly in between, on the shortest turn."""
+    dynamics = RigDynamics(MOTION)
+    angles = np.column_stack([np.linspace(170, 200, 31), 5 * np.ones(31), np.linspace(0, 20, 31)])
+    attitudes = Rotation.from_euler('ZYX', angles, degrees=True)
+    last = None
+    for number, attitude in enumerate(attitudes):
+        begin, end = number / 30, (number + 1) / 30
+        given = VehicleState(end, np.array([number * 0.1, 1.0, 2.0]), attitude_wxyz=attitude.as_quat()[[3, 0, 1, 2]])
+        dynamics.follow(given)
+        motion = dynamics.step(begin, end)
+        positions, rotations = motion.poses([begin, (begin + end) / 2, end])
+        np.testing.assert_allclose(positions[2], given.position, atol=1e-9)
+        np.testing.assert_allclose(rotations[2], given.rotation, atol=1e-9)
+        if last is not None:
+            np.testing.assert_allclose(positions[0], last.position, atol=1e-9)
+            np.testing.assert_allclose(rotations[0], last.rotation, atol=1e-9)
+            np.testing.assert_allclose(motion.state(end).velocity, [3.0, 0.0, 0.0], atol=1e-9)
+            assert np.linalg.norm(motion.state(end).rate_flu) < np.deg2rad(60.0)
+        last = given
+    resting = dynamics.step(end, end + 0.1).poses([end + 0.05])
+    np.testing.assert_allclose(resting[0][0], last.position, atol=1e-9)

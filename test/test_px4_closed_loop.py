@@ -1,0 +1,93 @@
+"""Simulated sound and sight, fusion, pointing, guard and the fake autopilot in one process: the same every time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_autopilot import HOLD, OFFBOARD, FakeAutopilot
+
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_evaluation.experiments.offline_run import OfflineRun
+from av_fusion.filter.tracker import BayesTracker
+from av_pointing.controller import Mode, PointingController
+from av_px4.frames import levelled, pose_from_px4, yawspeed_ned
+from av_px4.gimbal import Gimbal, GimbalInputs
+from av_px4.guard import BodyGuard, Inputs, VehicleStatus
+from av_sim_bridge.vehicle import VehicleState
+from av_simulator.scenario import load_scenario
+from av_simulator.trajectories import Circle
+
+DT = 1.0 / 30.0
+
+
+class Flight:
+    """Stands where OfflineRun has its pointing controller: between track and vehicle as px4_node does it."""
+
+    def __init__(self, heading_deg, mode):
+        self.autopilot = FakeAutopilot(heading=math.radians(heading_deg), nav_state=mode)
+        self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
+        self.world, self.rows = None, []
+
+    def step(self, now, track):
+        autopilot, command = self.autopilot, self.controller.step(now, track)
+        status = VehicleStatus(autopilot.nav_state, autopilot.armed, autopilot.failsafe)
+        pan, tilt = levelled(command.pan, command.tilt, self.pose().attitude_wxyz)
+        wanted = GimbalInputs(command.move_gimbal, pan, tilt, command.pan_rate, True, status.nav_state)
+        for out in self.gimbal.step(now, wanted):
+            self.gimbal.acknowledge(now, out.command, autopilot.command(out.command, out.params, (1, 191), (1, 1)))
+        decision = self.guard.step(now, Inputs(status, 0.0, 0.0, 0.0, 0.0, 0.0, command.yaw_rate,
+                                               command.move_body and command.mode != Mode.HOLD, None, True))
+        if decision.heartbeat:
+            autopilot.heartbeat()
+        if decision.setpoint:
+            autopilot.setpoint(autopilot.position, math.nan, yawspeed_ned(decision.yaw_rate))
+        autopilot.advance(DT)
+        pose = self.pose()
+        self.world.dynamics.follow(VehicleState(now, pose.position, attitude_wxyz=pose.attitude_wxyz))
+        self.rows.append((now, track.azimuth, -autopilot.gimbal[1], pose.yaw, command.mode == Mode.TRACK, track.resolved))
+        return command
+
+    def pose(self):
+        autopilot = self.autopilot
+        half = autopilot.estimated_heading / 2
+        return pose_from_px4(autopilot.position, (math.cos(half), 0.0, 0.0, math.sin(half)), (0.0,) * 3, (0.0,) * 3)
+
+
+def fly(scenario, seconds, heading_deg, mode):
+    """The flight and its rows: time, bearing, where the gimbal looks (rad, left), yaw, followed, front and back told."""
+    flight = Flight(heading_deg, mode)
+    run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(), pointing=flight)
+    flight.world = run.world
+    log = run.run(seconds)
+    return flight, np.array(flight.rows), log
+
+
+@pytest.mark.parametrize('period', [18.0, -18.0])
+def test_the_gimbal_follows_what_is_heard_and_seen_at_20_deg_a_second(period):
+    """The vehicle holds its heading; the drone passes before it and goes on out of sight: 2 deg from the bearing at most."""
+    scenario = load_scenario(find_config('circle', 'scenarios'))
+    path = Circle((0.0, 0.0, 3.5), 9.0, period, -math.copysign(50.0, period))
+    scenario = replace(scenario, targets=(replace(scenario.targets[0], trajectory=path),))
+    flight, rows, _ = fly(scenario, 6.5, 90.0, HOLD)
+    # beyond, on the microphones' axis, hearing cannot tell front from back and the bearing itself jumps
+    followed = rows[(np.cumsum(rows[:, 4]) > 30) & (np.abs(rows[:, 1]) < math.radians(80.0))]
+    errors = np.degrees(np.abs(followed[:, 1] - followed[:, 2]))
+    print(f'gimbal from the bearing: median {np.median(errors):.2f}, 95 % {np.percentile(errors, 95):.2f}, '
+          f'most {errors.max():.2f} deg over {np.degrees(np.ptp(followed[:, 1])):.0f} deg')
+    assert np.ptp(followed[:, 1]) > math.radians(90.0) and errors.max() < 2.0
+    assert flight.autopilot.setpoints == 0
+
+
+@pytest.mark.parametrize('heading_deg', [30.0, 120.0, -150.0, -60.0])
+def test_the_body_turns_until_front_is_told_from_back(heading_deg):
+    """Heard only, in OFFBOARD, from whatever side: told apart rightly, and the vehicle then faces the drone."""
+    scenario = load_scenario(find_config('behind_in_fog', 'scenarios'))
+    flight, rows, log = fly(scenario, 10.0, heading_deg, OFFBOARD)
+    assert rows[-1, 5] and flight.autopilot.setpoints_in_foreign_modes == 0
+    assert flight.autopilot.largest_rate <= math.radians(45.0) + 1e-9
+    truth = math.atan2(log.target['y'][-1], log.target['x'][-1])
+    assert abs(math.remainder(rows[-1, 3] - truth, 2.0 * math.pi)) < math.radians(15.0)
