@@ -36,8 +36,8 @@ class NarrowbandSearch(SteeredResponse):
     def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
         bands = spectra[:, :self._used].reshape(len(spectra), self._bands, -1).transpose(1, 0, 2)
         covariances = bands @ bands.conj().swapaxes(1, 2)
-        if self.own_noise is not None:
-            covariances = self._without_own_noise(covariances, spectra)
+        if self.ego_noise is not None:
+            covariances = self._without_ego_noise(covariances, spectra)
         trace = np.trace(covariances, axis1=1, axis2=2).real
         covariances = covariances / np.maximum(trace, np.finfo(np.float32).tiny)[:, None, None]
         matrices = self._matrices(covariances)
@@ -50,9 +50,9 @@ class NarrowbandSearch(SteeredResponse):
             step /= 4.0
         return q
 
-    def _without_own_noise(self, covariances: NDArray, spectra: NDArray) -> NDArray:
-        """The same covariances less the own noise's, with what that makes negative at 0."""
-        own = self.own_noise.covariance_in(spectra)[..., :self._used]
+    def _without_ego_noise(self, covariances: NDArray, spectra: NDArray) -> NDArray:
+        """The same covariances less the ego-noise's, with what that makes negative at 0."""
+        own = self.ego_noise.covariance_in(spectra)[..., :self._used]
         own = own.reshape(*own.shape[:2], self._bands, -1).sum(axis=-1).transpose(2, 0, 1)
         values, vectors = np.linalg.eigh(covariances - own)
         return (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.conj().swapaxes(1, 2)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from av_audio.baselines import Music, Mvdr
-from av_audio.own_noise import NoiseRecording, OwnNoise
-from av_audio.own_rotors import find_blade_pass, notch
+from av_audio.ego_noise import EgoNoise, NoiseRecording
+from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
 from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
@@ -91,12 +91,12 @@ class DoaEstimate:
 class Localizer:
     """Cuts a stream into overlapping windows and estimates the direction of arrival in each.
 
-    `own_noise` is a recording of the rig alone, whose noise is taken off. Raises ValueError when it or the settings do not
+    `ego_noise` is a recording of the rig alone, whose noise is taken off. Raises ValueError when it or the settings do not
     fit the array or the sample rate.
     """
 
     def __init__(self, array: MicrophoneArray, sample_rate: int, settings: LocalizerSettings | None = None,
-                 own_noise: NoiseRecording | None = None) -> None:
+                 ego_noise: NoiseRecording | None = None) -> None:
         settings = settings or LocalizerSettings()
         self.array = array
         self.sample_rate = sample_rate
@@ -110,8 +110,8 @@ class Localizer:
         estimator, weighting = METHODS[settings.method]
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting)
-        if own_noise is not None:
-            self._estimator.own_noise = self._learn(own_noise)
+        if ego_noise is not None:
+            self._estimator.ego_noise = self._learn(ego_noise)
         self._elevations = np.radians(settings.elevation_deg)
         # Room for two windows, so that one slides a whole window before it is copied back to the beginning.
         self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
@@ -156,13 +156,13 @@ class Localizer:
                 self._slide()
         return estimates
 
-    def _learn(self, own_noise: NoiseRecording) -> OwnNoise:
-        own_noise.check(self.array.channels, self.sample_rate)
-        starts = range(0, len(own_noise.samples) - self._window + 1, max(1, self._window // 2))
+    def _learn(self, ego_noise: NoiseRecording) -> EgoNoise:
+        ego_noise.check(self.array.channels, self.sample_rate)
+        starts = range(0, len(ego_noise.samples) - self._window + 1, max(1, self._window // 2))
         if not starts:
-            raise ValueError(f'{own_noise.name} is shorter than a window of {self.settings.window_s:g} s')
-        windows = (self._analyzer.spectra(own_noise.samples[start:start + self._window].T) for start in starts)
-        return OwnNoise(windows, self.sample_rate / self._window)
+            raise ValueError(f'{ego_noise.name} is shorter than a window of {self.settings.window_s:g} s')
+        windows = (self._analyzer.spectra(ego_noise.samples[start:start + self._window].T) for start in starts)
+        return EgoNoise(windows, self.sample_rate / self._window)
 
     def _slide(self) -> None:
         self._filled -= self._hop
@@ -179,7 +179,7 @@ class Localizer:
             nothing = np.zeros(0)
             return DoaEstimate(centre / self.sample_rate, centre, nothing, nothing, nothing, nothing, nothing,
                                np.zeros(0, int), np.zeros(0, bool), level, nothing)
-        peak = self._estimator.estimate(self._without_own_rotors(spectra))
+        peak = self._estimator.estimate(self._without_ego_rotors(spectra))
         q, slope = self._straighten(peak.q)
         angles, variances = self._directions(q, slope**2 * peak.covariance)
         if peak.bias.any():  # the angle stays where it is: what reflections did to it has no mean that we knew
@@ -191,7 +191,7 @@ class Localizer:
             centre / self.sample_rate, centre, *angles[:, kept], *variances[:, kept],
             np.full(count, self._confidence(peak, window)), np.zeros(count, int), np.full(count, end_fire), level, peak.q)
 
-    def _without_own_rotors(self, spectra: NDArray) -> NDArray:
+    def _without_ego_rotors(self, spectra: NDArray) -> NDArray:
         """Spectra (m, k) with zeros where the rig's own rotors sound."""
         frequencies = self._analyzer.frequencies
         own = self.blade_pass_hz

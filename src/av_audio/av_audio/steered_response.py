@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.own_noise import OwnNoise
+from av_audio.ego_noise import EgoNoise
 from av_audio.weighting import Band, Weighting, cross_spectra
 from av_common.microphone_array import MicrophoneArray
 
@@ -50,7 +50,7 @@ class SteeredResponse:
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting) -> None:
-        self.own_noise: OwnNoise | None = None  # of the rig; is taken off what is heard
+        self.ego_noise: EgoNoise | None = None  # of the rig; is taken off what is heard
         self._array = array
         self._weighting = weighting
         self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
@@ -71,8 +71,8 @@ class SteeredResponse:
         """The highest peak for spectra (m, k)."""
         pairs = self._array.pairs
         cross = cross_spectra(spectra, pairs)
-        if self.own_noise is not None:
-            cross = cross - self.own_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
+        if self.ego_noise is not None:
+            cross = cross - self.ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
         magnitude = np.abs(spectra)
         power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
         weighted = cross * self._weighting(cross, power, self._band)

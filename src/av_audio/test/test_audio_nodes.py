@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.benchmark.own_noise import scene
+from av_audio.benchmark.ego_noise import scene
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.clock import SampleCounter
 from av_audio.device_process import load_sounddevice
@@ -162,10 +162,10 @@ def test_all_channels_are_the_default(rig, tmp_path):
     assert rig.heard['audio/frames'][0].channels == 3
 
 
-def test_own_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
+def test_ego_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
     """Rotors 15 dB louder than the target mislead until the motors' speeds are known."""
     samples, blade_pass = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
-    rig.add(DoaNode, array_file=array_file, own_rotors='topic', own_rotor_blades=3)
+    rig.add(DoaNode, array_file=array_file, ego_rotors='topic', ego_rotor_blades=3)
     rig.says('no motor speeds', DiagnosticStatus.WARN)
     speeds = rig.listener.create_publisher(Float32MultiArray, 'motor_speeds', STREAM)
     rig.spin(lambda: rig.frames.get_subscription_count() >= 2 and speeds.get_subscription_count() >= 1)
@@ -186,12 +186,12 @@ def test_own_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
 
 def test_a_recording_of_the_rig_alone_that_does_not_fit_is_said(rig, tmp_path, array_file):
     """When the file is missing, and when its rate is not that of the stream."""
-    rig.add(DoaNode, array_file=array_file, own_noise=str(tmp_path / 'alone.wav'))
+    rig.add(DoaNode, array_file=array_file, ego_noise=str(tmp_path / 'alone.wav'))
     rig.says('alone.wav does not exist', DiagnosticStatus.ERROR)
     soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE // 2)
     soundfile.write(tmp_path / 'sound.wav', sound(1.0), RATE)
     rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
-    rig.add(DoaNode, array_file=array_file, own_noise=str(tmp_path / 'alone.wav'))
+    rig.add(DoaNode, array_file=array_file, ego_noise=str(tmp_path / 'alone.wav'))
     rig.says(f'alone.wav was recorded at {RATE // 2} Hz', DiagnosticStatus.ERROR)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.benchmark.own_noise import scene
+from av_audio.benchmark.ego_noise import scene
 from av_audio.benchmark.scenes import SQUARE
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.calibration import calibrate as fit
@@ -100,7 +100,7 @@ def test_localize_says_what_is_wrong_with_the_channels(array_file, tmp_path, cap
     assert 'channels 0, 1 are identical' in capsys.readouterr().err
 
 
-def test_localize_leaves_own_rotors_out(array_file, tmp_path, capsys):
+def test_localize_leaves_ego_rotors_out(array_file, tmp_path, capsys):
     """A target at 10 degrees, own rotors 10 dB louder."""
     sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 10.0)
     soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)

@@ -163,7 +163,7 @@ def test_a_picture_that_is_none_is_left_out_and_noted(tmp_path):
 
 @pytest.mark.system
 @pytest.mark.parametrize('changes', [{}, {'window': 0.3, 'band_low': 300.0, 'temperature': 5.0},
-                                     {'own_rotors': 'estimated', 'own_rotor_count': 3}])
+                                     {'ego_rotors': 'estimated', 'ego_rotor_count': 3}])
 def test_hearing_is_that_of_doa_node(changes):
     array = str(Path(__file__).parents[3] / 'config' / 'arrays' / 'two_microphones.yaml')
     overrides = [Parameter(name, value=value) for name, value in {**changes, 'array_file': array, 'autostart': False}.items()]

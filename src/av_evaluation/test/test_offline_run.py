@@ -48,9 +48,9 @@ def test_another_tracker_is_given_the_same_data(run):
     assert len(run.recording.feed(GatedTracker())) == len(again)
 
 
-def test_a_rig_that_flies_hears_through_its_own_rotors():
+def test_a_rig_that_flies_hears_through_its_ego_rotors():
     """They are as loud as the drone, but known from a recording of the rig alone; else it hears hardly anything but them."""
-    run = OfflineRun(load_scenario(find_config('own_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
+    run = OfflineRun(load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(25.0)
     senses = summarise(run.log).senses

@@ -31,7 +31,7 @@ class FakeRflysim:
             self._send(self._ports.image, header + piece)
 
     def oracle(self, *boxes):
-        """Boxes (id, credibility, min x, min y, max x, max y) of the picture sent last."""
+        """Boxes (id, score, min x, min y, max x, max y) of the picture sent last."""
         self._send(self._ports.image, struct.pack('<i', len(boxes)) + b''.join(struct.pack('<i5f', *box) for box in boxes))
 
     def truth(self, port, copter_id, time, position, velocity, euler, quaternion, rate):

@@ -156,10 +156,10 @@ def _source(target: Target) -> Source:
 
 def _noise(noise: Noise, rig: Rig) -> Noise:
     """The noise, with the rig's own microphones beside its rotors."""
-    if noise.own_rotors is None:
+    if noise.ego_rotors is None:
         return noise
     microphones = rig.array.positions.tolist()
-    return dataclasses.replace(noise, own_rotors=dataclasses.replace(noise.own_rotors, microphones=microphones))
+    return dataclasses.replace(noise, ego_rotors=dataclasses.replace(noise.ego_rotors, microphones=microphones))
 
 
 def _seen(obstacle: Obstacle) -> Solid:

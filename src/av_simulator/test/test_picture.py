@@ -13,7 +13,7 @@ from av_simulator.rendering.painter import Painter
 from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
 from av_simulator.rendering.scenes import SCENES, Solid, Woodland
 from av_simulator.rendering.view import Drone, View, outline
-from av_simulator.rendering.visibility import LEAST, credibility
+from av_simulator.rendering.visibility import LEAST, score
 
 CAMERA = load_rig(find_config('rig')).camera
 EYE = np.array([0.0, 0.0, 1.5])
@@ -184,11 +184,11 @@ def test_motion_blur_smears_along_the_motion():
 
 
 def test_credibility_rises_with_size_contrast_and_visible_part():
-    assert credibility(30.0, 1.0) > 0.9
-    values = [credibility(30.0, t) for t in np.linspace(0, 1, 50)]
+    assert score(30.0, 1.0) > 0.9
+    values = [score(30.0, t) for t in np.linspace(0, 1, 50)]
     assert (np.diff(values) >= 0).all() and values[0] == 0.0
-    assert credibility(8.0, 1.0) == pytest.approx(0.5, abs=0.02)
-    assert credibility(30.0, 1.0, 0.0) == 0.0
+    assert score(8.0, 1.0) == pytest.approx(0.5, abs=0.02)
+    assert score(30.0, 1.0, 0.0) == 0.0
     assert min(value for value in values if value > 0) >= LEAST
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import coherence, csd, welch
 from scipy.special import j0
 
-from av_simulator.sound import Medium, Noise, OwnRotors, RotorVoice, Snr, SoundWorld, Source, Wind
+from av_simulator.sound import EgoRotors, Medium, Noise, RotorVoice, Snr, SoundWorld, Source, Wind
 
 RATE = 16000
 C = Medium().speed_of_sound
@@ -84,21 +84,21 @@ def test_snr_scales_the_sum_of_all_noise():
     assert 10 * np.log10(ratio) == pytest.approx(3.0, abs=0.7)
 
 
-def test_own_rotors_keep_their_delay_and_level_to_each_microphone():
+def test_ego_rotors_keep_their_delay_and_level_to_each_microphone():
     voice = RotorVoice(rotor_hz=(100.0,), broadband_db_spl=80.0, tone_db_spl=0.0)
     body = [[0.0, 0.5, 0.0], [0.0, -1.5, 0.0]]
-    heard = hear(Noise(None, own_rotors=OwnRotors(voice, [[0.0, 0.0, 0.0]], body)), 2.0)
+    heard = hear(Noise(None, ego_rotors=EgoRotors(voice, [[0.0, 0.0, 0.0]], body)), 2.0)
     assert spl(heard[:, 0]) - spl(heard[:, 1]) == pytest.approx(20 * np.log10(3.0), abs=0.1)
     spectrum = np.fft.rfft(heard[:, 1]) * np.conj(np.fft.rfft(heard[:, 0]))
     curve = np.fft.irfft(spectrum / np.abs(spectrum), 16 * len(heard))
     assert np.argmax(curve[:RATE * 2]) / (16 * RATE) == pytest.approx(1.0 / C, abs=1.0 / (16 * RATE))
 
 
-def test_own_rotors_without_their_geometry_are_named():
+def test_ego_rotors_without_their_geometry_are_named():
     with pytest.raises(ValueError, match=r'own rotors have shape \(1, 3\), expected \(4, 3\)'):
-        OwnRotors(RotorVoice(), [[0.0, 0.0, 0.0]], PAIR)
+        EgoRotors(RotorVoice(), [[0.0, 0.0, 0.0]], PAIR)
     with pytest.raises(ValueError, match='own rotors name microphones'):
-        hear(Noise(own_rotors=OwnRotors(RotorVoice(rotor_hz=(90.0,)), [[0.0, 0.0, 0.0]])), 0.1)
+        hear(Noise(ego_rotors=EgoRotors(RotorVoice(rotor_hz=(90.0,)), [[0.0, 0.0, 0.0]])), 0.1)
 
 
 def test_all_noise_is_the_same_for_any_block_size():

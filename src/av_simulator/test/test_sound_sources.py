@@ -128,8 +128,8 @@ def test_everything_can_be_written_in_yaml():
     assert surroundings.obstacles[0].top == 4.0 and surroundings.zones[0].decay_s == 0.8
     assert read(Surroundings, {'room': {'minimum': [0, 0, 0], 'maximum': [5, 5, 5], 'order': 1}}).room.order == 1
     assert read(Medium, {'attenuation': {'curve': 'linear', 'outer_m': 50.0}}).attenuation.outer_m == 50.0
-    noise = read(Noise, {'wind': {'velocity': [3, 0, 0]}, 'own_rotors': {'voice': {'blades': 3}, 'rotors': [[0.1, 0, 0]] * 4}})
-    assert noise.own_rotors.voice.blades == 3
+    noise = read(Noise, {'wind': {'velocity': [3, 0, 0]}, 'ego_rotors': {'voice': {'blades': 3}, 'rotors': [[0.1, 0, 0]] * 4}})
+    assert noise.ego_rotors.voice.blades == 3
 
 
 def test_a_long_flight_needs_no_more_memory_than_a_short_one():

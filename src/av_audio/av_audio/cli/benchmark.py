@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, own_noise, scenes
+from av_audio.benchmark import accuracy, cost, delay, ego_noise, scenes
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
@@ -27,7 +27,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'kemar': scenes.kemar(data),
         'room': scenes.room(clips),
         'square': scenes.square(count),
-        'own-rotors': own_noise.own_noise(min(count, 100)),
+        'own-rotors': ego_noise.ego_noise(min(count, 100)),
         'speed': cost.speed(),
         'node': cost.node(),
         'memory': cost.memory(),

@@ -41,7 +41,7 @@ def calibrate_file(options: argparse.Namespace) -> Calibration:
     array = MicrophoneArray.load(options.array)
     times, azimuths = read_truth(options.truth)
     estimates = localize_file(options.file, search_array(array), settings_from(options), options.channels, sys.stderr.isatty(),
-                              options.own_noise)
+                              options.ego_noise)
     measured_times, paths = measured_path(array, estimates)
     known = (measured_times >= times[0]) & (measured_times <= times[-1])
     return calibrate(array, np.interp(measured_times[known], times, azimuths), paths[known])

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from av_audio.capture import open_sound, pick_channels
+from av_audio.ego_noise import NoiseRecording
 from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
-from av_audio.own_noise import NoiseRecording
 from av_common.microphone_array import MicrophoneArray
 
 
@@ -43,14 +43,14 @@ def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
     """Settings of the options that `add_localizer_arguments` made."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
                              method=arguments.method, temperature_c=arguments.temperature,
-                             estimated_rotors=arguments.own_rotors)
+                             estimated_rotors=arguments.ego_rotors)
 
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
-                  progress: bool = False, own_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
+                  progress: bool = False, ego_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
     """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit.
 
-    `own_noise` is a file of the same microphones with the rig alone.
+    `ego_noise` is a file of the same microphones with the rig alone.
     What is wrong with the channels (clipping, dead, identical, ...) is said on standard error at the end.
     """
     with open_sound(path) as file:
@@ -58,7 +58,7 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         if len(picked) != array.channels:
             raise ValueError(f'{path} gives {len(picked)} channel(s), but the array {array.name} has {array.channels} '
                              f'microphones; choose with --channels')
-        alone = NoiseRecording.load(own_noise) if own_noise else None
+        alone = NoiseRecording.load(ego_noise) if ego_noise else None
         if alone is not None:
             alone = alone._replace(samples=alone.samples[:, pick_channels(alone.samples.shape[1], channels, alone.name)])
         localizer = Localizer(array, file.samplerate, settings, alone)
@@ -130,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         progress = sys.stderr.isatty()
         records = [to_record(estimate) for estimate in
                    localize_file(options.file, array, settings_from(options), options.channels, progress,
-                                 options.own_noise)]
+                                 options.ego_noise)]
     except (OSError, ValueError) as error:
         sys.exit(f'localize: {error}')
     if options.json:

@@ -7,10 +7,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Float32MultiArray
 
+from av_audio.ego_noise import NoiseRecording
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
-from av_audio.own_noise import NoiseRecording
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
@@ -38,8 +38,8 @@ class DoaNode(RigNode):
                              'config/arrays/two_microphones.yaml')
         self._array = MicrophoneArray.load(values.array_file)
         self._localizer_settings = self._read_settings()
-        self._own_noise = NoiseRecording.load(values.own_noise) if values.own_noise else None
-        self._blades = values.own_rotor_blades if values.own_rotors == 'topic' else 0
+        self._ego_noise = NoiseRecording.load(values.ego_noise) if values.ego_noise else None
+        self._blades = values.ego_rotor_blades if values.ego_rotors == 'topic' else 0
         self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
         self._last: DoaEstimate | None = None
@@ -53,7 +53,7 @@ class DoaNode(RigNode):
         return LocalizerSettings(
             window_s=values.window, hop_s=values.hop, band_hz=(values.band_low, values.band_high), method=values.method,
             temperature_c=values.temperature, elevation_deg=(values.elevation_min_deg, values.elevation_max_deg),
-            estimated_rotors=values.own_rotor_count if values.own_rotors == 'estimated' else 0)
+            estimated_rotors=values.ego_rotor_count if values.ego_rotors == 'estimated' else 0)
 
     def _follow_parameters(self) -> None:
         """Take over what was changed at run time; what cannot be is reported and the old settings stay."""
@@ -113,7 +113,7 @@ class DoaNode(RigNode):
         if len(frame.samples) % channels:
             raise ValueError(f'{len(frame.samples)} samples are not a multiple of {channels} channels')
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
-            self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings, self._own_noise)
+            self._localizer = Localizer(self._array, frame.sample_rate, self._localizer_settings, self._ego_noise)
         samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
         self._localizer.blade_pass_hz = self._blade_pass_hz
         before = self._localizer.restarts

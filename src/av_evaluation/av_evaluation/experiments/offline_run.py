@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
-from av_audio.own_noise import NoiseRecording
 from av_common.angles import angles_to_direction
 from av_common.rig import Rig
 from av_common.track import Track
@@ -26,7 +26,7 @@ from av_simulator.world import World
 STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000
 # Before a rig with rotors flies after drones, it is recorded alone for so long.
-OWN_NOISE_S = 10.0
+EGO_NOISE_S = 10.0
 SILENT_DB = -120.0
 
 
@@ -47,10 +47,10 @@ class OfflineRun:
         self._renderer = self.world.renderer() if detect else None
         self._oracle = Oracle(rig.camera.model, self.world.solids())
         settings = replace(listening or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
-        own_noise = own_noise_of(scenario, rig, self.world.seed) if scenario.noise.own_rotors else None
-        if own_noise is not None:
-            self.log.notes['own noise'] = f'known from {OWN_NOISE_S:.0f} s of the rig alone'
-        self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method), own_noise)
+        ego_noise = ego_noise_of(scenario, rig, self.world.seed) if scenario.noise.ego_rotors else None
+        if ego_noise is not None:
+            self.log.notes['ego-noise'] = f'known from {EGO_NOISE_S:.0f} s of the rig alone'
+        self._localizers = {method: Localizer(rig.array.geometry, SAMPLE_RATE, replace(settings, method=method), ego_noise)
                             for method in ('ml', *baselines)}
         self._window = settings.window_s
         self._picture_every = picture_every
@@ -111,12 +111,12 @@ class OfflineRun:
         """Corners in pixels and confidence of what is detected."""
         if self._detect is not None:
             return self._detect(self._renderer.render(view).bgr, now)
-        return [(box.min_x, box.min_y, box.max_x, box.max_y, box.credibility) for box in self._oracle.boxes(view)]
+        return [(box.min_x, box.min_y, box.max_x, box.max_y, box.score) for box in self._oracle.boxes(view)]
 
 
-def own_noise_of(scenario: Scenario, rig: Rig, seed: int) -> NoiseRecording:
+def ego_noise_of(scenario: Scenario, rig: Rig, seed: int) -> NoiseRecording:
     """The rig of a scenario recorded at another time, with no drone to be heard."""
     silent = tuple(replace(target, gain_db=SILENT_DB) for target in scenario.targets)
     world = World(replace(scenario, targets=silent), rig, seed + 1000, SAMPLE_RATE)
-    steps = round(OWN_NOISE_S * SAMPLE_RATE / STEP)
+    steps = round(EGO_NOISE_S * SAMPLE_RATE / STEP)
     return NoiseRecording(np.concatenate([world.advance(STEP) for _ in range(steps)]), SAMPLE_RATE)

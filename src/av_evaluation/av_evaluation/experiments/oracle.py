@@ -15,7 +15,7 @@ from av_simulator.rendering.view import Appearance, Drone, TruthBox, View, appea
 
 
 class Oracle:
-    """Reports the drones in a view as the simulator does, with the same credibility, hidden behind the same solids."""
+    """Reports the drones in a view as the simulator does, with the same score, hidden behind the same solids."""
 
     def __init__(self, camera: PinholeCamera, solids: Sequence[Solid]) -> None:
         self._camera, self._solids = camera, Solids(solids)

@@ -42,7 +42,7 @@ SWEEPS = {
                    lambda value: (('targets.0.trajectory.period', 360.0 / value),)),
     'spacing': Sweep('Distance between the microphones', 'm', 'fog_woodland', (0.05, 0.1, 0.15, 0.2, 0.3, 0.5),
                      lambda value: (), array=True),
-    'own_noise': Sweep('Drone at 10 m over the noise of the own rotors', 'dB', 'own_rotors',
+    'ego_noise': Sweep('Drone at 10 m over the noise of the own rotors', 'dB', 'ego_rotors',
                        (-20.0, -15.0, -10.0, -5.0, 0.0, 10.0),
                        lambda value: (('noise.snr.ratio_db', value),)),
 }

@@ -18,7 +18,7 @@ def localizer_settings(p: Any) -> LocalizerSettings:
     return LocalizerSettings(
         window_s=p.window, hop_s=p.hop, band_hz=(p.band_low, p.band_high), method=p.method,
         temperature_c=p.temperature, elevation_deg=(p.elevation_min_deg, p.elevation_max_deg),
-        estimated_rotors=p.own_rotor_count if p.own_rotors == 'estimated' else 0)
+        estimated_rotors=p.ego_rotor_count if p.ego_rotors == 'estimated' else 0)
 
 
 def ground(p: Any, camera: PinholeCamera) -> NDArray | None:

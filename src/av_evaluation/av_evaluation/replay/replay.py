@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from av_audio.own_noise import NoiseRecording
+from av_audio.ego_noise import NoiseRecording
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
@@ -248,10 +248,10 @@ class Replay:
             array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
             p = self._parameters('av_audio', 'doa_node')
             listening = algorithms.localizer_settings(p)
-            blades = p.own_rotor_blades if p.own_rotors == 'topic' else 0
-            own_noise = NoiseRecording.load(p.own_noise) if p.own_noise else None
-            self._hearing = Hearing(array, listening, self._make, blades, own_noise)
-            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades, own_noise)
+            blades = p.ego_rotor_blades if p.ego_rotors == 'topic' else 0
+            ego_noise = NoiseRecording.load(p.ego_noise) if p.ego_noise else None
+            self._hearing = Hearing(array, listening, self._make, blades, ego_noise)
+            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades, ego_noise)
                             for method in self._estimators}
         if names.IMAGE in self._topics:
             model = self._settings.model if self._settings.model != 'shipped' else ''

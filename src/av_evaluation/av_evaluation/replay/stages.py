@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.own_noise import NoiseRecording
 from av_bags import topics as names
 from av_bags.feed import CLOCK_TOLERANCE_S
 from av_common.microphone_array import MicrophoneArray
@@ -39,14 +39,14 @@ Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, its b
 class Hearing:
     """doa_node: audio frames to directions of arrival. `problems` holds what was wrong with frames left out.
 
-    `blades` of a rotor of the rig's own turn the motors' speeds into the tones to leave out; 0 listens to all. `own_noise`
+    `blades` of a rotor of the rig's own turn the motors' speeds into the tones to leave out; 0 listens to all. `ego_noise`
     is what the rig alone sounds like.
     """
 
     def __init__(self, array: MicrophoneArray, settings: LocalizerSettings, make: MessageMaker, blades: int = 0,
-                 own_noise: NoiseRecording | None = None) -> None:
+                 ego_noise: NoiseRecording | None = None) -> None:
         self._array, self._settings, self._make, self._blades = array, settings, make, blades
-        self._own_noise = own_noise
+        self._ego_noise = ego_noise
         self._blade_pass_hz = np.zeros(0)
         self._localizer: Localizer | None = None
         self.problems: set[str] = set()
@@ -77,7 +77,7 @@ class Hearing:
         if frame.channels != channels:
             raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {channels} microphones')
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
-            self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._own_noise)
+            self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
         self._localizer.blade_pass_hz = self._blade_pass_hz
         samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
         return self._localizer.process(samples, frame.first_sample)

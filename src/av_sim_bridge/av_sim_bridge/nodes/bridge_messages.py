@@ -74,7 +74,7 @@ def _detection(header: Header, box: OracleBox) -> Detection2D:
     detection.bbox.center.position.y = (box.min_y + box.max_y) / 2
     detection.bbox.size_x, detection.bbox.size_y = box.max_x - box.min_x, box.max_y - box.min_y
     result = ObjectHypothesisWithPose()
-    result.hypothesis.class_id, result.hypothesis.score = 'drone', box.credibility
+    result.hypothesis.class_id, result.hypothesis.score = 'drone', box.score
     detection.results = [result]
     return detection
 

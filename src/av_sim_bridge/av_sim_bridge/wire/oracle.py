@@ -14,10 +14,10 @@ MOST_BOXES = 1000
 
 @dataclass(frozen=True)
 class OracleBox:
-    """One target in the picture: corners in pixels, credibility 0..1 that a detector would find it."""
+    """One target in the picture: corners in pixels, score 0..1 that a detector would find it."""
 
     target_id: int
-    credibility: float
+    score: float
     min_x: float
     min_y: float
     max_x: float
@@ -27,7 +27,7 @@ class OracleBox:
 def encode_oracle(boxes: list[OracleBox]) -> bytes:
     """Bytes of one report; an empty list says that nothing was seen."""
     return _COUNT.pack(len(boxes)) + b''.join(
-        _BOX.pack(box.target_id, box.credibility, box.min_x, box.min_y, box.max_x, box.max_y) for box in boxes)
+        _BOX.pack(box.target_id, box.score, box.min_x, box.min_y, box.max_x, box.max_y) for box in boxes)
 
 
 def is_oracle(datagram: bytes) -> bool:
@@ -44,15 +44,15 @@ def decode_oracle(datagram: bytes) -> list[OracleBox]:
         raise WireError(f'oracle: {len(datagram)} bytes are not a count and that many boxes of {_BOX.size} bytes')
     boxes = [OracleBox(*fields) for fields in _BOX.iter_unpack(datagram[_COUNT.size:])]
     for box in boxes:
-        check_finite([box.credibility, box.min_x, box.min_y, box.max_x, box.max_y], 'oracle')
-        if not 0 <= box.credibility <= 1:
-            raise WireError(f'oracle: credibility {box.credibility:g} of target {box.target_id}, 0..1 expected')
+        check_finite([box.score, box.min_x, box.min_y, box.max_x, box.max_y], 'oracle')
+        if not 0 <= box.score <= 1:
+            raise WireError(f'oracle: score {box.score:g} of target {box.target_id}, 0..1 expected')
         if box.min_x > box.max_x or box.min_y > box.max_y:
             raise WireError(f'oracle: box of target {box.target_id} has its corners swapped')
     return boxes
 
 
-def box_of_points(target_id: int, credibility: float, pixels: np.ndarray) -> OracleBox:
+def box_of_points(target_id: int, score: float, pixels: np.ndarray) -> OracleBox:
     """The box around pixels (n, 2)."""
     (min_x, min_y), (max_x, max_y) = pixels.min(axis=0), pixels.max(axis=0)
-    return OracleBox(target_id, float(credibility), float(min_x), float(min_y), float(max_x), float(max_y))
+    return OracleBox(target_id, float(score), float(min_x), float(min_y), float(max_x), float(max_y))

@@ -15,7 +15,7 @@ from av_simulator.world import World
 
 _RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
 _TARGET = ['x', 'y', 'z', 'vx', 'vy', 'vz', 'azimuth', 'elevation', 'distance']
-_BOX = ['min_x', 'min_y', 'max_x', 'max_y', 'visible_fraction', 'transmission', 'credibility']
+_BOX = ['min_x', 'min_y', 'max_x', 'max_y', 'visible_fraction', 'transmission', 'score']
 
 
 class FileRecorder:
@@ -97,7 +97,7 @@ def _truth_row(moment: Moment) -> list[float]:
 
 
 def _box_rows(view: View, picture: Picture) -> list[list]:
-    reported = {box.target_id: box.credibility for box in picture.boxes}
+    reported = {box.target_id: box.score for box in picture.boxes}
     return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET_ID, *(truth.box or [''] * 4),
              *_rounded([truth.visible_fraction, truth.transmission, reported.get(truth.target_id, 0.0)])]
             for truth in picture.truth]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from av_common.camera import PinholeCamera
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.atmosphere import Atmosphere
-from av_simulator.rendering.visibility import credibility
+from av_simulator.rendering.visibility import score
 
 FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, which is the rig
 ROTOR_RADIUS = 0.15    # of a drone of size 1
@@ -160,5 +160,5 @@ def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleB
 
     light: share of the contrast that the camera's exposure leaves.
     """
-    value = credibility(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
+    value = score(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
     return OracleBox(truth.target_id, value, *(truth.box or seen.box)) if value > 0.0 else None

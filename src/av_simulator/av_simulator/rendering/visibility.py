@@ -7,7 +7,7 @@ HALF_TRANSMISSION = 0.15  # a large target is found every second time when this 
 LEAST = 0.05              # below this a detector reports nothing
 
 
-def credibility(size_px: float, transmission: float, visible_fraction: float = 1.0) -> float:
+def score(size_px: float, transmission: float, visible_fraction: float = 1.0) -> float:
     """How credible a detection is, 0..1: rises smoothly with apparent size, contrast and the part in view.
 
     c = f * h(size / HALF_SIZE_PX) * h(transmission / HALF_TRANSMISSION) with Hill's h(x) = x^2 / (1 + x^2), and 0

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.fields import corcos, diffuse, field_noise, horizontal
 from av_simulator.sound.levels import spl_to_pascal
-from av_simulator.sound.own_rotors import OwnRotors
 from av_simulator.sound.stream import CHUNK, Stream, white_noise
 from av_simulator.sound.wander import Wander
 
@@ -71,7 +71,7 @@ class Noise:
     urban_db_spl: float | None = None
     urban_swing_db: float = 3.0
     diffuse_db_spl: float | None = None
-    own_rotors: OwnRotors | None = None
+    ego_rotors: EgoRotors | None = None
     snr: Snr | None = None
 
     def steady(self) -> Noise:
@@ -93,8 +93,8 @@ class Noise:
         if self.diffuse_db_spl is not None:
             pink = field_noise([*key, 3], sample_rate, layout, lambda f: 1.0 / np.maximum(f, 20.0), diffuse(speed_of_sound))
             kinds.append(_scaled(pink, self.diffuse_db_spl))
-        if self.own_rotors is not None:
-            kinds.append(self.own_rotors.stream(sample_rate, len(layout), speed_of_sound, [*key, 4]))
+        if self.ego_rotors is not None:
+            kinds.append(self.ego_rotors.stream(sample_rate, len(layout), speed_of_sound, [*key, 4]))
         silence = np.zeros((len(layout), CHUNK))
         return Stream(lambda index: sum((kind.read(index * CHUNK, (index + 1) * CHUNK) for kind in kinds), start=silence))
 

@@ -17,13 +17,13 @@ from av_common.angles import angles_to_direction
 
 WINDOW_S = 0.5
 # A quadrotor with arms of 0.25 m around the pair, 5 cm below it.
-OWN_ROTORS = np.array([[0.18, 0.18, -0.05], [-0.18, 0.18, -0.05], [-0.18, -0.18, -0.05], [0.18, -0.18, -0.05]])
+EGO_ROTORS = np.array([[0.18, 0.18, -0.05], [-0.18, 0.18, -0.05], [-0.18, -0.18, -0.05], [0.18, -0.18, -0.05]])
 OWN_BROADBAND_DB = -15.0
 TARGET_SNR_DB = 10.0
 GOOD_DEG = 3.0
 
 
-def own_noise(count: int) -> Iterator[Figure]:
+def ego_noise(count: int) -> Iterator[Figure]:
     """Median error of a target at 10 dB above white noise, by the level of the own rotors over the target."""
     for name in ('ignored', 'known', 'estimated'):
         settings = LocalizerSettings(hop_s=WINDOW_S, estimated_rotors=4 if name == 'estimated' else 0)
@@ -53,10 +53,10 @@ def scene(rng: Generator, azimuth: float, level_db: float) -> tuple[NDArray, NDA
     """
     arrivals = -PAIR.positions @ angles_to_direction(azimuth) / speed_of_sound(20.0)
     target = rotors(rng, WINDOW_S, arrivals)
-    blade_pass = rng.uniform(150.0, 220.0, len(OWN_ROTORS))
+    blade_pass = rng.uniform(150.0, 220.0, len(EGO_ROTORS))
     time = np.arange(round(WINDOW_S * RATE))[:, None] / RATE
     own = np.zeros(target.shape)
-    for fundamental, place in zip(blade_pass, OWN_ROTORS, strict=True):
+    for fundamental, place in zip(blade_pass, EGO_ROTORS, strict=True):
         distances = np.linalg.norm(PAIR.positions - place, axis=1)
         turn = np.exp(2j * np.pi * fundamental * (time - distances / speed_of_sound(20.0)))
         orders = np.arange(1, int(4500.0 / fundamental))

@@ -1,4 +1,4 @@
-"""The rig's own noise, known from a recording of the rig alone and taken off what is heard."""
+"""The rig's ego-noise, known from a recording of the rig alone and taken off what is heard."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class NoiseRecording(NamedTuple):
 
     samples: NDArray[np.float32]
     sample_rate: int
-    name: str = 'own noise'
+    name: str = 'ego-noise'
 
     @classmethod
     def load(cls, path: str | Path) -> NoiseRecording:
@@ -47,12 +47,12 @@ class NoiseRecording(NamedTuple):
             raise ValueError(f'{self.name} has a silent channel')
 
 
-class OwnNoise:
-    """Spatial covariance of the own noise by frequency.
+class EgoNoise:
+    """Spatial covariance of the ego-noise by frequency.
 
     Rotors beside the microphones are as loud as any target, but always in the same places: what they make of the
     cross-spectra is known up to their level, and is subtracted before anything is weighed (Boll, 1979, does so with spectra; of
-    cross-spectra even the chance in a single window averages out over frequency). The level is that of the own noise in
+    cross-spectra even the chance in a single window averages out over frequency). The level is that of the ego-noise in
     the cross-spectra of each window by weighted least squares: what comes from elsewhere has other phases, and no share in it.
     """
 
@@ -65,7 +65,7 @@ class OwnNoise:
         self._pairs = np.triu_indices(len(covariance), 1)
 
     def covariance_in(self, spectra: NDArray) -> NDArray:
-        """Covariance (m, m, k) of the own noise in a window with spectra (m, k), 0 where these are 0."""
+        """Covariance (m, m, k) of the ego-noise in a window with spectra (m, k), 0 where these are 0."""
         covariance = _covariance(spectra)
         power = np.einsum('iik->k', covariance.real)
         used = power > 0.0

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from av_audio.benchmark.accuracy import PAIR, azimuth_error
-from av_audio.benchmark.own_noise import scene
+from av_audio.benchmark.ego_noise import scene
 from av_audio.benchmark.signals import RATE
+from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.own_rotors import find_blade_pass, notch
 
 FREQUENCIES = np.arange(165.0, 4600.0, 2.0)
 
@@ -33,7 +33,7 @@ def test_rotors_are_found_in_noise():
 
 
 @pytest.mark.parametrize('known', [True, False])
-def test_a_target_is_heard_through_own_rotors_ten_decibels_louder(known):
+def test_a_target_is_heard_through_ego_rotors_ten_decibels_louder(known):
     rng = np.random.default_rng(3)
     errors = {'with': [], 'without': []}
     for azimuth in np.radians([-70.0, -30.0, 0.0, 20.0, 50.0, 130.0, 200.0]):

@@ -14,7 +14,7 @@ from av_simulator.sound.stream import CHUNK, Stream
 
 
 @dataclass(frozen=True)
-class OwnRotors:
+class EgoRotors:
     """Rotor hubs (rotors, 3) and microphones (m, 3) in m in one body frame, and the voice of the whole vehicle.
 
     The body is rigid, so that every rotor keeps its distance and delay to every microphone wherever the rig flies.

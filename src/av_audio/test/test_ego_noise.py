@@ -1,4 +1,4 @@
-"""A target under the rig's own noise, which is known from a recording of the rig alone."""
+"""A target under the rig's ego-noise, which is known from a recording of the rig alone."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 import soundfile
 
 from av_audio.cli import localize
+from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.own_noise import NoiseRecording
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
@@ -29,7 +29,7 @@ def delayed(sound, seconds):
 
 
 def rig_alone(rng):
-    """Four independent rotors that hiss near the microphones (n, 2), of power 1, and the microphones' own noise."""
+    """Four independent rotors that hiss near the microphones (n, 2), of power 1, and the microphones' ego-noise."""
     heard = np.zeros((round(SECONDS * RATE), 2))
     for place in ROTORS:
         distances = np.linalg.norm(PAIR.positions - place, axis=1)
@@ -95,7 +95,7 @@ def test_a_loud_target_is_heard_no_worse_for_it(recording):
 def test_a_recording_that_does_not_fit_is_refused(samples, rate, complaint):
     """By name, and with what would be right."""
     with pytest.raises(ValueError, match=complaint):
-        Localizer(PAIR, RATE, own_noise=NoiseRecording(samples.astype(np.float32), rate, 'my.wav'))
+        Localizer(PAIR, RATE, ego_noise=NoiseRecording(samples.astype(np.float32), rate, 'my.wav'))
 
 
 def test_localize_takes_a_file_of_the_rig_alone(recording, tmp_path, capsys):
