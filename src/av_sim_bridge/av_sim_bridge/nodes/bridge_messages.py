@@ -10,10 +10,11 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from std_msgs.msg import Header
+from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
 from av_common.camera import PinholeCamera
-from av_common.stamps import to_stamp
+from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.oracle import OracleBox
@@ -54,6 +55,20 @@ def odometry_message(header: Header, child_frame: str, state: VehicleState) -> O
     twist.linear = _vector(state.rotation.T @ state.velocity)
     twist.angular = _vector(state.rate_flu)
     return message
+
+
+def vehicle_state(message: Odometry) -> VehicleState:
+    """The state that an Odometry in ENU and FLU describes. Raises ValueError for a pose that is not finite or not a pose."""
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    attitude = np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    values = np.array([position.x, position.y, position.z, linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    norm = float(np.linalg.norm(attitude))
+    if not (np.isfinite(values).all() and abs(norm - 1.0) < 0.05):
+        raise ValueError(f'odometry: numbers that are not finite, or a quaternion of norm {norm:.3g} where 1 is expected')
+    attitude /= norm
+    return VehicleState(to_seconds(message.header.stamp), values[:3], quat2mat(attitude) @ values[3:6],
+                        attitude_wxyz=attitude, rate_flu=values[6:])
 
 
 def imu_message(header: Header, acceleration_flu: NDArray, rate_flu: NDArray) -> Imu:

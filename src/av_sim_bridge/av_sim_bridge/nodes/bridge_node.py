@@ -38,12 +38,13 @@ from av_sim_bridge.bridge.intake import (
 from av_sim_bridge.bridge.receiver import Handler, Receiver, open_port
 from av_sim_bridge.nodes import bridge_messages as messages
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
-from av_sim_bridge.vehicle import VehicleState
+from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.imu import ImuSample
 from av_sim_bridge.wire.oracle import OracleBox
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
+from av_sim_bridge.wire.truth import encode_truth
 
 LONGEST_BLOCK = 4800   # frames in one message
 STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # whose silence is worth a warning
@@ -66,6 +67,8 @@ class BridgeNode(RigNode):
         topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
                   'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT),
                   'truth/rig': (Odometry, RESULT), 'truth/target': (Odometry, RESULT), 'imu': (Imu, STREAM)}
+        if self._settings.follow_odometry:
+            del topics['odometry']    # somebody else's, who moves the rig
         topics |= {f'truth/target_{number}': (Odometry, RESULT) for number in self._more_targets}
         if self._settings.depth_port:
             topics['camera/depth/image_raw'] = (Image, PICTURE)
@@ -109,6 +112,9 @@ class BridgeNode(RigNode):
             opened.callback(setattr, self, '_sounding', False)
             self._opened = opened.pop_all()
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+        self._unusable_poses = 0
+        if self._settings.follow_odometry:
+            self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
 
     def deactivate(self) -> None:
         """Stop the threads and give the ports back."""
@@ -161,7 +167,8 @@ class BridgeNode(RigNode):
         header = messages.make_header(stamp, self._settings.world_frame)
         if copter_id == self._settings.rig_id:
             message = messages.odometry_message(header, self._rig.base_frame, state)
-            self._outputs['odometry'].publish(message)
+            if not self._settings.follow_odometry:
+                self._outputs['odometry'].publish(message)
             self._outputs['truth/rig'].publish(message)
         elif copter_id == self._settings.target_id:
             self._outputs['truth/target'].publish(messages.odometry_message(header, 'target', state))
@@ -176,10 +183,22 @@ class BridgeNode(RigNode):
 
     def _on_command(self, command: PointingCommand) -> None:
         self._sequence = (self._sequence + 1) % 2**31
+        body = command.move_body and not self._settings.follow_odometry
         gimbal = command.move_gimbal and math.isfinite(command.pan) and math.isfinite(command.tilt)
         datagram = encode_rig_control(RigControl(
-            self._sequence, command.mode, command.yaw_rate if command.move_body else None,
+            self._sequence, command.mode, command.yaw_rate if body else None,
             command.pan if gimbal else None, command.tilt if gimbal else None))
+        self._send_control(datagram)
+
+    def _on_odometry(self, odometry: Odometry) -> None:
+        try:
+            state = messages.vehicle_state(odometry)
+        except ValueError:
+            self._unusable_poses += 1
+            return
+        self._send_control(encode_truth(to_truth(state, self._settings.rig_id)))
+
+    def _send_control(self, datagram: bytes) -> None:
         try:
             self._commands.sendto(datagram, (self._settings.control_host, self._settings.control_port))
         except OSError as error:
@@ -213,6 +232,7 @@ class BridgeNode(RigNode):
                 'audio overwritten frames': self._ring.overwritten, 'image lost': assembler.incomplete,
                 'image reordered': assembler.reordered, 'image dropped': self._images.dropped,
                 'image undecodable': self._images.failed, 'imu lost': self._imu.lost,
+                'odometry unusable': self._unusable_poses,
                 'clock restarts': self._sender_clock.restarts, 'time sync offset (s)': self._time_sync.offset_s,
                 'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1)}
 
