@@ -8,8 +8,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -36,18 +35,34 @@ RETRY_S = 2.0
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
 
 
+class RenamedParameterError(ValueError):
+    """A parameter is given by a name that it no longer has; the message names the old and the new name."""
+
+
 class RigNode(LifecycleNode):
-    """A lifecycle node that starts by itself and says in /diagnostics how it is.
+    """A lifecycle node that activates itself and reports its state in /diagnostics.
 
     A subclass overrides `configure` (build the algorithm, open publishers), `activate` (open the source, subscribe),
     `deactivate` and `cleanup` (the reverse), and `diagnose`. When `configure` or `activate` raises one of
     EXPECTED_ERRORS the node stays alive, reports the message and, with `autostart`, tries again every two seconds.
     Subscriptions and timers made through `while_active` live from activation to deactivation.
+
+    Parameters:
+        name: the node's name.
+        parameters: the class that generate_parameter_library made of the node's YAML description; None for a node
+            without parameters of its own.
+        kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
+
+    Raises RenamedParameterError when a parameter is given by one of the names in RENAMED_PARAMETERS, and rclpy's
+    InvalidParameterTypeException or InvalidParameterValueException for values of a wrong type or out of bounds.
     """
 
-    def __init__(self, name: str, parameters: ModuleType | None = None, **kwargs: Any) -> None:
-        """Declare the parameters that `parameters` (a module generated from YAML) describes and set up the lifecycle."""
+    # Names that parameters had in earlier versions, and the names that they have now.
+    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
+        self._refuse_renamed_parameters()
         self.done = Future()  # when it is, the node's process ends
         self._problem = ''
         self._active = False
@@ -67,6 +82,10 @@ class RigNode(LifecycleNode):
     def settings(self) -> Any:
         """The parameters as they are now, as the generated typed struct."""
         return self._parameter_listener.get_params()
+
+    def now(self) -> float:
+        """Time of the node's clock (ROS time, simulated with `use_sim_time`) in s since its epoch."""
+        return 1e-9 * self.get_clock().now().nanoseconds
 
     @property
     def is_active(self) -> bool:
@@ -134,6 +153,14 @@ class RigNode(LifecycleNode):
             self._release()
             self._attempt(self.deactivate)
 
+    def _refuse_renamed_parameters(self) -> None:
+        """Look whether a file, the launch or the command line gives a value to a name that is gone."""
+        for old, new in self.RENAMED_PARAMETERS.items():
+            given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
+            self.undeclare_parameter(old)
+            if given is not None:
+                raise RenamedParameterError(f'the parameter {old} is now named {new}')
+
     def _release(self) -> None:
         while self._entities:
             destroy, entity = self._entities.pop()
@@ -179,7 +206,9 @@ class RigNode(LifecycleNode):
 
 
 def run(node_class: Callable[[], RigNode]) -> None:
-    """Run a node until it is interrupted: the body of each node's `main`. Exits with 1 on parameters out of bounds.
+    """Run a node until it is interrupted: the body of each node's `main`.
+
+    Exits with 1 and one line in the log when parameters are out of bounds, of a wrong type, or given by an old name.
 
     SIGINT and SIGTERM let the callback in progress finish and the node deactivate, with its publishers still alive.
     """
@@ -192,7 +221,7 @@ def run(node_class: Callable[[], RigNode]) -> None:
         signal.signal(number, lambda *_: None)
     try:
         node = node_class()
-    except (InvalidParameterValueException, InvalidParameterTypeException) as error:
+    except (RenamedParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)

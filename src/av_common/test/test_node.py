@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 
 from av_common.node import RigNode
 from av_common.rate_meter import RateMeter
@@ -114,6 +116,37 @@ def test_a_process_ends_cleanly_though_nothing_happens(end):
         process.send_signal(end)
     rest, _ = process.communicate(timeout=30.0)
     assert rest == 'deactivated True\n' and process.returncode == 0
+
+
+RENAMED = """
+from av_common.node import RigNode, run
+
+class Tracker(RigNode):
+    RENAMED_PARAMETERS = {'recall': 'detection_probability'}
+    def __init__(self):
+        super().__init__('tracker')
+
+run(Tracker)
+"""
+
+
+@pytest.mark.parametrize('how', ['command line', 'file'])
+def test_a_parameter_given_by_its_old_name_ends_the_node(how, tmp_path):
+    """Exit code 1 and one line with both names, whether a file or the command line gives it."""
+    file = tmp_path / 'params.yaml'
+    file.write_text('/**:\n  ros__parameters: {recall: 0.5}\n')
+    given = ['-p', 'recall:=0.5'] if how == 'command line' else ['--params-file', str(file)]
+    result = subprocess.run([sys.executable, '-c', RENAMED, '--ros-args', *given], capture_output=True, text=True,
+                            timeout=60.0, env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+    assert result.returncode == 1
+    assert result.stderr.count('\n') == 1 and 'parameter recall is now named detection_probability' in result.stderr
+
+
+def test_now_is_the_nodes_clock_in_seconds(executor):
+    """Wall time here, simulated time with use_sim_time."""
+    node = RigNode('clock', parameter_overrides=[Parameter('autostart', value=False)])
+    assert node.now() == pytest.approx(time.time(), abs=5.0)
+    node.destroy_node()
 
 
 def test_stamps_round_trip_to_a_quarter_microsecond():

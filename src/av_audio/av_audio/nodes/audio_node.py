@@ -44,13 +44,10 @@ class AudioNode(RigNode):
     def _open(self, settings: object) -> FileSource | DeviceSource:
         channels = [] if list(settings.channels) == [-1] else list(settings.channels)
         if settings.source == 'device':
-            return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self._now)
+            return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self.now)
         if not settings.file:
             raise ValueError('file is empty, expected the path of a sound file')
-        return FileSource(settings.file, channels, settings.block, settings.loop, self._now)
-
-    def _now(self) -> float:
-        return 1e-9 * self.get_clock().now().nanoseconds
+        return FileSource(settings.file, channels, settings.block, settings.loop, self.now)
 
     def activate(self) -> None:
         """Begin to capture. Raises ValueError when the device cannot."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -26,6 +28,9 @@ PARAMETERS_S = 1.0
 
 class DoaNode(RigNode):
     """Listens to `audio/frames` and publishes `doa`. Frames that do not fit are reported and left out."""
+
+    RENAMED_PARAMETERS: ClassVar = {'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors',
+                                    'own_rotor_count': 'ego_rotor_count', 'own_rotor_blades': 'ego_rotor_blades'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('doa_node', parameters, **kwargs)

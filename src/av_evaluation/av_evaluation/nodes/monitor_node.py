@@ -73,7 +73,7 @@ class MonitorNode(RigNode):
         return wall.monotonic() - self._started < 3600.0 * self._settings.max_hours
 
     def _age(self, stamp: float) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9 - stamp
+        return self.now() - stamp
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()

@@ -60,9 +60,6 @@ class FusionNode(RigNode):
         self.destroy_publisher(self._bearing_publisher)
         self.destroy_publisher(self._state_publisher)
 
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
-
     def _is_foreign(self, stamp: float, now: float) -> bool:
         """Whether a stamp stems from another clock than this node's."""
         foreign = abs(stamp - now) > CLOCK_TOLERANCE_S
@@ -71,7 +68,7 @@ class FusionNode(RigNode):
 
     def _on_doa(self, data: bytes) -> None:
         self._meters['doa'].tick()
-        heard, now = _read(data, HEARD, DoaArray), self._now()
+        heard, now = _read(data, HEARD, DoaArray), self.now()
         if self._is_foreign(heard.time, now):
             return
         for sound in self._senses.sounds(heard, self._settings.min_sound_confidence):
@@ -80,7 +77,7 @@ class FusionNode(RigNode):
 
     def _on_detections(self, data: bytes) -> None:
         self._meters['detections'].tick()
-        seen, now = _read(data, SEEN, Detection2DArray), self._now()
+        seen, now = _read(data, SEEN, Detection2DArray), self.now()
         if self._is_foreign(seen.time, now):
             return
         judged, visibility = self._visibility
@@ -96,13 +93,13 @@ class FusionNode(RigNode):
         self._meters['odometry'].tick()
         pose = _read(data, POSE, Odometry)
         # The clock was read when the last track was published: it is read again only where that leaves a doubt.
-        if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self._now()):
+        if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self.now()):
             return
         if pose.has_attitude:
             self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
 
     def _on_silence(self) -> None:
-        self._publish(self._now())
+        self._publish(self.now())
 
     def _missing(self) -> list[str]:
         return [name for name, meter in self._meters.items() if meter.age > 1.0]

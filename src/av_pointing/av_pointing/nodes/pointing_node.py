@@ -48,14 +48,11 @@ class PointingNode(RigNode):
     def deactivate(self) -> None:
         """Leave with a command that moves nothing."""
         self._controller.enabled = False
-        self._step(self._now())
+        self._step(self.now())
 
     def cleanup(self) -> None:
         """Close the publisher."""
         self.destroy_publisher(self._publisher)
-
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
 
     def _on_state(self, message: FusionState) -> None:
         self._resolved, self._rotation = message.hemisphere_resolved, message.requested_rotation
@@ -67,7 +64,7 @@ class PointingNode(RigNode):
             elevation=message.elevation, azimuth_variance=message.azimuth_variance,
             elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
             azimuth_world_rate=message.azimuth_world_rate, resolved=self._resolved, requested_rotation=self._rotation)
-        self._step(self._now())
+        self._step(self.now())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._controller.enabled = request.data
@@ -75,7 +72,7 @@ class PointingNode(RigNode):
         return response
 
     def _on_timer(self) -> None:
-        now = self._now()
+        now = self.now()
         if now - self._last_step > 0.9 / self._settings.rate:
             self._step(now)
 

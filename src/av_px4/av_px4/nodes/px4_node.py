@@ -97,9 +97,6 @@ class Px4Node(RigNode):
         self._odometry.close()
         self.destroy_publisher(self._state)
 
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
-
     def _timestamp(self) -> int:
         return self.get_clock().now().nanoseconds // 1000
 
@@ -117,7 +114,7 @@ class Px4Node(RigNode):
 
     def _in_time(self, stamp: Time, limit: float) -> bool:
         """Whether a message is not itself late: one that waited in a queue is not fresh because it arrives now."""
-        return abs(self._now() - to_seconds(stamp)) <= limit
+        return abs(self.now() - to_seconds(stamp)) <= limit
 
     # from PX4
 

@@ -48,15 +48,12 @@ class CameraNode(RigNode):
         if settings.source == 'file':
             if not settings.file:
                 raise ValueError('file is empty, expected a video, an image or a folder of images')
-            return FileSource(settings.file, settings.rate, settings.loop, self._now)
+            return FileSource(settings.file, settings.rate, settings.loop, self.now)
         kind, _, serial = settings.device.partition(':')
         if kind == 'realsense':
             return RealSenseSource(serial, settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms,
-                                   settings.depth, self._publish_motion if settings.imu else None, now=self._now)
-        return DeviceSource(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms, self._now)
-
-    def _now(self) -> float:
-        return 1e-9 * self.get_clock().now().nanoseconds
+                                   settings.depth, self._publish_motion if settings.imu else None, now=self.now)
+        return DeviceSource(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms, self.now)
 
     def activate(self) -> None:
         """Begin to capture."""
