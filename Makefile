@@ -5,7 +5,7 @@
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
 #   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
-#   make lint       style of the code, package.xml files and shell scripts
+#   make lint       style, layers of packages, package.xml files, shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
 SHELL := bash
@@ -40,13 +40,17 @@ report: build
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
+# Needs no build. The layers of packages and what is excepted: pyproject.toml. A workflow is checked where actionlint is installed.
 lint:
 	$(ENV) && ruff check .
+	$(ENV) && PYTHONPATH="$$(printf '%s:' src/av_*)$${PYTHONPATH-}" lint-imports --no-logo --no-cache
 	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
+	$(ENV) && python3 tools/lint/package_dependencies.py src/*
 	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
+	if command -v actionlint >/dev/null; then actionlint; fi
 
 clean:
-	rm -rf build install log .pytest_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py
+	rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py
 	find src launch test tools -name __pycache__ -prune -exec rm -rf {} +
 
 distclean: clean
