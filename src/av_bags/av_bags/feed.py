@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from av_bags import topics as names
 from av_bags.converters import AudioLayout, Converter, converter
 from av_bags.definitions import learn
 from av_bags.reader import FOREVER, Bag
-from av_fusion.measurement.poses import Pose, read_alike, read_odometry
-from av_fusion.measurement.readings import CLARITY, HEARD, POSE, SEEN
 
 SECOND = 10**9
 # As fusion_node: a stamp further from the clock than this is of another clock.
@@ -23,9 +17,6 @@ CLOCK_TOLERANCE_S = 2.0
 
 # So many messages are read at a time.
 LUMP = 1000
-# What the rig takes as plain numbers.
-READINGS = {names.DOA: HEARD, names.DETECTIONS: SEEN, names.VISIBILITY: CLARITY, names.ODOMETRY: POSE,
-            names.TRUE_TARGET: POSE, names.TRUE_RIG: POSE}
 # Whose stamps must agree with the bag's times, or with each other.
 CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
 
@@ -82,51 +73,28 @@ class Feed:
         return self._converters[name] is not None
 
     def contents(self, pieces: Iterable[Plain]) -> Iterator[tuple[str, float, int, Any, bytes | memoryview]]:
-        """What pieces mean to the rig: plain numbers of READINGS, else messages. Each also as CDR of the rig's type."""
+        """The messages of pieces, as objects and as CDR of the rig's type."""
         for name, now, time_ns, data in pieces:
-            for content, converted in self.meaning(name, time_ns, data):
-                yield name, now, time_ns, content, converted
-
-    def poses(self, pieces: Sequence[Plain]) -> tuple[NDArray[np.float64], Pose, list[bytes | memoryview]]:
-        """The same of a topic of poses, all at once in a tenth of the time: when each came (n,), columns (n,), CDR."""
-        if pieces and self._readers.get(pieces[0][0]) is read_odometry:
-            messages = [data for _, _, _, data in pieces]
-            columns = read_alike(messages)
-            if columns is not None:
-                return np.array([now for _, now, _, _ in pieces]), columns, messages
-        rows = [(now, *pose_and_data) for name, now, time_ns, data in pieces
-                for pose_and_data in self.meaning(name, time_ns, data)]
-        table = np.array([pose for _, pose, _ in rows], float).reshape(-1, len(Pose._fields))
-        return np.array([now for now, _, _ in rows]), Pose(*table.T), [data for _, _, data in rows]
+            for message, converted in self.meaning(name, time_ns, data):
+                yield name, now, time_ns, message, converted
 
     def meaning(self, name: str, time_ns: int, data: bytes) -> Iterable[tuple[Any, bytes | memoryview]]:
         """The same of one piece."""
         try:
+            message = self._bag.decode(self._topics[name], data)
             convert = self._converters[name]
             if convert is None:
-                return [(self._readers[name](data), data)]
-            messages = convert(self._bag.decode(self._topics[name], data), time_ns)
+                return [(message, data)]
+            messages = convert(message, time_ns)
         except ValueError as error:
             self.problems[f'{self._topics[name]}: {error}'] = None
             return []
-        of = READINGS[name].of if name in READINGS else lambda message: message
-        return [(of(message), self._serialise(name, message)) for message in messages]
+        return [(message, self._serialise(name, message)) for message in messages]
 
     def serialised(self, piece: Piece) -> Iterable[bytes | memoryview]:
         """A piece as CDR of the rig's type."""
         name, _, time_ns, data = piece
         return [data for _, data in self.meaning(name, time_ns, data)] if self.is_converted(name) else [data]
-
-    @cached_property
-    def _readers(self) -> dict[str, Callable[[bytes], Any]]:
-        """What makes of a message's bytes what it means, by the rig's name of its topic."""
-        return {name: self._reader(name, topic) for name, topic in self._topics.items() if not self.is_converted(name)}
-
-    def _reader(self, name: str, topic: str) -> Callable[[bytes], Any]:
-        if name not in READINGS:
-            return partial(self._bag.decode, topic)
-        read, of = READINGS[name]
-        return read if self._bag.is_as_installed(topic) else lambda data: of(self._bag.decode(topic, data))
 
     def _serialise(self, name: str, message: Any) -> memoryview:
         kind = names.KINDS[name][0]

@@ -13,48 +13,14 @@ from av_audio.nodes.doa_node_parameters import doa_node
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_bags.writer import BagWriter
-from av_common.frames import yaw_of
 from av_common.parameters import node_parameters
 from av_evaluation.replay import algorithms
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_fusion.measurement.poses import pose_of, read_alike, read_odometry
 from av_fusion.nodes.fusion_node_parameters import fusion_node
 from av_pointing.nodes.pointing_node_parameters import pointing_node
 from av_vision.nodes.detector_node_parameters import detector_node
 
 sys.path.append(str(Path(__file__).parents[2] / 'av_vision' / 'test'))
-
-
-@pytest.mark.parametrize('frame', ['', 'a', 'ab', 'abc', 'abcd', 'abcde', 'odom_frame'])
-@pytest.mark.parametrize('child', ['', 'x', 'base_link'])
-@pytest.mark.parametrize('little', [True, False])
-def test_odometry_is_read_as_rosbags_reads_it(frame, child, little):
-    message = make.odometry(1234.25, 3.0, -4.0, 2.5, 0.3, frame, child)
-    data = bytes(make.TYPES.serialize_cdr(message, make.ODOMETRY, little_endian=little))
-    pose = read_odometry(data)
-    assert pose == pose_of(make.TYPES.deserialize_cdr(data, make.ODOMETRY))
-    assert (pose.time, pose.x, pose.y, pose.yaw_rate) == (1234.25, 3.0, -4.0, 0.3)
-    assert yaw_of(pose.attitude) == pytest.approx(2.5)
-    assert pose.has_attitude
-    with pytest.raises(ValueError, match='are no nav_msgs/Odometry'):
-        read_odometry(data[:300])
-
-
-@pytest.mark.parametrize('little', [True, False])
-def test_many_poses_are_read_as_each_one_is(little):
-    bytes_of = [bytes(make.TYPES.serialize_cdr(make.odometry(100.0 + 0.02 * k, k, -4.0, 2.5, 0.3 * k), make.ODOMETRY,
-                                               little_endian=little)) for k in range(5)]
-    assert list(zip(*read_alike(bytes_of), strict=True)) == [read_odometry(data) for data in bytes_of]
-    other = bytes(make.TYPES.serialize_cdr(make.odometry(1.0, frame='somewhere_else'), make.ODOMETRY, little_endian=little))
-    for odd in (other, bytes_of[0][:300], bytes_of[0][:9]):
-        assert read_alike([*bytes_of, odd]) is None
-        assert read_alike([odd, *bytes_of]) is None
-
-
-def test_an_unknown_attitude_is_none():
-    message = make.odometry(0.0)
-    message.pose.pose.orientation = make.make('geometry_msgs/msg/Quaternion', 0.0, 0.0, 0.0, 0.0)
-    assert not pose_of(message).has_attitude
 
 
 @pytest.mark.parametrize(('package', 'node', 'generated'), [

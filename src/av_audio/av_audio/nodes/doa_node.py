@@ -9,17 +9,17 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Float32MultiArray
 
+from av_audio.doa_messages import doa_array
 from av_audio.ego_noise import NoiseRecording
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.nodes.doa_node_parameters import doa_node as parameters
-from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import AudioFrame, Doa, DoaArray
+from av_common.stamps import to_seconds
+from av_interfaces.msg import AudioFrame, DoaArray
 
 # Without sound for this long the node says so.
 SILENT_S = 1.0
@@ -127,21 +127,10 @@ class DoaNode(RigNode):
         return estimates
 
     def _message(self, estimate: DoaEstimate, frame: AudioFrame) -> DoaArray:
-        settings = self._localizer_settings
         offset = (estimate.centre_sample - frame.first_sample) / frame.sample_rate
-        message = DoaArray(window=settings.window_s, method=settings.method, level=estimate.level_dbfs)
-        message.header.frame_id = frame.header.frame_id
-        message.header.stamp = to_stamp(max(0.0, to_seconds(frame.header.stamp) + offset))
-        directions = angles_to_direction(estimate.azimuth, estimate.elevation)
-        for k, direction in enumerate(directions):
-            hypothesis = Doa(
-                azimuth=float(estimate.azimuth[k]), elevation=float(estimate.elevation[k]),
-                azimuth_variance=float(estimate.azimuth_variance[k]),
-                elevation_variance=float(estimate.elevation_variance[k]), confidence=float(estimate.confidence[k]),
-                ambiguity_group=int(estimate.group[k]), end_fire=bool(estimate.end_fire[k]))
-            hypothesis.direction.x, hypothesis.direction.y, hypothesis.direction.z = map(float, direction)
-            message.hypotheses.append(hypothesis)
-        return message
+        stamp = max(0.0, to_seconds(frame.header.stamp) + offset)
+        return doa_array(estimate, self._array, stamp, frame.header.frame_id, self._localizer_settings.window_s,
+                         self._localizer_settings.method)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """What arrives, what is wrong with it, and how loud it is."""

@@ -52,9 +52,10 @@ class Feed(Node):
         pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(now), 1.0
         self._odometry.publish(pose)
         azimuth = 0.5 * math.sin(0.3 * now) + float(self._random.normal(0.0, 0.02))
-        message = DoaArray(window=0.5, method='benchmark', hypotheses=[
+        message = DoaArray(window=0.5, method='benchmark', axis=Vector3(x=0.0, y=1.0, z=0.0), hypotheses=[
             Doa(direction=Vector3(x=math.cos(a), y=math.sin(a), z=0.0), azimuth=a, azimuth_variance=4e-4,
-                elevation_variance=math.inf, confidence=0.95) for a in (azimuth, math.pi - azimuth)])
+                elevation_variance=math.inf, cosine=math.sin(a), cosine_variance=4e-4 * math.cos(a)**2, confidence=0.95)
+            for a in (azimuth, math.pi - azimuth)])
         message.header.stamp, message.header.frame_id = to_stamp(now - 0.25), 'microphones'
         self._sent = time.perf_counter()
         self._doa.publish(message)

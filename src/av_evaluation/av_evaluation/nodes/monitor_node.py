@@ -26,7 +26,6 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
 from av_evaluation.report.status_line import format_status
 from av_evaluation.report.table import format_table
-from av_fusion.measurement.readings import heard_of, seen_of
 from av_fusion.nodes.sensor_messages import SensorMessages
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
@@ -77,7 +76,7 @@ class MonitorNode(RigNode):
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        for sound in self._senses.sounds(heard_of(message))[:1]:
+        for sound in self._senses.sounds(message)[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             if self._logging:
                 self._log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
@@ -87,7 +86,7 @@ class MonitorNode(RigNode):
         self._meters['detections'].tick()
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self._log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
-        look = self._senses.look(seen_of(message))
+        look = self._senses.look(message)
         if look is not None and self._logging:
             best = look.best
             self._log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
@@ -100,7 +99,7 @@ class MonitorNode(RigNode):
         if self._logging:
             self._log.fused.add(
                 to_seconds(message.header.stamp), message.azimuth, math.sqrt(message.azimuth_variance), message.state,
-                bool(self._state and self._state.hemisphere_resolved),
+                message.resolved,
                 self._age(to_seconds(message.measured)) if known else math.nan)
 
     def _on_state(self, message: FusionState) -> None:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from av_bags import topics as names
-from av_bags.feed import READINGS
 from av_common.track import Track
-from av_evaluation.replay.run_recorder import Journal, track_of
+from av_common.track_messages import track_of_bearing
+from av_evaluation.replay.messages import MessageMaker
+from av_evaluation.replay.run_recorder import Journal
 from av_evaluation.replay.stages import Fusing, Hearing, Output, Pointing, Seeing
 from av_fusion.measurement.converter import Senses
 
@@ -22,10 +23,10 @@ class Chain:
     """
 
     def __init__(self, senses: Senses, journal: Journal, hearing: Hearing | None, seeing: Seeing | None,
-                 fusing: Fusing | None, pointing: Pointing | None, tell: Callable[[str, float, Any], None]) -> None:
-        self._senses, self._journal, self._tell = senses, journal, tell
+                 fusing: Fusing | None, pointing: Pointing | None, make: MessageMaker,
+                 tell: Callable[[str, float, Any], None]) -> None:
+        self._senses, self._journal, self._make, self._tell = senses, journal, make, tell
         self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing
-        self._state: Any = None
 
     @property
     def due(self) -> float:
@@ -37,10 +38,10 @@ class Chain:
         for track in self._fusing.wait(now) if self._fusing is not None else ():
             self._say(track)
 
-    def move(self, time: float, yaw: float, yaw_rate: float, now: float) -> None:
+    def move(self, odometry: Any, now: float) -> None:
         """The rig's own motion."""
         if self._fusing is not None:
-            self._fusing.move(time, yaw, yaw_rate, now)
+            self._fusing.move(odometry, now)
 
     def take(self, name: str, content: Any, now: float) -> None:
         """A message, or what it means."""
@@ -65,10 +66,8 @@ class Chain:
             look = self._senses.look(content)
             if look is not None:
                 self._journal.see(look, content, now)
-        elif name == names.STATE:
-            self._state = content
         elif name == names.BEARING:
-            track = track_of(content, self._state)
+            track = track_of_bearing(content)
             self._journal.follow(track, now)
             if self._pointing is not None:
                 self._tell(*self._pointing.take(track, now))
@@ -77,7 +76,7 @@ class Chain:
         """Take what the senses say, read as its reader will find it: with the precision of its fields."""
         for name, now, data in outputs:
             self._tell(name, now, data)
-            self.take(name, READINGS[name].read(data), now)
+            self.take(name, self._make.deserialise(name, data), now)
 
     def _say(self, track: Track) -> None:
         """Tell of a track and the command that follows."""

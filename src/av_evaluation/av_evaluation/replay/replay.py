@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
-
-import numpy as np
 
 from av_audio.ego_noise import NoiseRecording
 from av_bags import topics as names
@@ -22,7 +20,6 @@ from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
 from av_common.camera import PinholeCamera
 from av_common.config_files import find_config
-from av_common.frames import heading_of
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import Rig, load_rig
@@ -35,7 +32,6 @@ from av_evaluation.replay.run_recorder import Journal
 from av_evaluation.replay.stages import Fusing, Hearing, Pointing, Seeing
 from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.measurement.converter import Senses
-from av_fusion.measurement.readings import read_heard
 from av_fusion.settings import make_tracker
 from av_pointing.controller import PointingController
 from av_pointing.settings import pointing_settings
@@ -112,7 +108,7 @@ class Replay:
         stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
         self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
         self._aside: dict[str, list[Plain]] = {name: [] for name in (*READ_AHEAD, *TRUTHS, names.ODOMETRY)}
-        self._moves: deque[list[float]] = deque()  # of the rig, to come: when it comes, its time, yaw, yaw rate
+        self._moves: deque[tuple[float, Any]] = deque()  # of the rig, to come: when it comes, its odometry
         self._start = start_ns / SECOND
         self._chain = self._build(load_rig(settings.rig or find_config('rig')))
 
@@ -132,7 +128,7 @@ class Replay:
             for lump in self._feed.lumps():
                 others = self._set_aside(lump)
                 self._read_moves()
-                for name, now, time_ns, content, data in self._contents(others):
+                for name, now, time_ns, content, data in self._feed.contents(others):
                     done = time_ns / SECOND - self._start
                     if progress is not None and done - told >= 1.0:
                         told = done
@@ -153,35 +149,25 @@ class Replay:
             self._aside.get(piece[0], others).append(piece)
         return others
 
-    def _contents(self, pieces: list[Plain]) -> Iterable[tuple[str, float, int, Any, bytes | memoryview]]:
-        """What they mean; but for sound and pictures, of which more than one would need much memory, all at once."""
-        contents = self._feed.contents(pieces)
-        if self.stage != 'raw':
-            contents = list(contents)
-            self._senses.look_ahead([content for name, _, _, content, _ in contents if name == names.DETECTIONS])
-        return contents
-
     def _read_moves(self) -> None:
         """Read how the rig moves."""
-        nows, poses, messages = self._feed.poses(self._aside[names.ODOMETRY])
+        rows = list(self._feed.contents(self._aside[names.ODOMETRY]))
         self._aside[names.ODOMETRY].clear()
         if self._fusing is not None:
-            usable = self._fusing.are_timely(names.ODOMETRY, poses.time, nows) & poses.has_attitude
-            columns = nows, poses.time, np.arctan2(*heading_of(poses.attitude)), poses.yaw_rate
-            self._moves = deque(np.stack(columns, 1)[usable].tolist())
-        if self._out is not None and messages:
-            self._out.put_all(names.ODOMETRY, zip(nows.tolist(), messages, strict=True))
+            self._moves.extend((now, message) for _, now, _, message, _ in rows)
+        if self._out is not None and rows:
+            self._out.put_all(names.ODOMETRY, [(now, data) for _, now, _, _, data in rows])
 
     def _go_on(self, now: float) -> None:
         """What comes until `now` by itself: the rig moves, and says something when it has heard and seen nothing for long."""
         chain, moves = self._chain, self._moves
         due = chain.due
         while moves and moves[0][0] <= now:
-            came, time, yaw, yaw_rate = moves.popleft()
+            came, message = moves.popleft()
             if came >= due:
                 chain.wait(came)
                 due = chain.due
-            chain.move(time, yaw, yaw_rate, came)
+            chain.move(message, came)
         if due <= now < math.inf:
             chain.wait(now)
 
@@ -197,8 +183,10 @@ class Replay:
         """Deal with what was set aside, and write."""
         for name, pieces in self._aside.items():
             if pieces and name in TRUTHS:
-                nows, poses, messages = self._feed.poses(pieces)
-                self._journal.know(name, poses)
+                rows = list(self._feed.contents(pieces))
+                nows, messages = [row[1] for row in rows], [row[4] for row in rows]
+                for _, _, _, message, _ in rows:
+                    self._journal.know(name, message)
             else:
                 nows, messages = [now for _, now, _, _ in pieces], [data for _, _, _, data in pieces]
             if self._out is not None and messages:
@@ -210,8 +198,9 @@ class Replay:
     def _compare(self, content: Any, now: float) -> None:
         """What the other estimators hear in the same sound."""
         for estimator, hearing in self._others.items():
-            for _, _, data in hearing.take(content, now):
-                self._recording.sounds.setdefault(estimator, []).extend(self._senses.sounds(read_heard(data))[:1])
+            for name, _, data in hearing.take(content, now):
+                sounds = self._senses.sounds(self._make.deserialise(name, data))[:1]
+                self._recording.sounds.setdefault(estimator, []).extend(sounds)
 
     def _tell(self, name: str, time: float, content: Any) -> None:
         """Put what was computed to the output."""
@@ -269,7 +258,7 @@ class Replay:
         if self._settings.commands or self.stage == 'bearing':
             settings = pointing_settings(self._parameters('av_pointing', 'pointing_node'))
             pointing = Pointing(PointingController(settings))
-        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._tell)
+        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._make, self._tell)
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
         files = (find_config('rig_params'), *self._settings.parameters)

@@ -6,17 +6,13 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from av_bags import topics as names
-from av_common.frames import heading_of
+from av_common.frames import yaw_of
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.recording import Recording
 from av_fusion.measurement.measurements import Look, Sound
-from av_fusion.measurement.poses import Pose
-from av_fusion.measurement.readings import Seen
 
 
 class Journal:
@@ -35,12 +31,12 @@ class Journal:
             self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
                                sound.confidence, now - sound.time - 0.5 * sound.window)
 
-    def see(self, look: Look, seen: Seen, now: float) -> None:
+    def see(self, look: Look, message: Any, now: float) -> None:
         """A picture's best detection; the names of the boxes tell who detected."""
         best = look.best
         self.log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
                            now - look.time)
-        if any(box.name.startswith('oracle') for box in seen.boxes):
+        if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
     def follow(self, track: Track, now: float) -> None:
@@ -49,20 +45,10 @@ class Journal:
         self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
                            now - track.measured if known else math.nan)
 
-    def know(self, name: str, poses: Pose) -> None:
-        """The truth of target or rig, one pose or columns of them."""
+    def know(self, name: str, odometry: Any) -> None:
+        """The true pose of target or rig."""
+        time, position, q = to_seconds(odometry.header.stamp), odometry.pose.pose.position, odometry.pose.pose.orientation
         if name == names.TRUE_TARGET:
-            self.log.target.extend(poses.time, poses.x, poses.y, poses.z)
+            self.log.target.add(time, position.x, position.y, position.z)
         else:
-            self.log.rig.extend(poses.time, poses.x, poses.y, poses.z, np.arctan2(*heading_of(poses.attitude)))
-
-
-def track_of(bearing: Any, state: Any | None) -> Track:
-    """The track that a recorded Bearing and the FusionState before it tell of."""
-    return Track(
-        time=to_seconds(bearing.header.stamp), state=State(min(bearing.state, max(State))), azimuth=bearing.azimuth,
-        elevation=bearing.elevation, azimuth_variance=bearing.azimuth_variance,
-        elevation_variance=bearing.elevation_variance, azimuth_world=bearing.azimuth_world,
-        azimuth_world_rate=bearing.azimuth_world_rate, measured=to_seconds(bearing.measured),
-        resolved=bool(state and state.hemisphere_resolved),
-        requested_rotation=state.requested_rotation if state else 0.0)
+            self.log.rig.add(time, position.x, position.y, position.z, yaw_of((q.w, q.x, q.y, q.z)))

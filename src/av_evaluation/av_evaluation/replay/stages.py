@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from av_audio.doa_messages import doa_array
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_bags import topics as names
@@ -21,7 +22,7 @@ from av_evaluation.replay.run_recorder import Journal
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.converter import Senses
-from av_fusion.measurement.readings import Clarity, Heard, Seen
+from av_fusion.measurement.odometry import add_odometry
 from av_pointing.controller import PointingController
 from av_vision import visibility
 from av_vision.image import image_from_message
@@ -68,9 +69,9 @@ class Hearing:
         start = to_seconds(frame.header.stamp)
         for estimate in estimates:
             time = max(0.0, start + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
-            message = self._make.doa(estimate, time, frame.header.frame_id, self._settings.window_s,
-                                     self._settings.method)
-            yield names.DOA, now, self._make.serialise(message)
+            message = doa_array(estimate, self._array, time, frame.header.frame_id, self._settings.window_s,
+                                self._settings.method)
+            yield names.DOA, now, self._make.serialise(message, names.DOA)
 
     def _process(self, frame: Any) -> list:
         channels = self._array.channels
@@ -121,7 +122,7 @@ class Fusing:
                  least_confidence: float) -> None:
         self._tracker, self._senses, self._journal = tracker, senses, journal
         self._period, self._least_confidence = 1.0 / rate, least_confidence
-        self._clarity = Clarity(-math.inf, math.nan)
+        self._visibility = (-math.inf, math.nan)  # time of the image, visibility
         self._came = dict.fromkeys((names.DOA, names.DETECTIONS, names.ODOMETRY), -math.inf)
         self._published = -math.inf
         self.foreign: dict[str, int] = {}
@@ -138,56 +139,47 @@ class Fusing:
         while self.due <= now:
             yield self._estimate(self.due)
 
-    def move(self, time: float, yaw: float, yaw_rate: float, now: float) -> None:
+    def move(self, odometry: Any, now: float) -> None:
         """How the rig stands: nothing follows from that alone."""
-        self._came[names.ODOMETRY] = now
-        self._tracker.add_pose(time, yaw, yaw_rate)
+        if self._is_timely(names.ODOMETRY, odometry, now):
+            add_odometry(self._tracker, odometry)
 
-    def take(self, name: str, content: Heard | Seen | Clarity, now: float) -> Track | None:
-        """The track that follows from what the senses say, if one does."""
+    def take(self, name: str, message: Any, now: float) -> Track | None:
+        """The track that follows from a message, if one does."""
         if name == names.VISIBILITY:
-            self._clarity = content
-        elif self._is_timely(name, content.time, now):
-            return self._hear(content, now) if name == names.DOA else self._see(content, now)
+            self._visibility = (to_seconds(message.header.stamp), message.visibility)
+        elif self._is_timely(name, message, now):
+            return self._hear(message, now) if name == names.DOA else self._see(message, now)
         return None
 
     def missing(self, now: float) -> list[str]:
         """Inputs without messages."""
         return [name for name, came in self._came.items() if now - came > SILENT_S]
 
-    def _hear(self, heard: Heard, now: float) -> Track:
-        sounds = self._senses.sounds(heard)
+    def _hear(self, message: Any, now: float) -> Track:
+        sounds = self._senses.sounds(message)
         self._journal.hear(sounds, now)
         for sound in sounds:
             if sound.confidence >= self._least_confidence:
                 self._tracker.add_sound(sound)
         return self._estimate(now)
 
-    def _see(self, seen: Seen, now: float) -> Track | None:
-        judged, share = self._clarity
-        look = self._senses.look(seen, share if abs(seen.time - judged) < VISIBILITY_AGE_S else math.nan)
+    def _see(self, message: Any, now: float) -> Track | None:
+        judged, visibility = self._visibility
+        near = abs(to_seconds(message.header.stamp) - judged) < VISIBILITY_AGE_S
+        look = self._senses.look(message, visibility if near else math.nan)
         if look is None:
             return None
-        self._journal.see(look, seen, now)
+        self._journal.see(look, message, now)
         self._tracker.add_look(look)
         return self._estimate(now)
 
-    def are_timely(self, name: str, stamps: ArrayLike, nows: ArrayLike) -> NDArray[np.bool_]:
-        """Whether messages have stamps of the bag's clock; those that have not are counted."""
-        timely = np.abs(np.subtract(stamps, nows)) <= CLOCK_TOLERANCE_S
-        self._leave_out(name, int(np.sum(~timely)))
-        return timely
-
-    def _is_timely(self, name: str, stamp: float, now: float) -> bool:
+    def _is_timely(self, name: str, message: Any, now: float) -> bool:
         self._came[name] = now
-        timely = abs(stamp - now) <= CLOCK_TOLERANCE_S
+        timely = abs(to_seconds(message.header.stamp) - now) <= CLOCK_TOLERANCE_S
         if not timely:
-            self._leave_out(name, 1)
+            self.foreign[name] = self.foreign.get(name, 0) + 1
         return timely
-
-    def _leave_out(self, name: str, count: int) -> None:
-        if count:
-            self.foreign[name] = self.foreign.get(name, 0) + count
 
     def _estimate(self, now: float) -> Track:
         self._published = now

@@ -26,7 +26,7 @@ def format_status(elapsed: float, bearing: Any | None, state: Any | None, comman
     if math.isfinite(truth):
         parts.append(f'truth {math.degrees(truth):+6.1f}')
     if state is not None:
-        hemisphere = 'told' if state.hemisphere_resolved else 'open'
+        hemisphere = 'resolved' if bearing is not None and bearing.resolved else 'ambiguous'
         parts.append(f'conf sound {state.sound_confidence:.2f} sight {state.sight_confidence:.2f}')
         parts.append(f'front {100.0 * state.front_probability:3.0f} % {hemisphere}')
     if command is not None:

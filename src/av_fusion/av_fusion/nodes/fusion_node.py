@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
-from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
-from av_common.frames import yaw_of
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
-from av_common.track import State, Track
-from av_fusion.measurement.readings import HEARD, POSE, SEEN, Reading
+from av_common.stamps import to_seconds
+from av_common.track_messages import bearing_message, state_message
+from av_fusion.measurement.odometry import add_odometry
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.sensor_messages import SensorMessages
 from av_fusion.settings import make_tracker
@@ -48,11 +44,11 @@ class FusionNode(RigNode):
 
     def activate(self) -> None:
         """Listen to the senses."""
-        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM, raw=True)
-        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM, raw=True)
+        self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
+        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
         self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._on_visibility, STREAM)
-        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM, raw=True)
+        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self._silence = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_silence)
 
     def cleanup(self) -> None:
@@ -66,22 +62,22 @@ class FusionNode(RigNode):
         self._foreign += foreign
         return foreign
 
-    def _on_doa(self, data: bytes) -> None:
+    def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        heard, now = _read(data, HEARD, DoaArray), self.now()
-        if self._is_foreign(heard.time, now):
+        now = self.now()
+        if self._is_foreign(to_seconds(message.header.stamp), now):
             return
-        for sound in self._senses.sounds(heard, self._settings.min_sound_confidence):
+        for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
             self._tracker.add_sound(sound)
         self._publish(now)
 
-    def _on_detections(self, data: bytes) -> None:
+    def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
-        seen, now = _read(data, SEEN, Detection2DArray), self.now()
-        if self._is_foreign(seen.time, now):
+        time, now = to_seconds(message.header.stamp), self.now()
+        if self._is_foreign(time, now):
             return
         judged, visibility = self._visibility
-        look = self._senses.look(seen, visibility if abs(seen.time - judged) < 1.0 else math.nan)
+        look = self._senses.look(message, visibility if abs(time - judged) < 1.0 else math.nan)
         if look is not None:
             self._tracker.add_look(look)
             self._publish(now)
@@ -89,14 +85,13 @@ class FusionNode(RigNode):
     def _on_visibility(self, message: Visibility) -> None:
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
 
-    def _on_odometry(self, data: bytes) -> None:
+    def _on_odometry(self, message: Odometry) -> None:
         self._meters['odometry'].tick()
-        pose = _read(data, POSE, Odometry)
+        time = to_seconds(message.header.stamp)
         # The clock was read when the last track was published: it is read again only where that leaves a doubt.
-        if abs(pose.time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(pose.time, self.now()):
+        if abs(time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(time, self.now()):
             return
-        if pose.has_attitude:
-            self._tracker.add_pose(pose.time, yaw_of(pose.attitude), pose.yaw_rate)
+        add_odometry(self._tracker, message)
 
     def _on_silence(self) -> None:
         self._publish(self.now())
@@ -108,9 +103,9 @@ class FusionNode(RigNode):
         self._last_published = now
         self._silence.reset()
         track = self._tracker.estimate(now)
-        header = Header(stamp=to_stamp(now), frame_id=self._settings.base_frame)
-        self._state_publisher.publish(state_message(track, header, self._missing()))
-        self._bearing_publisher.publish(bearing_message(track, header))
+        frame = self._settings.base_frame
+        self._state_publisher.publish(state_message(track, self._missing(), frame))
+        self._bearing_publisher.publish(bearing_message(track, frame))
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Which inputs are missing, and what cannot be used."""
@@ -132,34 +127,6 @@ class FusionNode(RigNode):
         if refinement is not None and refinement.compared:
             for name, value in refinement.describe().items():
                 status.add(f'hearing corrected: {name}', value)
-
-
-def _read(data: bytes, reading: Reading, kind: type) -> Any:
-    try:
-        return reading.read(data)
-    except ValueError:  # a middleware with an encoding of its own
-        return reading.of(deserialize_message(data, kind))
-
-
-def bearing_message(track: Track, header: Header) -> Bearing:
-    """A track as a message."""
-    known = track.state != State.NONE
-    return Bearing(
-        header=header, azimuth=track.azimuth, elevation=track.elevation, azimuth_variance=track.azimuth_variance,
-        elevation_variance=track.elevation_variance, azimuth_world=track.azimuth_world,
-        azimuth_world_rate=track.azimuth_world_rate, state=int(track.state), source=int(track.source),
-        hemisphere_probability=track.hemisphere_probability,
-        measured=to_stamp(track.measured) if known and track.measured > 0.0 else to_stamp(0.0))
-
-
-def state_message(track: Track, header: Header, missing: list[str]) -> FusionState:
-    """The state of the fusion as a message."""
-    return FusionState(
-        header=header, state=int(track.state), reason=track.reason, changed=to_stamp(max(track.changed, 0.0)),
-        sound_confidence=track.sound_confidence, sight_confidence=track.sight_confidence,
-        sound_weight=track.sound_weight, sight_weight=track.sight_weight, visibility=track.visibility,
-        front_probability=track.front_probability, hemisphere_resolved=track.resolved,
-        requested_rotation=track.requested_rotation, missing=missing)
 
 
 def main() -> None:

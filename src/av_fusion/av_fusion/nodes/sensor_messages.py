@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 from numpy.typing import NDArray
 from rclpy.node import Node
@@ -15,7 +16,6 @@ from transforms3d.quaternions import quat2mat
 from av_common.camera import PinholeCamera
 from av_fusion.measurement.converter import Senses
 from av_fusion.measurement.measurements import Look
-from av_fusion.measurement.readings import Seen
 
 
 class SensorMessages(Senses):
@@ -41,11 +41,11 @@ class SensorMessages(Senses):
         except ValueError as error:
             self.problem = f'camera/camera_info: {error}'
 
-    def look(self, seen: Seen, visibility: float = math.nan) -> Look | None:
+    def look(self, message: Any, visibility: float = math.nan) -> Look | None:
         """As `Senses.look`, with a word on a camera that is missing."""
         if self.camera is None:
             self.problem = 'no camera/camera_info: detections cannot be turned into bearings'
-        return super().look(seen, visibility)
+        return super().look(message, visibility)
 
     def _rotation_from(self, frame: str) -> NDArray | None:
         """Rotation (3, 3) from a sensor's frame into the body's; sensors are fixed, so one look-up serves."""

@@ -12,9 +12,10 @@ from std_srvs.srv import SetBool
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds, to_stamp
-from av_common.track import State, Track
-from av_interfaces.msg import Bearing, FusionState, PointingCommand
+from av_common.stamps import to_stamp
+from av_common.track import Track
+from av_common.track_messages import track_of_bearing
+from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Command, PointingController
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
 from av_pointing.settings import pointing_settings
@@ -32,7 +33,6 @@ class PointingNode(RigNode):
         self._controller = PointingController(pointing_settings(self._settings))
         self._controller.enabled = self._settings.enabled
         self._track: Track | None = None
-        self._resolved, self._rotation = False, 0.0
         self._command: Command | None = None
         self._meter = RateMeter()
         self._last_step = -math.inf
@@ -40,7 +40,6 @@ class PointingNode(RigNode):
 
     def activate(self) -> None:
         """Listen to the fusion and step even when it is silent."""
-        self.while_active(self.create_subscription, FusionState, 'fusion/state', self._on_state, RESULT)
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
         self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
@@ -54,16 +53,9 @@ class PointingNode(RigNode):
         """Close the publisher."""
         self.destroy_publisher(self._publisher)
 
-    def _on_state(self, message: FusionState) -> None:
-        self._resolved, self._rotation = message.hemisphere_resolved, message.requested_rotation
-
     def _on_bearing(self, message: Bearing) -> None:
         self._meter.tick()
-        self._track = Track(
-            time=to_seconds(message.header.stamp), state=State(min(message.state, max(State))), azimuth=message.azimuth,
-            elevation=message.elevation, azimuth_variance=message.azimuth_variance,
-            elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
-            azimuth_world_rate=message.azimuth_world_rate, resolved=self._resolved, requested_rotation=self._rotation)
+        self._track = track_of_bearing(message)
         self._step(self.now())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

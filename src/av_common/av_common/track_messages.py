@@ -1,0 +1,43 @@
+"""Conversions between `Track` and the messages that carry it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from std_msgs.msg import Header
+
+from av_common.stamps import to_seconds, to_stamp
+from av_common.track import Source, State, Track
+from av_interfaces.msg import Bearing, FusionState
+
+
+def bearing_message(track: Track, frame_id: str) -> Bearing:
+    """The `Bearing` of a track, valid at the track's time, in the body frame `frame_id`."""
+    known = track.state != State.NONE and track.measured > 0.0
+    return Bearing(
+        header=Header(stamp=to_stamp(track.time), frame_id=frame_id), azimuth=track.azimuth, elevation=track.elevation,
+        azimuth_variance=track.azimuth_variance, elevation_variance=track.elevation_variance,
+        azimuth_world=track.azimuth_world, azimuth_world_rate=track.azimuth_world_rate, state=int(track.state),
+        source=int(track.source), hemisphere_probability=track.hemisphere_probability, resolved=track.resolved,
+        requested_rotation=track.requested_rotation, measured=to_stamp(track.measured if known else 0.0))
+
+
+def state_message(track: Track, missing: Sequence[str], frame_id: str) -> FusionState:
+    """The `FusionState` of a track; `missing` names the inputs without recent messages."""
+    return FusionState(
+        header=Header(stamp=to_stamp(track.time), frame_id=frame_id), state=int(track.state), reason=track.reason,
+        changed=to_stamp(max(track.changed, 0.0)), sound_confidence=track.sound_confidence,
+        sight_confidence=track.sight_confidence, sound_weight=track.sound_weight, sight_weight=track.sight_weight,
+        visibility=track.visibility, front_probability=track.front_probability, missing=list(missing))
+
+
+def track_of_bearing(message: Any) -> Track:
+    """The part of a track that a `Bearing` carries. Values of `state` that are not defined count as COASTING."""
+    return Track(
+        time=to_seconds(message.header.stamp), state=State(min(message.state, max(State))),
+        source=Source(message.source & int(Source.SOUND | Source.SIGHT)), azimuth=message.azimuth,
+        elevation=message.elevation, azimuth_variance=message.azimuth_variance,
+        elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
+        azimuth_world_rate=message.azimuth_world_rate, measured=to_seconds(message.measured),
+        resolved=message.resolved, requested_rotation=message.requested_rotation)

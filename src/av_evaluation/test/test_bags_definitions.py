@@ -1,0 +1,33 @@
+import bag_messages as make
+import numpy as np
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from av_bags.reader import Bag
+from av_evaluation.replay.replay import Replay
+
+
+def test_a_bag_with_definitions_of_its_own_is_read_by_them(tmp_path):
+    """Detections as another version of their package has them: with one more field in each."""
+    kind, part = 'vision_msgs/msg/Detection2DArray', 'vision_msgs/msg/Detection2D'
+    other = get_typestore(Stores.EMPTY)
+    text = make.TYPES.generate_msgdef(part, ros_version=2)[0].split('=' * 80)[0]
+    other.register({**make.TYPES.fielddefs, **get_types_from_msg(text.replace('string id', 'string id\nint64[3] more'), part)})
+    with Bag(make.flight(tmp_path / 'bag', duration=4.0)) as bag, Writer(tmp_path / 'other', version=9) as writer:
+        assert bag.is_as_installed('/detections')
+        connections = {topic.name: writer.add_connection(topic.name, topic.kind, typestore=other)
+                       for topic in bag.topics.values()}
+        for topic, time_ns, data in bag.messages():
+            if topic == '/detections':
+                message = bag.decode(topic, data)
+                message.detections = [other.types[part](d.header, d.results, d.bbox, d.id, np.zeros(3, np.int64))
+                                      for d in message.detections]
+                data = other.serialize_cdr(message, kind)
+            writer.write(connections[topic], time_ns, bytes(data))
+        expected = Replay(bag).run()
+    with Bag(tmp_path / 'other') as bag:
+        assert not bag.is_as_installed('/detections')
+        assert bag.is_as_installed('/doa')
+        log = Replay(bag).run()
+    np.testing.assert_array_equal(log.sight['azimuth'], expected.sight['azimuth'])
+    assert np.isfinite(log.sight['azimuth']).any()
