@@ -1,1 +1,1 @@
-"""Physics simulator and bridge from simulators on UDP to the topics of the rig."""
+"""Bridge from simulators on UDP to the topics of the rig: wire formats, receivers, and one node."""

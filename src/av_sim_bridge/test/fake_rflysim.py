@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import socket
 import struct
 
 
 class FakeRflysim:
-    """Sends to the ports of one rig; numbers as RFlySim has them: NED, FRD, m, rad, s."""
+    """Hands datagrams for the ports of one rig to `deliver(port, datagram)`; numbers as RFlySim has them: NED, FRD, SI."""
 
-    def __init__(self, ports, host='127.0.0.1'):
-        self._ports, self._host = ports, host
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def close(self):
-        self._socket.close()
+    def __init__(self, ports, deliver):
+        self._ports, self._send = ports, deliver
 
     def sound(self, samples):
         """Samples (n, channels) int16: interleaved, without any header."""
         self._send(self._ports.audio, samples.astype('<i2').tobytes())
 
-    def picture(self, data, time, frame_id=None):
-        """An encoded picture in pieces of 60,000 bytes; with a frame id behind the new header."""
+    def image(self, data, time, frame_id=None):
+        """An encoded image in pieces of 60,000 bytes; with a frame id behind the new header."""
         pieces = [data[start:start + 60_000] for start in range(0, len(data), 60_000)]
         for number, piece in enumerate(pieces):
             if frame_id is None:
@@ -31,7 +26,7 @@ class FakeRflysim:
             self._send(self._ports.image, header + piece)
 
     def oracle(self, *boxes):
-        """Boxes (id, score, min x, min y, max x, max y) of the picture sent last."""
+        """Boxes (id, score, min x, min y, max x, max y) of the image sent last."""
         self._send(self._ports.image, struct.pack('<i', len(boxes)) + b''.join(struct.pack('<i5f', *box) for box in boxes))
 
     def truth(self, port, copter_id, time, position, velocity, euler, quaternion, rate):
@@ -46,6 +41,3 @@ class FakeRflysim:
 
     def imu(self, number, time, acceleration, rate):
         self._send(self._ports.imu, struct.pack('<2i1d6f', 1234567898, number, time, *acceleration, *rate))
-
-    def _send(self, port, datagram):
-        self._socket.sendto(datagram, (self._host, port))

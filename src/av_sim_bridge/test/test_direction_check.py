@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from av_sim_bridge.bridge.direction_check import DirectionCheck
+from av_sim_bridge.receiving.direction_check import DirectionCheck
 
 RATE = 48_000
 

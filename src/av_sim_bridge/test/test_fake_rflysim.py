@@ -1,7 +1,7 @@
-"""The bridge fed by a sender that shares no code with it: both headers, both truth layouts, and the sign of every axis."""
+"""The stage fed by a sender that shares no code with it: both headers, both truth layouts, and the sign of every axis."""
 
 import math
-import time
+from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -10,27 +10,58 @@ pytest.importorskip('rclpy', reason='needs ROS 2')
 cv2 = pytest.importorskip('cv2')
 
 from fake_rflysim import FakeRflysim  # noqa: E402
-from test_bridge_node import Rig  # noqa: E402
-from udp_ports import free_ports  # noqa: E402
 
-pytestmark = pytest.mark.system
+from av_common.config_files import find_config  # noqa: E402
+from av_common.rig import load_rig  # noqa: E402
+from av_common.stamps import to_seconds  # noqa: E402
+from av_sim_bridge.receiving.streams import StampedImage  # noqa: E402
+from av_sim_bridge.stage import BridgeSettings, BridgeStage  # noqa: E402
+from av_sim_bridge.wire.audio import AudioFormat  # noqa: E402
+from av_sim_bridge.wire.ports import Ports  # noqa: E402
+
 BLOCK = 1600
+EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
 EAST = {'euler': (0.0, 0.0, math.pi / 2), 'quaternion': (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))}
 
 
+class Bridge:
+    """A stage behind ports: `received` holds the messages of each topic."""
+
+    def __init__(self, ports):
+        self.stage = BridgeStage(load_rig(find_config('rig')), AudioFormat(), BridgeSettings(targets=2, oracle_detections=True))
+        self.received, self.now = defaultdict(list), EPOCH
+        self._handlers = {ports.audio: self._audio, ports.image: self._image, ports.rig_truth: self.stage.on_truth,
+                          ports.target_truth: self.stage.on_truth, ports.target_truth + 2: self.stage.on_truth,
+                          ports.imu: self.stage.on_imu}
+
+    def deliver(self, port, datagram):
+        for topic, message in self._handlers[port](datagram, self.now, ('127.0.0.1', 50_000)):
+            self.received[topic].append(message)
+
+    def _audio(self, *datagram):
+        self.stage.on_audio(*datagram)
+        while (message := self.stage.read_audio()) is not None:
+            yield 'audio/frames', message
+
+    def _image(self, *datagram):
+        result = self.stage.on_image(*datagram)
+        if isinstance(result, StampedImage):
+            return self.stage.decode_image(result)
+        return [] if result is None else [('detections', result)]
+
+
 @pytest.fixture(scope='module')
-def heard():
-    """What the bridge published of two seconds: the right microphone hears everything five samples later."""
-    ports = free_ports()
-    bridge, fake = Rig(ports), FakeRflysim(ports)
+def received():
+    """What the bridge makes of two seconds: the right microphone hears everything five samples later."""
+    ports = Ports()
+    bridge = Bridge(ports)
+    fake = FakeRflysim(ports, bridge.deliver)
     rng = np.random.default_rng(1)
     noise = rng.integers(-8000, 8000, 61 * BLOCK)
     jpeg = cv2.imencode('.png', rng.integers(0, 255, (240, 320, 3), np.uint8))[1].tobytes()    # several datagrams
-    bridge.spin(0.5)
-    begin = time.monotonic()
     for k in range(60):
-        bridge.spin(max(begin + k / 30 - time.monotonic(), 0.0))
         now = k / 30
+        bridge.now = EPOCH + now
         left = noise[k * BLOCK + 5:(k + 1) * BLOCK + 5]
         fake.sound(np.stack([left, noise[k * BLOCK:(k + 1) * BLOCK]], axis=1))
         fake.truth(ports.rig_truth, 1, now, (1.0, 2.0, -3.0), (4.0, 0.0, -0.5), **EAST, rate=(0.1, 0.2, 0.3))
@@ -38,32 +69,29 @@ def heard():
         fake.truth(ports.target_truth + 2, 3, now, (7.0, 8.0, -9.0), (0.0,) * 3, **EAST, rate=(0.0,) * 3)
         fake.imu(k, now, (0.5, 0.25, -9.75), (0.1, 0.2, 0.3))
         if k % 6 == 0:
-            fake.picture(jpeg, now, None if k < 30 else k)
+            fake.image(jpeg, now, None if k < 30 else k)
             fake.oracle((2, 0.75, 10.0, 20.0, 30.0, 60.0))
-    bridge.spin_while_coming()
-    fake.close()
-    yield bridge.heard
-    bridge.close()
+    return bridge.received
 
 
 def xyz(vector):
     return vector.x, vector.y, vector.z
 
 
-def test_the_rig_in_enu_and_flu(heard):
+def test_the_rig_in_enu_and_flu(received):
     """It looks east, flies north (to its left) and climbs; rolls right, pitches up, turns right."""
-    rig = heard['odometry'][-1]
+    rig = received['odometry'][-1]
     assert xyz(rig.pose.pose.position) == pytest.approx((2.0, 1.0, 3.0))
     assert abs(rig.pose.pose.orientation.w) == pytest.approx(1.0, abs=1e-6)
     assert xyz(rig.twist.twist.linear) == pytest.approx((0.0, 4.0, 0.5), abs=1e-5)
     assert xyz(rig.twist.twist.angular) == pytest.approx((0.1, -0.2, -0.3), abs=1e-6)
-    assert xyz(heard['imu'][-1].linear_acceleration) == pytest.approx((0.5, -0.25, 9.75))
-    assert xyz(heard['imu'][-1].angular_velocity) == pytest.approx((0.1, -0.2, -0.3), abs=1e-6)
+    assert xyz(received['imu'][-1].linear_acceleration) == pytest.approx((0.5, -0.25, 9.75))
+    assert xyz(received['imu'][-1].angular_velocity) == pytest.approx((0.1, -0.2, -0.3), abs=1e-6)
 
 
-def test_several_vehicles_in_either_layout(heard):
+def test_several_vehicles_in_either_layout(received):
     """The short one looks north, nose up by 0.2 rad, flies east and sinks."""
-    short, long = heard['truth/target'][-1], heard['truth/target_3'][-1]
+    short, long = received['truth/target'][-1], received['truth/target_3'][-1]
     assert xyz(short.pose.pose.position) == pytest.approx((-20.0, 10.0, 5.0))
     q = short.pose.pose.orientation
     ahead = (1 - 2 * (q.y**2 + q.z**2), 2 * (q.x * q.y + q.w * q.z), 2 * (q.x * q.z - q.w * q.y))
@@ -73,14 +101,21 @@ def test_several_vehicles_in_either_layout(heard):
     assert xyz(long.pose.pose.position) == pytest.approx((8.0, 7.0, 9.0))
 
 
-def test_pictures_with_either_header_and_their_boxes(heard):
-    assert len(heard['camera/image_raw']) == len(heard['detections']) == 10
-    assert [image.header.stamp for image in heard['camera/image_raw']] == [found.header.stamp for found in heard['detections']]
-    box = heard['detections'][-1].detections[0].bbox
+def test_images_with_either_header_and_their_boxes(received):
+    assert len(received['camera/image_raw']) == len(received['detections']) == 10
+    for image, found in zip(received['camera/image_raw'], received['detections'], strict=True):
+        assert image.header == found.header
+    box = received['detections'][-1].detections[0].bbox
     assert (box.center.position.x, box.center.position.y, box.size_x, box.size_y) == (20.0, 40.0, 20.0, 40.0)
 
 
-def test_sound_without_a_header_keeps_its_channels(heard):
-    samples = np.concatenate([np.array(message.samples).reshape(-1, 2) for message in heard['audio/frames']])
+def test_stamps_are_the_senders_times(received):
+    for topic, rate in {'odometry': 30, 'truth/target': 30, 'imu': 30, 'camera/image_raw': 5}.items():
+        stamps = [to_seconds(message.header.stamp) - EPOCH for message in received[topic]]
+        np.testing.assert_allclose(stamps, np.arange(2 * rate) / rate, atol=1e-5)
+
+
+def test_sound_without_a_header_keeps_its_channels(received):
+    samples = np.concatenate([np.array(message.samples).reshape(-1, 2) for message in received['audio/frames']])
     assert len(samples) == 60 * BLOCK
     np.testing.assert_allclose(samples[:-5, 0], samples[5:, 1], atol=1e-6)    # left hears it first

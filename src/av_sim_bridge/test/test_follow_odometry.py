@@ -13,7 +13,7 @@ from udp_ports import free_ports  # noqa: E402
 
 from av_common.qos import RESULT  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
-from av_sim_bridge.nodes.bridge_messages import make_header, odometry_message, vehicle_state  # noqa: E402
+from av_sim_bridge.messages import make_header, odometry_message, vehicle_state  # noqa: E402
 from av_sim_bridge.nodes.bridge_node import BridgeNode  # noqa: E402
 from av_sim_bridge.vehicle import VehicleState, from_truth  # noqa: E402
 from av_sim_bridge.wire.rig_control import decode_rig_control  # noqa: E402
@@ -72,7 +72,7 @@ def following():
         rclpy.shutdown()
 
 
-def receive(executor, publish, control, wanted, most=400):
+def receive(executor, publish, control, wanted, most=2000):
     """The first datagram that `wanted` accepts, while `publish` is called; by count, not by the machine's speed."""
     for _ in range(most):
         publish()

@@ -14,8 +14,8 @@ from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
 from av_common.config_files import find_config
 from av_common.rig import load_rig
-from av_sim_bridge.bridge.intake import AudioIntake, ImageIntake, TruthIntake
-from av_sim_bridge.bridge.receiver import Receiver, open_port
+from av_sim_bridge.receiving.receiver import Receiver, open_port
+from av_sim_bridge.receiving.streams import AudioStream, ImageStream, OracleReport, StampedImage, TruthStream
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
@@ -46,14 +46,24 @@ class Listener:
     def __init__(self, ports, layout=AudioFormat()):  # noqa: B008 (frozen)
         self.clock = SenderClock()
         self.layout, self.ring = layout, RingBuffer(layout.channels, 4_000_000, layout.dtype)
-        self.audio = AudioIntake(layout, self.ring, self.clock)
+        self.audio = AudioStream(layout, self.ring, self.clock)
         self.images, self.boxes, self.states = [], [], []
-        self.pictures = ImageIntake(self.clock, self.images.append, lambda *report: self.boxes.append(report))
-        truth = TruthIntake(self.clock, lambda *state: self.states.append(state))
-        handlers = {'audio': self.audio.take, 'image': self.pictures.take, 'rig_truth': truth.take,
-                    'target_truth': truth.take}
+        self.image_stream, self.truth = ImageStream(self.clock), TruthStream(self.clock)
+        handlers = {'audio': self.audio.take, 'image': self.take_image, 'rig_truth': self.take_truth,
+                    'target_truth': self.take_truth}
         self.receivers = {name: Receiver(name, open_port(name, getattr(ports, name), 4 << 20), handle)
                           for name, handle in handlers.items()}
+
+    def take_image(self, *datagram):
+        result = self.image_stream.take(*datagram)
+        if isinstance(result, StampedImage):
+            self.images.append(result)
+        elif isinstance(result, OracleReport):
+            self.boxes.append((result.boxes, result.stamp))
+
+    def take_truth(self, *datagram):
+        state = self.truth.take(*datagram)
+        self.states.append((state.copter_id, state.state, state.stamp))
 
     def stop(self):
         for receiver in self.receivers.values():
@@ -227,8 +237,9 @@ def test_depth_of_the_same_instant_goes_to_the_next_port():
     drone = Target(Static((8.0, 0.0, 1.5)))
     ports = free_ports()
     depths, listener = [], Listener(ports)
+    stream = ImageStream(SenderClock())
     receiver = Receiver('depth', open_port('depth', ports.depth, 4 << 20),
-                        ImageIntake(SenderClock(), depths.append, lambda *_: None).take)
+                        lambda *datagram: depths.extend(filter(None, [stream.take(*datagram)])))
     scenario = dataclasses.replace(SCENARIO, targets=(drone,), scene=Field(), duration=0.5)
     world = World(scenario, load_rig(find_config('rig')))
     simulator = Simulator(world, WireOptions(ports=ports, image_rate=4.0, depth=True, renderer='scene'))

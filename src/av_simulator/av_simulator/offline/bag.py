@@ -14,7 +14,7 @@ from tf2_msgs.msg import TFMessage
 from transforms3d.quaternions import mat2quat
 
 from av_common.frames import FLU_TO_OPTICAL
-from av_sim_bridge.nodes import bridge_messages as messages
+from av_sim_bridge import messages
 from av_simulator.run import Step
 from av_simulator.world import World
 

@@ -1,9 +1,10 @@
-"""Messages of the streams: from plain data to ROS."""
+"""Messages of the rig's topics made of what simulators send, and back."""
 
 from __future__ import annotations
 
 import array
 
+import cv2
 import numpy as np
 from geometry_msgs.msg import Quaternion, Vector3
 from nav_msgs.msg import Odometry
@@ -97,6 +98,25 @@ def _detection(header: Header, box: OracleBox) -> Detection2D:
 def make_header(stamp: float, frame: str) -> Header:
     """A header of a ROS time in s."""
     return Header(stamp=to_stamp(stamp), frame_id=frame)
+
+
+def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray:
+    """An image (height, width, 3) uint8, BGR. Raises ValueError for what is neither JPEG nor PNG."""
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise ValueError(f'image: {error.err}') from error
+    if image is None:
+        raise ValueError('image: neither JPEG nor PNG')
+    return image
+
+
+def decode_depth(data: bytes) -> NDArray:
+    """Depth (height, width) uint16 in mm, 0 where there is none (REP 118). Raises ValueError for what is no depth."""
+    depth = decode_image(data, cv2.IMREAD_UNCHANGED)
+    if depth.dtype != np.uint16 or depth.ndim != 2:
+        raise ValueError(f'depth: {depth.dtype} in {depth.ndim} dimensions, a PNG of 16 bit and one channel expected')
+    return np.where(depth == 65_535, 0, depth).astype(np.uint16)
 
 
 def _vector(values: NDArray) -> Vector3:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_sim_bridge.audio_stream import AudioDecoder
+from av_sim_bridge.receiving.audio_decoder import AudioDecoder
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 

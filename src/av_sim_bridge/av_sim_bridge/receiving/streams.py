@@ -1,15 +1,19 @@
-"""What becomes of the datagrams of each stream; called by the receiving threads, never waits."""
+"""The streams of a simulator: datagrams with their time of arrival in, samples, images and states dated in ROS time out.
+
+Every `take(datagram, arrival, sender)` is called by the thread of one receiver and never waits. arrival: s of the
+system's clock.  sender: host and port. It raises WireError for a datagram that cannot be used.
+"""
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SampleClock, SenderClock
-from av_sim_bridge.audio_stream import AudioBlock, AudioDecoder
+from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat
@@ -20,34 +24,45 @@ from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
 LATEST = 10.0    # s that a stamp may lag behind the others
+Sender = tuple[Any, ...]
 
 
-class AudioIntake:
-    """Sound into the ring buffer. Takes one sender at a time; another after a second of silence, or with a header."""
+class AudioStream:
+    """Audio datagrams into a ring buffer.
 
-    SILENCE = 1.0
+    It takes one sender at a time; another one after a second of silence, or when its datagrams have a header.
 
-    def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: SenderClock):
+    Parameters
+    ----------
+        layout: format of the samples on the wire.
+        ring: receives the samples, numbered from the start of the stream.
+        clock: the sender's clock, shared by all streams of one simulator.
+
+    """
+
+    SILENCE = 1.0    # s
+
+    def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: SenderClock) -> None:
         self.decoder = AudioDecoder(layout, lambda: clock.lateness)
         self.ring = ring
         self.foreign = 0
         self._sender_clock = clock
         self._sample_clock = SampleClock(layout.sample_rate)
         self._rate = layout.sample_rate
-        self._sender: tuple | None = None
-        self._heard = 0.0
+        self._sender: Sender | None = None
+        self._received = 0.0
         self._restarts = 0
         self._anchor = (0, 0.0)    # a sample and its ROS time
 
-    def take(self, datagram: bytes, arrival: float, sender: tuple) -> None:
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Take one datagram. Raises WireError."""
         if self._sender is not None and sender != self._sender:
-            if arrival - self._heard < self.SILENCE and not self.decoder.yields_to(datagram):
+            if arrival - self._received < self.SILENCE and not self.decoder.yields_to(datagram):
                 self.foreign += 1
                 raise WireError('audio: datagram from {}:{} while {}:{} sends'.format(*sender, *self._sender))
             self.decoder.restart()
         blocks = self.decoder.decode(datagram, arrival)
-        self._sender, self._heard = sender, arrival
+        self._sender, self._received = sender, arrival
         if self.decoder.counts.restarts != self._restarts:
             self._restarts = self.decoder.counts.restarts
             self._sample_clock = SampleClock(self._rate)
@@ -78,10 +93,18 @@ class StampedImage:
     stamp: float
 
 
+@dataclass(frozen=True)
+class OracleReport:
+    """Boxes of the visual oracle with the capture of their image in ROS time (s)."""
+
+    boxes: list[OracleBox]
+    stamp: float
+
+
 class CaptureStamps:
     """The ROS time of each capture, fixed once: what was taken at one instant carries the very same stamp."""
 
-    def __init__(self, clock: SenderClock):
+    def __init__(self, clock: SenderClock) -> None:
         self._clock, self._lock = clock, threading.Lock()
         self._known: OrderedDict[float, float] = OrderedDict()
 
@@ -95,77 +118,86 @@ class CaptureStamps:
             return self._known[time]
 
 
-class ImageIntake:
-    """Fragments to images; the oracle's reports belong to the image whose fragments came last."""
+class ImageStream:
+    """Fragments to images; the oracle's reports belong to the image whose fragments came last.
 
-    def __init__(self, clock: SenderClock, on_image: Callable[[StampedImage], None],
-                 on_boxes: Callable[[list[OracleBox], float], None], stamps: CaptureStamps | None = None):
-        """on_boxes(boxes, stamp of the image in ROS time).  stamps: shared with the other sensors of one camera."""
+    Parameters
+    ----------
+        clock: the sender's clock, shared by all streams of one simulator.
+        stamps: shared with the other sensors of the same camera, such as depth; by default its own.
+
+    """
+
+    def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None) -> None:
         self.assembler = ImageAssembler()
-        self._clock, self._on_image, self._on_boxes = clock, on_image, on_boxes
+        self._clock = clock
         self._stamps = stamps or CaptureStamps(clock)
         self._newest: float | None = None
 
-    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
-        """Take one datagram. Raises WireError."""
+    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedImage | OracleReport | None:
+        """The image or report that is complete with this datagram. Raises WireError."""
         if is_oracle(datagram):
             boxes = decode_oracle(datagram)
-            if self._newest is not None:
-                self._on_boxes(boxes, self._newest)
-            return
+            return None if self._newest is None else OracleReport(boxes, self._newest)
         fragment = decode_fragment(datagram)
         _observe(self._clock, fragment.time, arrival, 'image')
         self._newest = self._stamps.of(fragment.time)
         image = self.assembler.add(fragment)
-        if image is not None:
-            self._on_image(StampedImage(image, self._newest))
+        return None if image is None else StampedImage(image, self._newest)
 
 
-class TruthIntake:
+@dataclass(frozen=True)
+class StampedState:
+    """State of the vehicle with the simulator's number `copter_id`, and its ROS time (s)."""
+
+    copter_id: int
+    state: VehicleState
+    stamp: float
+
+
+class TruthStream:
     """States of vehicles, in ROS's frames and time."""
 
-    def __init__(self, clock: SenderClock, on_state: Callable[[int, VehicleState, float], None]):
-        """on_state(copter id, state, ROS time in s)."""
-        self._clock, self._on_state = clock, on_state
+    def __init__(self, clock: SenderClock) -> None:
+        self._clock = clock
 
-    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
-        """Take one datagram. Raises WireError."""
+    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedState:
+        """The state in one datagram. Raises WireError."""
         truth = decode_truth(datagram)
         _observe(self._clock, truth.time, arrival, 'truth')
-        self._on_state(truth.copter_id, from_truth(truth), self._clock.to_ros(truth.time))
+        return StampedState(truth.copter_id, from_truth(truth), self._clock.to_ros(truth.time))
 
 
-class ImuIntake:
-    """Inertial measurements of the rig, in FLU and ROS time; counts what is missing in their sequence."""
+class ImuStream:
+    """Inertial measurements of the rig in ROS time; `lost` counts what is missing in their sequence."""
 
-    def __init__(self, clock: SenderClock, on_sample: Callable[[ImuSample, float], None]):
-        """on_sample(sample, ROS time in s)."""
+    def __init__(self, clock: SenderClock) -> None:
         self.lost = 0
-        self._clock, self._on_sample = clock, on_sample
+        self._clock = clock
         self._expected: int | None = None
 
-    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
-        """Take one datagram. Raises WireError."""
+    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> tuple[ImuSample, float]:
+        """The sample in one datagram and its ROS time in s. Raises WireError."""
         sample = decode_imu(datagram)
         _observe(self._clock, sample.time, arrival, 'imu')
         if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
             self.lost += sample.sequence - self._expected
         self._expected = sample.sequence + 1
-        self._on_sample(sample, self._clock.to_ros(sample.time))
+        return sample, self._clock.to_ros(sample.time)
 
 
-class TimeSyncIntake:
-    """The simulator's own idea of Unix time, to compare with this machine's."""
+class TimeSyncStream:
+    """The simulator's own Unix time, to compare with this machine's: `offset_s` is how far this one is ahead."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.offset_s = float('nan')
 
-    def take(self, datagram: bytes, arrival: float, _sender: tuple) -> None:
+    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> None:
         """Take one datagram. Raises WireError."""
         self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
 
 
 def _observe(clock: SenderClock, stamp: float, arrival: float, name: str) -> None:
-    """Take a stamp; a picture that took long is late and welcome, one from the future or from long ago is not."""
+    """Take a stamp; an image that took long is late and welcome, one from the future or from long ago is not."""
     if not clock.observe(stamp, arrival) and not -clock.restart < arrival - clock.to_ros(stamp) < LATEST:
         raise WireError(f'{name}: time {stamp:g} s is out of step with the other stamps')

@@ -1,1 +1,0 @@
-"""Sockets, threads and intake of the simulator's streams; no ROS in here."""

@@ -1,0 +1,130 @@
+"""What the bridge decides, without sockets, threads and a clock: stamps, oracle, vehicles, commands."""
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='needs ROS 2')
+pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
+
+from vision_msgs.msg import Detection2DArray
+
+from av_common.config_files import find_config
+from av_common.rig import load_rig
+from av_common.stamps import to_seconds
+from av_interfaces.msg import PointingCommand
+from av_sim_bridge.messages import decode_image
+from av_sim_bridge.receiving.streams import StampedImage
+from av_sim_bridge.stage import BridgeSettings, BridgeStage
+from av_sim_bridge.vehicle import VehicleState, to_truth
+from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
+from av_sim_bridge.wire.image import EncodedImage, encode_image
+from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
+from av_sim_bridge.wire.rig_control import decode_rig_control
+from av_sim_bridge.wire.truth import encode_truth
+
+EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
+SENDER = ('127.0.0.1', 50_000)
+BLOCK, RATE = 1600, 48_000
+
+
+def make_stage(**settings):
+    return BridgeStage(load_rig(find_config('rig')), AudioFormat(), BridgeSettings(**settings))
+
+
+def delays(count, rng):
+    """Delays of datagrams in s: at best 1 ms, mostly some, and now and then a stall that holds back all that follows."""
+    sent = np.arange(count) / 30
+    arrival = sent + 0.001 + rng.exponential(0.005, count)
+    arrival[::10] = sent[::10] + 0.001
+    for stalled in range(5, count, 30):
+        arrival[stalled:] = np.maximum(arrival[stalled:], arrival[stalled] + 0.3)
+    return arrival - sent
+
+
+@pytest.mark.parametrize('header', [True, False])
+def test_stamps_of_sound_are_capture_times(rng, header):
+    """Whatever the delay of each datagram: the error is that of the quickest one."""
+    stage, errors = make_stage(), []
+    late = delays(100, rng) if header else 0.001 + 0.004 * rng.random(100)
+    for number, delay in enumerate(late):
+        begin = number * BLOCK / RATE
+        datagram = encode_audio(AudioFormat(), np.full((BLOCK, 2), 0.1), AudioHeader(number, BLOCK, begin) if header else None)
+        stage.on_audio(datagram, EPOCH + begin + BLOCK / RATE + delay, SENDER)
+        while (message := stage.read_audio()) is not None:
+            assert message.header.frame_id == 'microphones' and message.sample_rate == RATE
+            errors.append(to_seconds(message.header.stamp) - EPOCH - message.first_sample / RATE)
+    assert len(errors) == 100
+    assert min(errors[30:]) >= 0.0 and max(errors[1:]) < 6e-3
+
+
+def test_image_calibration_and_oracle_carry_one_stamp(rng):
+    stage = make_stage(oracle_detections=True)
+    data = cv2.imencode('.png', rng.integers(0, 255, (240, 320, 3), np.uint8))[1].tobytes()
+    for number, delay in enumerate(delays(20, rng)):
+        results = [stage.on_image(datagram, EPOCH + number / 30 + delay + 0.002 * part, SENDER)
+                   for part, datagram in enumerate(encode_image(EncodedImage(number / 30, data)))]
+        assert len(results) > 1 and all(result is None for result in results[:-1])
+        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + number / 30 + 0.2, SENDER)
+        assert isinstance(results[-1], StampedImage) and isinstance(report, Detection2DArray)
+        image, info = (message for _, message in stage.decode_image(results[-1]))
+        assert image.header == info.header == report.header and (info.width, info.height) == (320, 240)
+        assert to_seconds(image.header.stamp) - EPOCH == pytest.approx(number / 30, abs=6e-3)
+        assert (report.detections[0].id, report.detections[0].results[0].hypothesis.class_id) == ('oracle', 'drone')
+
+
+def test_the_oracle_is_silent_unless_asked_for():
+    stage = make_stage()
+    stage.on_image(encode_image(EncodedImage(0.0, b'data'))[0], EPOCH, SENDER)
+    assert stage.on_image(encode_oracle([]), EPOCH, SENDER) is None
+
+
+def test_depth_carries_the_stamp_of_its_image():
+    """Also when it comes much later, and from another thread's port."""
+    stage, depth = make_stage(), np.full((48, 64), 65_535, np.uint16)
+    depth[10, 20] = 1234
+    image = stage.on_image(encode_image(EncodedImage(5.0, b'data'))[0], EPOCH + 5.0, SENDER)
+    late = stage.on_depth(encode_image(EncodedImage(5.0, cv2.imencode('.png', depth)[1].tobytes()))[0], EPOCH + 5.3, SENDER)
+    assert late.stamp == image.stamp
+    (topic, message), = stage.decode_depth(late)
+    assert topic == 'camera/depth/image_raw' and message.encoding == '16UC1' and message.step == 128
+    values = np.frombuffer(message.data, np.uint16).reshape(48, 64)
+    assert values[10, 20] == 1234 and np.count_nonzero(values) == 1
+
+
+@pytest.mark.parametrize('data', [b'', b'no image', b'\xff\xd8\xff\xe0' + bytes(100)])
+def test_what_is_no_image_is_a_value_error(data):
+    with pytest.raises(ValueError, match='image'):
+        decode_image(data)
+    with pytest.raises(ValueError, match='image'):
+        make_stage().decode_image(StampedImage(EncodedImage(0.0, data), EPOCH))
+
+
+def test_each_vehicle_has_its_topic():
+    stage = make_stage(rig_id=4, target_id=7, targets=3)
+
+    def topics(number):
+        datagram = encode_truth(to_truth(VehicleState(1.0, np.zeros(3)), number))
+        return [(topic, message.child_frame_id) for topic, message in stage.on_truth(datagram, EPOCH + 1.0, SENDER)]
+
+    assert topics(4) == [('odometry', 'base_link'), ('truth/rig', 'base_link')]
+    assert topics(7) == [('truth/target', 'target')]
+    assert topics(9) == [('truth/target_9', 'target_9')]
+    assert topics(10) == topics(1) == []
+
+
+def test_commands_without_a_finite_gimbal_leave_it_alone():
+    stage = make_stage()
+    command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25, move_gimbal=True,
+                              pan=float('nan'), tilt=0.1)
+    first, second = (decode_rig_control(stage.on_command(command)) for _ in range(2))
+    assert (first.yaw_rate, first.pan, first.tilt) == (0.25, None, None)
+    assert second.sequence == first.sequence + 1
+
+
+def test_another_one_that_moves_the_rig_is_told_nothing():
+    stage = make_stage(follow_odometry=True)
+    command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25)
+    assert decode_rig_control(stage.on_command(command)).yaw_rate is None
+    datagram = encode_truth(to_truth(VehicleState(1.0, np.zeros(3)), 1))
+    assert [topic for topic, _ in stage.on_truth(datagram, EPOCH, SENDER)] == ['truth/rig']
