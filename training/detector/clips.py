@@ -23,21 +23,21 @@ CLASSES = ('drone', 'bird', 'airplane', 'helicopter')
 # the birds in the red tree; airplanes at the fence; the late helicopter clips).
 UNSEEN_SCENES = {'drone': (*range(43, 55),), 'bird': (20, 22, 23, 10, 14), 'airplane': (49, 50, 44, 22),
                  'helicopter': (49, 52, 55, 58, 61)}
-RATE, STRIDE = 30.0, 3  # frames/s; a rig looks at about ten of them
+RATE, STRIDE = 30.0, 3  # frames/s; a rig processes about ten of them
 # Pixels by which labels are wider and higher than what they are around: medians over 600 objects of the training clips that
-# stand before plain sky; it is the same for objects of 5 and of 50 pixels. Rendered boxes are made as loose.
-MARGIN = np.array([20.0, 18.0], np.float32)
-NO_MARGIN = np.zeros(2, np.float32)
-SPLITS = ('train', 'choose', 'test_clip', 'test_scene')
+# stand before plain sky; it is the same for objects of 5 and of 50 pixels. Rendered boxes get the same padding.
+PADDING = np.array([20.0, 18.0], np.float32)
+NO_PADDING = np.zeros(2, np.float32)
+SPLITS = ('train', 'validation', 'test_clip', 'test_scene')
 
 
 def split_of(clip: str) -> str:
-    """Where a clip such as V_DRONE_043 belongs: train, choose (threshold, calibration, checkpoint), test_clip, test_scene."""
+    """The split of a clip such as V_DRONE_043; `validation` serves threshold, calibration and checkpoint."""
     _, label, number = clip.split('_')
     if int(number) in UNSEEN_SCENES[label.lower()]:
         return 'test_scene'
     place = (int(number) * 7919) % 20
-    return 'test_clip' if place < 3 else 'choose' if place < 6 else 'train'
+    return 'test_clip' if place < 3 else 'validation' if place < 6 else 'train'
 
 
 def read_boxes(path: Path) -> dict[int, list[tuple[int, float, float, float, float]]]:
@@ -56,7 +56,7 @@ def clips_of(data: Path, split: str) -> list[str]:
 
 
 def film(data: Path, clip: str) -> Iterator[tuple[float, NDArray[np.uint8], NDArray[np.float32]]]:
-    """Every third frame of a clip as a rig would see them: time in s, picture, boxes (k, 5) of class, x1, y1, x2, y2."""
+    """Every third frame of a clip as a rig would see them: time in s, image, boxes (k, 5) of class, x1, y1, x2, y2."""
     boxes = read_boxes(data / 'labels' / f'{clip}.csv')
     video, number = cv2.VideoCapture(str(data / 'video' / f'{clip}.mp4')), 0
     while video.grab():
@@ -88,20 +88,20 @@ def build_cache(data: Path, cache: Path, stride: int = 8) -> None:
     (cache / 'index.json').write_text(json.dumps(index))
 
 
-def scaled(boxes: NDArray, factor: float, margin: NDArray = MARGIN) -> NDArray[np.float32]:
-    """Boxes (k, 5) of a picture scaled by a factor: the objects scale, what is left around them does not.
+def scaled(boxes: NDArray, factor: float, padding: NDArray = PADDING) -> NDArray[np.float32]:
+    """Boxes (k, 5) of a image scaled by a factor: the objects scale, what is left around them does not.
 
-    `margin` is what the boxes have around the objects, the answer's is MARGIN.
+    `padding` is what the boxes have around the objects, the answer's is PADDING.
     """
     half, middle = 0.5 * (boxes[:, 3:] - boxes[:, 1:3]), 0.5 * (boxes[:, 3:] + boxes[:, 1:3]) * factor
-    half = np.maximum(half - 0.5 * margin, 1.0) * factor + 0.5 * MARGIN
+    half = np.maximum(half - 0.5 * padding, 1.0) * factor + 0.5 * PADDING
     return np.concatenate([boxes[:, :1], middle - half, middle + half], axis=1).astype(np.float32)
 
 
 class Frames:
     """The cached frames of some splits: images (n, 512, 640, 3) as a memory map and boxes (k, 5) of class, x1, y1, x2, y2.
 
-    The boxes have `margin` pixels around the objects: the labels' of real clips, none of simulated ones.
+    The boxes have `padding` pixels around the objects: the labels' of real clips, none of simulated ones.
     """
 
     def __init__(self, cache: Path, *splits: str) -> None:
@@ -109,7 +109,7 @@ class Frames:
         self.images = np.memmap(cache / 'frames.u8', np.uint8, 'r', shape=(len(index), HEIGHT, WIDTH, 3))
         self.rows = [i for i, entry in enumerate(index) if entry['split'] in splits]
         self.clips = [index[i]['clip'] for i in self.rows]
-        self.margin = NO_MARGIN if self.clips and self.clips[0].startswith('V_SIM') else MARGIN
+        self.padding = NO_PADDING if self.clips and self.clips[0].startswith('V_SIM') else PADDING
         self.boxes = [np.array(index[i]['boxes'], np.float32).reshape(-1, 5) for i in self.rows]
 
     def __len__(self) -> int:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from clips import HEIGHT, NO_MARGIN, WIDTH, Frames, build_cache, clips_of, film, scaled
+from clips import HEIGHT, NO_PADDING, WIDTH, Frames, build_cache, clips_of, film, scaled
 from material import CROWD
-from measure import extent, look_at, match, measure
+from measure import extent, detect_all, match, measure
 from numpy.typing import NDArray
 from pasting import crowd, paste
 from simulated import boxes_of
@@ -34,16 +34,16 @@ LOWEST = 0.02
 
 def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
     """The held-out clips, by split: every third frame in order, each by itself and with time."""
-    print('split      looks         frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
-    for split in ('choose', 'test_clip', 'test_scene'):
-        looks = look_at(detector, data, split)
-        clip, sizes = np.array([look.clip for look in looks]), sizes_of_drones(data, split)
+    print('split      results         frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
+    for split in ('validation', 'test_clip', 'test_scene'):
+        results = detect_all(detector, data, split)
+        clip, sizes = np.array([result.clip for result in results]), sizes_of_drones(data, split)
         for still in (True, False):
-            m = measure(looks, detector, still)
+            m = measure(results, detector, still)
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
                        m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),
                        m.calibration_error())
-            print(f'{split:10} {"by themselves" if still else "in time":13} {len(looks):6} {m.drones.sum():6}  '
+            print(f'{split:10} {"by themselves" if still else "in time":13} {len(results):6} {m.drones.sum():6}  '
                   + '  '.join(f'{figure:.3f}' for figure in figures))
             wrong = np.unique(m.frames[(m.scores >= threshold) & ~m.hits])
             for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
@@ -61,12 +61,12 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
 
 
 def sizes_of_drones(data: Path, split: str) -> NDArray[np.float64]:
-    """Of each frame of a split, as `look_at` takes them, the size in pixels of the drone; NaN where there is not just one."""
+    """Size in pixels of the drone in each frame that `detect_all` takes; NaN where there is not just one."""
     found = []
     for clip in clips_of(data, split):
-        for _, picture, truth in film(data, clip):
+        for _, image, truth in film(data, clip):
             drones = truth[truth[:, 0] == 0, 1:]
-            found.append(extent(picture, drones[0]) if len(drones) == 1 else np.nan)
+            found.append(extent(image, drones[0]) if len(drones) == 1 else np.nan)
     return np.array(found)
 
 
@@ -82,11 +82,11 @@ def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: in
             while not len(real_boxes):
                 size = np.exp(rng.uniform(np.log(low), np.log(high)))
                 x = int(rng.integers(0, canvas.shape[1] - HEIGHT + 1))
-                square = canvas[:, x:x + HEIGHT].copy()
-                real_boxes = paste(rng, square, real_boxes, sprites, size, 1.0, np.zeros(3), 0)
+                crop = canvas[:, x:x + HEIGHT].copy()
+                real_boxes = paste(rng, crop, real_boxes, sprites, size, 1.0, np.zeros(3), 0)
             left, top, right, bottom = real_boxes[0, 1:].astype(int)
             behind.append(crowd(canvas, x + left, top, right - left, bottom - top))
-            canvas[:, x:x + HEIGHT] = square
+            canvas[:, x:x + HEIGHT] = crop
             box = real_boxes[:, 1:] + np.array([x, 0, x, 0], np.float32)
             overlap, off = match(detect(canvas).boxes, box)
             good = overlap >= 0.3
@@ -101,7 +101,7 @@ def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: in
 Shot = tuple[Picture, PinholeCamera, Drone, View]
 
 
-def simulator_pictures(kind: str, fog: float, count: int, seed: int) -> list[Shot]:
+def simulator_images(kind: str, fog: float, count: int, seed: int) -> list[Shot]:
     """A drone of 0.5 m at 3 to 20 m, anywhere in view of the rig's camera, in a scene of the simulator."""
     rng = np.random.default_rng(seed)
     camera = PinholeCamera(640, 480, 457.0, 457.0, 319.5, 239.5, (-0.08, 0.02, 0.0005, -0.0003, 0.0))
@@ -125,14 +125,14 @@ def simulator(detector: Detector, threshold: float) -> None:
     for kind in ('woodland', 'field', 'urban'):
         for fog in (0.0, 0.03, 0.06, 0.12, 0.25, 0.5):
             hits, visible, best, errors = 0, 0, [], []
-            for picture, camera, drone, view in simulator_pictures(kind, fog, 80, 5):
-                boxes = boxes_of(picture)
+            for image, camera, drone, view in simulator_images(kind, fog, 80, 5):
+                boxes = boxes_of(image)
                 if not len(boxes) and fog == 0.0:
                     continue
                 visible += 1
-                found = detector.detect(picture.bgr)
+                found = detector.detect(image.bgr)
                 truth = np.pad(boxes if len(boxes) else np.zeros((1, 4), np.float32), ((0, 0), (1, 0)))
-                overlap, _ = match(found.boxes, scaled(truth, 1.0, NO_MARGIN)[:, 1:])
+                overlap, _ = match(found.boxes, scaled(truth, 1.0, NO_PADDING)[:, 1:])
                 good = np.flatnonzero(overlap >= 0.3)
                 best.append(float(found.scores[good[0]]) if good.size else 0.0)
                 if good.size and found.scores[good[0]] >= threshold:
@@ -167,9 +167,9 @@ def main() -> None:
         real(low, threshold, args.data, args.clips)
     if args.only in (None, 'rendered'):
         sprites, frames = build_bank(args.cache, 'test')['drone'], Frames(args.cache, 'test_clip', 'test_scene')
-        print('rendered drones, recall at IoU 0.3, 512 x 512 pictures:')
+        print('rendered drones, recall at IoU 0.3, 512 x 512 images:')
         rendered(Detector(args.model, DetectorSettings(**settings)).detect, frames, sprites, HEIGHT)
-        print(f'1280 x 512 pictures in tiles of {SLICE}:')
+        print(f'1280 x 512 images in tiles of {SLICE}:')
         rendered(Detector(args.model, DetectorSettings(**settings, slice_size=SLICE)).detect, frames, sprites, 1280, 60)
     if args.only in (None, 'simulator'):
         print('simulator, a drone of 0.5 m at 3 to 20 m:')

@@ -3,8 +3,8 @@
 `python export.py CHECKPOINT [CHECKPOINT ...] OUT.onnx --cache FOLDER --data DRONE_DETECTION`. Of several checkpoints of one
 run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407): it is surer about places that no clip shows.
 
-All that is fitted here comes from the split `choose` alone: logistic regression (Platt 1999, with the other classes' logits as
-further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the threshold is
+All that is fitted here comes from the split `validation` alone. Logistic regression (Platt 1999, with the other classes'
+logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the threshold is
 the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes (of builds of
 their own), with few false drones on birds, airplanes and helicopters.
 """
@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from clips import CLASSES, HEIGHT, MARGIN, WIDTH, Frames, scaled
-from measure import Look, Measurement, look_at, match, measure
+from clips import CLASSES, HEIGHT, PADDING, WIDTH, Frames, scaled
+from measure import FrameResult, Measurement, detect_all, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from painted import log_uniform
@@ -37,10 +37,10 @@ from av_vision.yolo.detections import suppress
 from av_vision.yolo.letterbox import letterbox, to_tensor
 
 INPUT = 1280  # pixels of the longer side: enlarged, what is small is told apart better
-NEAR_INPUT = 320  # ... and what fills much of the picture is seen as large as it was in training
+NEAR_INPUT = 320  # ... and what fills much of the image is seen as large as it was in training
 LOWEST = 0.01
-FALSE = 0.05  # share of pictures without a drone that may show one
-# How the pictures of one thing belong together. Fitted once, to an earlier network's tracks in `choose`, and held: of few clips
+FALSE = 0.05  # share of images without a drone that may show one
+# How the images of one thing belong together. Fitted once, to an earlier network's validation tracks, and held: of few clips
 # of known places it learns to be too sure at new ones (model card). Beyond 2 s memory changes the likelihood by less than 1 %;
 # the shorter it is, the sooner a mind is changed.
 EVIDENCE = EvidenceModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
@@ -57,7 +57,7 @@ class Decoded(nn.Module):
         self.shift = shift
 
     def forward(self, x: Tensor) -> Tensor:
-        """Pictures (n, 3, h, w) RGB in 0-1."""
+        """Images (n, 3, h, w) RGB in 0-1."""
         logits, raw = self.network.answers(x)
         corners, strides = [], []
         for stride in STRIDES:
@@ -107,8 +107,8 @@ def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
     width, height = INPUT, INPUT * HEIGHT // WIDTH
     corners, strides = cells(height, width)
     for i in range(len(frames)):
-        picture = to_tensor([letterbox(frames.image(i), height, width)[0]], True, 1.0 / 255.0, np.float32)
-        logits, raw = network(torch.from_numpy(picture))
+        image = to_tensor([letterbox(frames.image(i), height, width)[0]], True, 1.0 / 255.0, np.float32)
+        logits, raw = network(torch.from_numpy(image))
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
         kept = suppress(boxes, logits[:, 0] + 10.0, DetectorSettings.nms_iou, DetectorSettings.nms_nested)
@@ -118,21 +118,21 @@ def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
     return np.concatenate(found), np.concatenate(hits)
 
 
-def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: int = 500) -> list[Look]:
-    """Single looks at drones of 12 to 300 pixels pasted over frames, for the clips show none that is near."""
-    rng, looks = np.random.default_rng(0), []
-    while len(looks) < count:
+def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: int = 500) -> list[FrameResult]:
+    """Results of single images with drones of 12 to 300 pixels pasted over frames, for the clips show none that is near."""
+    rng, results = np.random.default_rng(0), []
+    while len(results) < count:
         i = int(rng.integers(len(frames)))
-        square = np.ascontiguousarray(frames.image(i)[:, :HEIGHT])
+        crop = np.ascontiguousarray(frames.image(i)[:, :HEIGHT])
         there = clip_boxes(frames.boxes[i], HEIGHT)
-        truth = paste(rng, square, there, sprites, log_uniform(rng, 12.0, 300.0), 1.0, np.zeros(3), 0)
+        truth = paste(rng, crop, there, sprites, log_uniform(rng, 12.0, 300.0), 1.0, np.zeros(3), 0)
         if len(truth) > len(there):
-            looks.append(Look(f'rendered {len(looks)}', 0.0, detector.candidates(square, detector.threshold), truth))
-    return looks
+            results.append(FrameResult(f'rendered {len(results)}', 0.0, detector.candidates(crop, detector.threshold), truth))
+    return results
 
 
 def choose_threshold(result: Measurement) -> float:
-    """That of the best F1 on pictures of drones, of those at which fewer than FALSE of the other pictures show one."""
+    """That of the best F1 on images of drones, of those at which fewer than FALSE of the other images show one."""
     allowed = [t for t in np.arange(0.1, 0.96, 0.01) if result.false_frames(t) < FALSE]
     return round(float(max(allowed, key=result.f1, default=0.95)), 2)
 
@@ -150,26 +150,27 @@ def main() -> None:
     network = Network()
     network.load_state_dict(mean_of([state['average'] for state in states]))
     network.eval()
-    frames = Frames(args.cache, 'choose')
+    frames = Frames(args.cache, 'validation')
     names = json.dumps(dict(enumerate(CLASSES)))
     weights, shift = fit(*candidates(network, frames))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
     metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'near_imgsz': str(NEAR_INPUT),
-                'margin': str(MARGIN.tolist()), 'license': 'Apache-2.0', 'steps': steps,
+                'padding': str(PADDING.tolist()), 'license': 'Apache-2.0', 'steps': steps,
                 'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)
     # What the other classes take away in suppression changes the odds a little: once more, for all alike.
     first = Detector(args.out, low)
-    alone = measure(look_at(first, args.data, 'choose'), first, still=True)
+    alone = measure(detect_all(first, args.data, 'validation'), first, still=True)
     gain, more = fit(logit(alone.scores)[:, None], alone.hits)
     mixing, shift = gain[0] * mixing, gain[0] * shift + more
     metadata['evidence'] = json.dumps(asdict(EVIDENCE))
     write(Decoded(network, mixing, shift), args.out, metadata)
-    final = Detector(args.out, replace(low, score_threshold=EVIDENCE.floor))  # as a rig looks
-    looks = look_at(final, args.data, 'choose') + rendered(final, frames, build_bank(args.cache, 'choose')['drone'])
-    result = measure(looks, final)
+    final = Detector(args.out, replace(low, score_threshold=EVIDENCE.floor))  # as on a rig
+    results = detect_all(final, args.data, 'validation')
+    results += rendered(final, frames, build_bank(args.cache, 'validation')['drone'])
+    result = measure(results, final)
     metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, steps {steps}, weights {np.round(mixing[0], 3)}, '

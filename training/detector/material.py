@@ -1,4 +1,4 @@
-"""What training squares take from the real pictures: places that are not plain sky, objects cut out of it."""
+"""What training crops take from the real images: places that are not plain sky, objects cut out of it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def standing_out(image: NDArray, box: NDArray) -> tuple[NDArray, NDArray | None]
 
 
 def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:
-    """What a picture shows in a box and up to four pixels around it."""
+    """What a image shows in a box and up to four pixels around it."""
     return image[max(y1 - 4, 0):y2 + 4, max(x1 - 4, 0):x2 + 4]
 
 

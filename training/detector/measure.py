@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from clips import MARGIN, clips_of, film
+from clips import PADDING, clips_of, film
 from material import standing_out
 from numpy.typing import NDArray
 
@@ -98,8 +98,8 @@ def match(boxes: NDArray, real: NDArray) -> tuple[NDArray, NDArray]:
 
 
 @dataclass
-class Look:
-    """What a network saw in one picture, and the boxes (k, 5) of class, x1, y1, x2, y2 that are there."""
+class FrameResult:
+    """What a network saw in one image, and the boxes (k, 5) of class, x1, y1, x2, y2 that are there."""
 
     clip: str
     time: float
@@ -113,35 +113,35 @@ class Look:
 
 
 def extent(image: NDArray[np.uint8], box: NDArray) -> float:
-    """Longer side in pixels of what a label is around: of what stands out, or the label less its margin where no sky is plain.
+    """Longer side in pixels of what a label is around: of what stands out, or the label less its padding where no sky is plain.
 
     Some labels are three times as large as their drone.
     """
     _, off = standing_out(image, box)
     if off is None:
-        return float((box[2:] - box[:2] - MARGIN).max())
+        return float((box[2:] - box[:2] - PADDING).max())
     return float(max(*cv2.boundingRect((off > STANDS_OUT).astype(np.uint8))[2:], 1))
 
 
-def look_at(detector: Detector, data: Path, split: str) -> list[Look]:
+def detect_all(detector: Detector, data: Path, split: str) -> list[FrameResult]:
     """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold."""
-    return [Look(clip, time, detector.candidates(picture, detector.threshold), truth)
-            for clip in clips_of(data, split) for time, picture, truth in film(data, clip)]
+    return [FrameResult(clip, time, detector.candidates(image, detector.threshold), truth)
+            for clip in clips_of(data, split) for time, image, truth in film(data, clip)]
 
 
-def measure(looks: list[Look], detector: Detector, still: bool = False) -> Measurement:
-    """What the detector reports: with time as the rig does it, or `still`, each picture by itself."""
+def measure(results: list[FrameResult], detector: Detector, still: bool = False) -> Measurement:
+    """What the detector reports: with time as the rig does it, or `still`, each image by itself."""
     scores, overlaps, offsets, frames = [], [], [], []
     clip = ''
-    for i, look in enumerate(looks):
-        if look.clip != clip:
-            clip, watcher = look.clip, Watcher(detector, still=still)
-        found, _ = watcher.judge(look.seen, look.time)
-        overlap, offset = match(found.boxes, look.drones)
+    for i, result in enumerate(results):
+        if result.clip != clip:
+            clip, watcher = result.clip, Watcher(detector, still=still)
+        found, _ = watcher.judge(result.seen, result.time)
+        overlap, offset = match(found.boxes, result.drones)
         scores.append(found.scores)
         overlaps.append(overlap)
         offsets.append(offset)
         frames.append(np.full(len(found), i))
     overlap = np.concatenate(overlaps)
     return Measurement(np.clip(np.concatenate(scores).astype(float), 1e-6, 1 - 1e-6), overlap >= 0.3, overlap,
-                       np.concatenate(offsets), np.concatenate(frames), np.array([len(look.drones) for look in looks]))
+                       np.concatenate(offsets), np.concatenate(frames), np.array([len(result.drones) for result in results]))

@@ -1,4 +1,4 @@
-"""Painted pictures: skies over land, and branches before them. Nothing real, much variety."""
+"""Painted images: skies over land, and branches before them. Nothing real, much variety."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def noise(rng: Rng, side: int, smoothness: float) -> NDArray[np.float32]:
 
 def branches(rng: Rng, side: int = 256) -> NDArray[np.uint8]:
     """Twigs with buds or leaves (side, side, 4) BGRA: what is dark, thin and crossed before a sky and no drone."""
-    picture = np.zeros((side, side, 4), np.uint8)
+    image = np.zeros((side, side, 4), np.uint8)
     bark = rng.uniform(0, 90) * np.array([0.7, 0.85, 1.0]) + rng.uniform(0, 30, 3)
     leaf = bark if rng.random() < 0.5 else rng.uniform([0, 20, 20], [60, 150, 160])
     leaves, spread = rng.uniform(0.0, 0.9), rng.uniform(0.3, 0.9)
@@ -51,14 +51,14 @@ def branches(rng: Rng, side: int = 256) -> NDArray[np.uint8]:
     while growing:
         place, heading, length, thick = growing.pop()
         end = place + length * np.array([np.cos(heading), np.sin(heading)])
-        cv2.line(picture, tuple(map(int, place)), tuple(map(int, end)), (*bark, 255), max(round(thick), 1), cv2.LINE_AA)
+        cv2.line(image, tuple(map(int, place)), tuple(map(int, end)), (*bark, 255), max(round(thick), 1), cv2.LINE_AA)
         if rng.random() < leaves and thick < 3.0:
             axes = tuple(int(size) for size in rng.uniform(1, 5, 2))
-            cv2.ellipse(picture, tuple(map(int, end)), axes, rng.uniform(0, 180), 0, 360, (*leaf, 255), -1, cv2.LINE_AA)
+            cv2.ellipse(image, tuple(map(int, end)), axes, rng.uniform(0, 180), 0, 360, (*leaf, 255), -1, cv2.LINE_AA)
         if length > 0.02 * side and len(growing) < 60:
             growing += [(end, heading + rng.normal(0, spread), length * rng.uniform(0.55, 0.95), 0.75 * thick)
                         for _ in range(rng.integers(1, 4))]
-    return picture
+    return image
 
 
 def log_uniform(rng: Rng, low: float, high: float) -> float:

@@ -1,19 +1,19 @@
-"""Pasting renders and cut-out objects into pictures."""
+"""Pasting renders and cut-out objects into images."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from clips import NO_MARGIN, scaled
+from clips import NO_PADDING, scaled
 from numpy.typing import NDArray
 from painted import Rng
 
-PLACES = 4  # to choose a crowded one from
+PLACES = 4  # candidates, of which the most crowded one is taken
 
 
 def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size: float, transmission: float, veil: NDArray,
           label: int | None, crowded: bool = False) -> NDArray[np.float32]:
-    """Blend a sprite of `size` pixels into the picture in place; returns the boxes with its own, without those it hides.
+    """Blend a sprite of `size` pixels into the image in place; returns the boxes with its own, without those it hides.
 
     Anywhere, or where it is `crowded`: of a few places the one with the most behind the sprite.
     A drone too faint for anybody to see is left out: it is neither there nor not there.
@@ -49,23 +49,23 @@ def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size
     boxes = boxes[shared_with(boxes, x, y, w, h) < 0.4]
     if label is None:
         return boxes
-    loose = np.clip(scaled(np.array([[label, *box]], np.float32), 1.0, NO_MARGIN), 0, side)
-    return np.concatenate([boxes, loose]).astype(np.float32)
+    padded = np.clip(scaled(np.array([[label, *box]], np.float32), 1.0, NO_PADDING), 0, side)
+    return np.concatenate([boxes, padded]).astype(np.float32)
 
 
 def crowd(image: NDArray[np.uint8], x: int, y: int, w: int, h: int) -> float:
-    """How much there is to see in a part of a picture: spread of its green, of which every second row and column are read."""
+    """How much there is to see in a part of a image: spread of its green, of which every second row and column are read."""
     return float(image[y:y + h:2, x:x + w:2, 1].std())
 
 
 def shared_with(boxes: NDArray, x: int, y: int, w: int, h: int) -> NDArray[np.float32]:
-    """Share (k,) of each box (k, 5) that a part of the picture hides."""
+    """Share (k,) of each box (k, 5) that a part of the image hides."""
     sides = np.minimum(boxes[:, 3:], [x + w, y + h]) - np.maximum(boxes[:, 1:3], [x, y])
     return np.clip(sides, 0, None).prod(1) / np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)
 
 
 def fog(image: NDArray, transmission: float, veil: NDArray) -> NDArray[np.uint8]:
-    """Beer-Lambert: what is left of the picture plus the light scattered on the way."""
+    """Beer-Lambert: what is left of the image plus the light scattered on the way."""
     table = np.clip(np.arange(256)[:, None] * transmission + (1.0 - transmission) * veil, 0, 255)
     return cv2.LUT(np.clip(image, 0, 255).astype(np.uint8), table.astype(np.uint8)[None])
 
@@ -79,7 +79,7 @@ def outlined(sprite: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def tilt(sprite: NDArray[np.uint8], degrees: float) -> NDArray[np.uint8]:
-    """A sprite turned in the picture and cut to its outline again."""
+    """A sprite turned in the image and cut to its outline again."""
     h, w = sprite.shape[:2]
     turn = cv2.getRotationMatrix2D((w / 2, h / 2), degrees, 1.0)
     wide = int(np.hypot(h, w)) + 2

@@ -1,4 +1,4 @@
-"""Training pictures: windows of real frames at any zoom, painted skies, pasted renders, fog, blur and light."""
+"""Training images: windows of real frames at any zoom, painted skies, pasted renders, fog, blur and light."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from pasting import fog, paste
 
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
-PAINTED, BRANCHES = 120, 150  # pictures
+PAINTED, BRANCHES = 120, 150  # images
 MIXTURE = {'DRONE': 0.15, 'BIRD': 0.12, 'AIRPLANE': 0.16, 'HELICOPTER': 0.08, 'CROWDED': 0.27, 'PAINTED': 0.03,
            'SIMULATED': 0.19}
-ENLARGED = 0.6  # share of the squares
-SCALES = (1.25, 1.6, 2.0, 2.25, 2.5, 3.0)  # of pictures and tiles, as the detector enlarges them
+ENLARGED = 0.6  # share of the crops
+SCALES = (1.25, 1.6, 2.0, 2.25, 2.5, 3.0)  # of images and tiles, as the detector enlarges them
 CROWDED = 0.75  # share of the renders that are pasted where there is something behind them
-BEFORE_DARK = 0.7  # share of the simulator's squares with a drone before something dark
+BEFORE_DARK = 0.7  # share of the simulator's crops with a drone before something dark
 OTHERS = 52.0  # pixels, as the network sees them, from which on other things than drones are pasted
 Bank = dict[str, list[NDArray[np.uint8]]]
 
 
 class Sampler:
-    """Makes labelled squares from frames and sprites; the same generator makes the same square.
+    """Makes labelled crops from frames and sprites; the same generator makes the same crop.
 
-    Labels are (k, 5): class, x1, y1, x2, y2 in pixels of the square.
+    Labels are (k, 5): class, x1, y1, x2, y2 in pixels of the crop.
     """
 
     def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None) -> None:
@@ -50,7 +50,7 @@ class Sampler:
         self._shares = shares / shares.sum()
 
     def draw(self, rng: Rng, side: int) -> Sample:
-        """One square of side x side; some, and all larger than a frame, are enlarged: what is small may be blurred, too."""
+        """One crop of side x side; some, and all larger than a frame, are enlarged: what is small may be blurred, too."""
         if side <= HEIGHT and rng.random() >= ENLARGED:
             return finish(rng, *self._compose(rng, side))
         smaller = round(side / rng.choice([scale for scale in SCALES if side / scale <= HEIGHT]))
@@ -87,7 +87,7 @@ class Sampler:
         if rng.random() < (0.7 if side < 400 else 0.8):
             for _ in range(1 + (rng.random() < 0.35)):
                 nearer = clearness ** rng.uniform(0.15, 1.0)
-                # Large squares are few, and only they hold near drones.
+                # Large crops are few, and only they hold near drones.
                 most = 0.9 * side if side >= 200 or rng.random() < 0.5 else 40.0
                 least = 6.0 if side < 200 else 8.0 if side < 400 else 40.0
                 size = log_uniform(rng, max(least / scale, 6.0), most / scale)
@@ -128,7 +128,7 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int, centre: NDArray | Non
     """A window of a frame, scaled by 0.5 to 3: around a place (x, y), or without one around an object nine times in ten."""
     frame, boxes = frames.image(i), frames.boxes[i]
     zoom = max(log_uniform(rng, 0.5, 3.0), 1.02 * side / HEIGHT)
-    if len(boxes):  # no object may outgrow the square
+    if len(boxes):  # no object may outgrow the crop
         zoom = min(zoom, max(0.9 * side / (boxes[:, 3:] - boxes[:, 1:3]).max(), 1.02 * side / HEIGHT))
     if rng.random() < 0.5 and side < HEIGHT:
         zoom = min(zoom, 1.0) if len(boxes) and (boxes[:, 3:] - boxes[:, 1:3]).max() > 0.9 * side else 1.0
@@ -146,11 +146,11 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int, centre: NDArray | Non
     scale = side / np.array(crop.shape[1::-1], float)
     image = cv2.resize(crop, (side, side), interpolation=cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR)
     moved = boxes - np.array([0, x, y, x, y], np.float32)
-    return image, clip_boxes(scaled(moved, float(scale.mean()), frames.margin), side)
+    return image, clip_boxes(scaled(moved, float(scale.mean()), frames.padding), side)
 
 
 def clip_boxes(boxes: NDArray, side: int, least: float = 0.45) -> NDArray[np.float32]:
-    """Boxes cut at the square's edge; those of which less than `least` is left go."""
+    """Boxes cut at the crop's edge; those of which less than `least` is left go."""
     cut = boxes.copy()
     cut[:, 1:] = np.clip(boxes[:, 1:], 0, side)
     area = np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)

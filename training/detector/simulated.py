@@ -1,4 +1,4 @@
-"""Pictures of the project's simulator with exact boxes: its scenes, its air, its lens, its drones at 2 to 30 m.
+"""Images of the project's simulator with exact boxes: its scenes, its air, its lens, its drones at 2 to 30 m.
 
 Seeds differ from those of every scenario, so that the scenarios stay unseen.
 """
@@ -23,37 +23,37 @@ from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Picture, View
 FIRST_SEED = 9000
 
 
-def build_simulated(folder: Path, worlds: int = 210, pictures: int = 30) -> None:
-    """Render `worlds` scenes with `pictures` each, once, in the form that `clips.Frames` reads."""
+def build_simulated(folder: Path, worlds: int = 210, images: int = 30) -> None:
+    """Render `worlds` scenes with `images` each, once, in the form that `clips.Frames` reads."""
     if (folder / 'index.json').exists():
         return
     folder.mkdir(parents=True, exist_ok=True)
     index = []
     with (folder / 'frames.u8').open('wb') as out:
         for world in range(worlds):
-            for number, picture in enumerate(fly(world, pictures)):
-                out.write(picture.bgr.tobytes())
-                boxes = [(0, *truth.box[:2], truth.box[2] + 1, truth.box[3] + 1) for truth in picture.truth
+            for number, image in enumerate(fly(world, images)):
+                out.write(image.bgr.tobytes())
+                boxes = [(0, *truth.box[:2], truth.box[2] + 1, truth.box[3] + 1) for truth in image.truth
                          if truth.box and truth.visible_fraction > 0.4 and truth.box[2] - truth.box[0] >= 5]
                 index.append({'clip': f'V_SIM_{world:03d}', 'frame': number, 'split': 'train', 'boxes': boxes})
     (folder / 'index.json').write_text(json.dumps(index))
 
 
-def fly(world: int, pictures: int) -> Iterator[Picture]:
-    """Pictures of one scene: the camera and two drones are somewhere else in each."""
+def fly(world: int, images: int) -> Iterator[Picture]:
+    """Images of one scene: the camera and two drones are somewhere else in each."""
     rng = np.random.default_rng([FIRST_SEED, world])
     kind = ['woodland', 'field', 'urban', 'woodland', 'field', 'indoors', 'urban'][world % 7]
     camera = PinholeCamera.from_fov(WIDTH, HEIGHT, np.radians(rng.uniform(45, 90)))
     drones = [(float(rng.uniform(0.3, 0.8)), int(rng.choice([4, 4, 6]))) for _ in range(2)]
     renderer = SceneRenderer(camera, SCENES[kind](), drones, FIRST_SEED + world)
-    for number in range(pictures):
+    for number in range(images):
         yield renderer.render(random_view(rng, camera, number, drones, indoors=kind == 'indoors'))
     renderer.close()
 
 
 def random_view(rng: np.random.Generator, camera: PinholeCamera, number: int, drones: list[tuple[float, int]],
                 indoors: bool) -> View:
-    """A camera near the ground that looks along the horizon or up, drones at random pixels and distances, sometimes fog."""
+    """A camera near the ground that points along the horizon or up, drones at random pixels and distances, sometimes fog."""
     position = np.array([*rng.uniform(-2, 2, 2), rng.uniform(0.5, 2.5)])
     flu = rotation_from_rpy(rng.normal(0, 0.05), rng.uniform(-0.5, 0.15), rng.uniform(-np.pi, np.pi))
     rotation = flu @ FLU_TO_OPTICAL.T
@@ -69,7 +69,7 @@ def random_view(rng: np.random.Generator, camera: PinholeCamera, number: int, dr
     return View(number, 0.1 * number, position, rotation, Atmosphere(fog), placed)
 
 
-def boxes_of(picture: Picture) -> NDArray[np.float32]:
-    """Boxes (k, 4) of the visible drones of a picture."""
-    boxes = [truth.box for truth in picture.truth if truth.box and truth.visible_fraction > 0.4]
+def boxes_of(image: Picture) -> NDArray[np.float32]:
+    """Boxes (k, 4) of the visible drones of a image."""
+    boxes = [truth.box for truth in image.truth if truth.box and truth.visible_fraction > 0.4]
     return np.array(boxes, np.float32).reshape(-1, 4) + np.array([0, 0, 1, 1], np.float32)

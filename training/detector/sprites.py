@@ -1,6 +1,6 @@
-"""Rendered objects to be pasted into pictures: quadrotors of random build, and things in the air that are none.
+"""Rendered objects to be pasted into images: quadrotors of random build, and things in the air that are none.
 
-Every object is random geometry of our own, rendered by MuJoCo before black and before white; the two pictures give colour
+Every object is random geometry of our own, rendered by MuJoCo before black and before white; the two images give colour
 and transparency (blurred rotor discs shine through): alpha = 1 - (white - black).
 """
 
@@ -104,7 +104,7 @@ def render(build: int, kind: str, views: int = 8) -> list[NDArray[np.uint8]]:
     parts = KINDS[kind](rng)
     # Most drones are seen from below or from the side.
     sides = [(rng.uniform(0, 360), float(np.clip(rng.normal(8, 28), -85, 85)), rng.uniform(12, 16)) for _ in range(views)]
-    pictures = []
+    images = []
     for background in (0.0, 1.0):
         model = scene(parts, background, np.random.default_rng([build, 2]))
         data = mujoco.MjData(model)
@@ -116,8 +116,8 @@ def render(build: int, kind: str, views: int = 8) -> list[NDArray[np.uint8]]:
                 camera.azimuth, camera.elevation, camera.distance = azimuth, elevation, distance
                 renderer.update_scene(data, camera)
                 shots.append(renderer.render().astype(np.int16))
-        pictures.append(shots)
-    return [sprite for black, white in zip(*pictures, strict=True) if (sprite := cut(black, white)) is not None]
+        images.append(shots)
+    return [sprite for black, white in zip(*images, strict=True) if (sprite := cut(black, white)) is not None]
 
 
 def cut(black: NDArray, white: NDArray) -> NDArray[np.uint8] | None:
@@ -132,12 +132,12 @@ def cut(black: NDArray, white: NDArray) -> NDArray[np.uint8] | None:
 
 
 def build_bank(cache: Path, use: str) -> dict[str, list[NDArray[np.uint8]]]:
-    """The sprites of each kind for one use (train, choose, test), rendered once: {'drone': [...], 'bird': [...], ...}."""
+    """The sprites of each kind for one use (train, validation, test), rendered once: {'drone': [...], 'bird': [...], ...}."""
     bank: dict[str, list] = {}
     for kind, first in BUILDS.items():
         tested, more = round(0.9 * first), first + MORE.get(kind, 0)
         parts = {'train': [(range(tested), 8), (range(first, more), 4)], 'test': [(range(tested, first), 8)],
-                 'choose': [(range(more, more + CHOOSE.get(kind, 0)), 8)]}
+                 'validation': [(range(more, more + CHOOSE.get(kind, 0)), 8)]}
         bank[kind] = [sprite for builds, views in parts[use] if builds for sprite in stored(cache, kind, builds, views)]
     return bank
 

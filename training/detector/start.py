@@ -51,7 +51,7 @@ def start_from(network: Network, path: Path) -> None:
 
 
 def in_order(network: Network, layers: Iterable[Conv]) -> list[Conv]:
-    """Some convolutions but the last ones in the order in which a picture meets them."""
+    """Some convolutions but the last ones in the order in which a image meets them."""
     met: list[Conv] = []
     hooks = [layer.register_forward_hook(lambda layer, *_: met.append(layer)) for layer in layers if not layer.last]
     network(torch.zeros(1, 3, 64, 64))

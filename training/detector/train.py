@@ -27,8 +27,8 @@ from sprites import build_bank
 from start import start_from
 from torch import Tensor
 
-# (side of the squares, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
-# things and how much in a picture is nothing.
+# (side of the crops, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
+# things and how much in a image is nothing.
 BATCHES = ((128, 40, 0.42), (256, 14, 0.28), (512, 5, 0.2), (768, 2, 0.1))
 WARM_UP, DECAY = 200, 0.5
 
@@ -40,25 +40,25 @@ def rate_at(step: int, steps: int, peak: float) -> float:
 
 
 class Loader:
-    """Makes the squares of the next step in a process of its own while the network learns from the last ones."""
+    """Makes the crops of the next step in a process of its own while the network learns from the last ones."""
 
     def __init__(self, sampler: Sampler, seed: int, step: int) -> None:
         forked = get_context('fork')
         self._ask, theirs = forked.Pipe()
-        forked.Process(target=make_squares, args=(self._ask, theirs, sampler, seed), daemon=True).start()
+        forked.Process(target=make_crops, args=(self._ask, theirs, sampler, seed), daemon=True).start()
         theirs.close()
         self._ask.send(step)
 
     def get(self, next_step: int) -> tuple[Tensor, list[Tensor]]:
-        """Pictures (n, 3, side, side) RGB in 0-1 and their labels (k, 5) of the step asked for before."""
-        pictures, boxes = self._ask.recv()
+        """Images (n, 3, side, side) RGB in 0-1 and their labels (k, 5) of the step asked for before."""
+        images, boxes = self._ask.recv()
         self._ask.send(next_step)
-        tensor = torch.from_numpy(pictures).flip(-1).permute(0, 3, 1, 2).float().div_(255.0)
+        tensor = torch.from_numpy(images).flip(-1).permute(0, 3, 1, 2).float().div_(255.0)
         return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one) for one in boxes]
 
 
-def make_squares(asking: Connection, answer: Connection, sampler: Sampler, seed: int) -> None:
-    """For each step asked for: pictures (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
+def make_crops(asking: Connection, answer: Connection, sampler: Sampler, seed: int) -> None:
+    """For each step asked for: images (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
     asking.close()  # the trainer's end, inherited: were it open here, nobody's asking would never show
     with suppress(EOFError, BrokenPipeError):
@@ -129,11 +129,11 @@ def main() -> None:
     while step < args.steps and not stopped.is_set():
         while args.pause_file and args.pause_file.exists():
             time.sleep(1.0)
-        pictures, truth = loader.get(step + 1)
+        images, truth = loader.get(step + 1)
         for group in optimizer.param_groups:
             group['lr'] = rate_at(step, args.steps, args.rate)
-        logits, raw = network(pictures)
-        total, parts = loss(logits, raw, truth, *cells(*pictures.shape[2:]))
+        logits, raw = network(images)
+        total, parts = loss(logits, raw, truth, *cells(*images.shape[2:]))
         if not math.isfinite(total.item()):
             raise FloatingPointError(f'the loss is {total.item()} at step {step}: lower --rate')
         optimizer.zero_grad(set_to_none=True)
