@@ -5,7 +5,7 @@
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
 #   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
-#   make lint       style, layers of packages, package.xml files, shell scripts
+#   make lint       style, types, layers of packages, package.xml files, shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
 SHELL := bash
@@ -43,6 +43,7 @@ detector: build
 # Needs no build. The layers of packages and what is excepted: pyproject.toml. A workflow is checked where actionlint is installed.
 lint:
 	$(ENV) && ruff check .
+	$(ENV) && mypy
 	$(ENV) && PYTHONPATH="$$(printf '%s:' src/av_*)$${PYTHONPATH-}" lint-imports --no-logo --no-cache
 	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
 	$(ENV) && python3 tools/lint/package_dependencies.py src/*

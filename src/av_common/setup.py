@@ -4,7 +4,7 @@ package_name = 'av_common'
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(exclude=['test']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
@@ -13,7 +13,7 @@ setup(
     install_requires=['setuptools'],
     zip_safe=True,
     maintainer='The av_rig maintainers',
-    maintainer_email='maintainers@example.com',
+    maintainer_email='av_rig@users.noreply.github.com',
     description='What the nodes of the rig share: lifecycle, diagnostics, parameters, angles and frames.',
     license='Apache-2.0',
     entry_points={

@@ -14,7 +14,7 @@ for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(exclude=['test']),
     package_data={f'{package_name}.nodes': ['*_parameters.yaml']},  # defaults for replay without the nodes
     data_files=[
@@ -27,7 +27,7 @@ setup(
     install_requires=['setuptools'],
     zip_safe=True,
     maintainer='The av_rig maintainers',
-    maintainer_email='maintainers@example.com',
+    maintainer_email='av_rig@users.noreply.github.com',
     description='Bearings of sight and sound to one track and a pointing command; launch files, configuration and evaluation.',
     license='Apache-2.0',
     entry_points={

@@ -12,7 +12,7 @@ for description in Path(package_name, 'nodes').glob('*_parameters.yaml'):
 
 setup(
     name=package_name,
-    version='0.1.0',
+    version='0.2.0',
     packages=find_packages(exclude=['test']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
@@ -21,7 +21,7 @@ setup(
     install_requires=['setuptools'],
     zip_safe=True,
     maintainer='The av_rig maintainers',
-    maintainer_email='maintainers@example.com',
+    maintainer_email='av_rig@users.noreply.github.com',
     description='A track to a pointing command that is safe to obey.',
     license='Apache-2.0',
     entry_points={

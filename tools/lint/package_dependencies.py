@@ -65,10 +65,9 @@ def tested(package: Path) -> set[str]:
 def users(package: Path) -> set[str]:
     """Packages beside this one that import it, directly or through others."""
     imports = {other.name: imported(sources(other)) for other in package.parent.iterdir() if (other / 'setup.py').exists()}
-    found, previous = {package.name}, set()
-    while found != previous:
-        previous = found
-        found = found | {name for name, modules in imports.items() if modules & found}
+    found = {package.name}
+    while more := {name for name, modules in imports.items() if modules & found} - found:
+        found |= more
     return found - {package.name}
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -136,7 +135,7 @@ def make_venv() -> None:
 
 def download() -> None:
     """Fetch the wheels that are not here yet, and throw away what is damaged or of an earlier lock file."""
-    wanted = {re.search('sha256:([0-9a-f]+)', line).group(1): line for line in requirements()}
+    wanted = {line.split('sha256:')[1]: line for line in requirements()}
     for wheel in WHEELS.iterdir():
         if not wanted.pop(sha256(wheel), None):
             wheel.unlink()

@@ -68,14 +68,18 @@ def may_install() -> bool:
 
 def apt_install(packages: list[str]) -> None:
     """Install packages one by one, so that one that the distribution lacks does not cost the others."""
-    environment = {**os.environ, 'DEBIAN_FRONTEND': 'noninteractive'}
-    quiet = {'env': environment, 'stdout': subprocess.DEVNULL, 'stderr': subprocess.DEVNULL, 'check': False}
-    apt_get = ['apt-get', *(f'-o{option}' for option in APT_OPTIONS)]
     say('updating the list of system packages')
-    subprocess.run([*apt_get, 'update'], **quiet)
+    apt_get('update')
     for package in packages:
         say(f'installing the system package {package}')
-        subprocess.run([*apt_get, 'install', '-y', '--no-install-recommends', package], **quiet)
+        apt_get('install', '-y', '--no-install-recommends', package)
+
+
+def apt_get(*arguments: str) -> None:
+    """Run apt-get without questions and output; whether it worked shows in what is installed."""
+    environment = {**os.environ, 'DEBIAN_FRONTEND': 'noninteractive'}
+    command = ['apt-get', *(f'-o{option}' for option in APT_OPTIONS), *arguments]
+    subprocess.run(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
 
 
 def find_python() -> str:

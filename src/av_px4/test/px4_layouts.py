@@ -126,7 +126,7 @@ ament_package()
 _PACKAGE = '''<?xml version="1.0"?>
 <package format="3">
   <name>px4_msgs</name><version>0.0.0</version><description>For tests.</description>
-  <maintainer email="maintainers@example.com">The av_rig maintainers</maintainer><license>Apache-2.0</license>
+  <maintainer email="av_rig@users.noreply.github.com">The av_rig maintainers</maintainer><license>Apache-2.0</license>
   <buildtool_depend>ament_cmake</buildtool_depend><buildtool_depend>rosidl_default_generators</buildtool_depend>
   <exec_depend>rosidl_default_runtime</exec_depend><member_of_group>rosidl_interface_packages</member_of_group>
   <export><build_type>ament_cmake</build_type></export>
