@@ -1,9 +1,9 @@
-"""A recording instead of sensors: a bag is played with its own clock, and the rig computes what follows anew.
+"""A bag instead of sensors: it is played with its own clock, and the nodes behind the played stage compute the rest.
 
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap                       from sound and pictures on
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap                       from sound and images on
 ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=doa rate:=4     from directions and detections on
 ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=bearing         from the recorded bearings on
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             nothing computed but table and picture
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             the monitor's table and plot alone
 """
 
 from __future__ import annotations
@@ -11,9 +11,6 @@ from __future__ import annotations
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch_ros.actions import Node
 
-from av_bags import topics as names
-from av_bags.reader import Bag
-from av_bags.topics import STAGES, find_topics, parse_remappings
 from av_fusion.launching import (
     RIG_ARGUMENTS,
     Arguments,
@@ -21,42 +18,48 @@ from av_fusion.launching import (
     detector_node,
     doa_node,
     ends_with,
-    monitor_node,
+    monitor_nodes,
     recorder_nodes,
+    require,
     rig_node,
 )
 
 BAG_TIME = {'use_sim_time': True}
 ARGUMENTS = {
     'bag': (None, 'the recording: mcap or sqlite3 (.db3), a file or a folder', None),
-    'only': ('raw', 'what of it to play; the rest is computed anew', list(STAGES)),
-    'rate': ('1.0', 'how much faster than recorded', None),
+    'only': ('raw', 'the stage that is played; what follows from it is computed', ['raw', 'doa', 'bearing', 'all']),
+    'rate': ('1.0', 'speed of the player, relative to the recording', None),
     'start': ('0.0', 'begin this long after the start of the bag (s)', None),
     'duration': ('0.0', 'end after this long (s of the bag); 0 plays to its end', None),
     'remap': ('', 'topics of other names in the bag, separated by commas: odometry:=/robot/odom,doa:=/robot/doa', None),
     'recorded_namespace': ('', 'the namespace of the recorded rig', None),
     'audio_rate': ('0', 'sound in bare bytes without AudioInfo: samples a second', None),
-    'audio_channels': ('2', '... its channels', None),
-    'audio_format': ('S16LE', '... the type of its samples', ['S16LE', 'S32LE', 'F32LE']),
+    'audio_channels': ('2', '... its number of channels', None),
+    'audio_format': ('S16LE', '... its sample format', ['S16LE', 'S32LE', 'F32LE']),
     'model': ('', "only:=raw: a detector's ONNX file, or `shipped`; empty takes the recorded detections", None),
     **RIG_ARGUMENTS,
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What to start depends on the arguments' values and on the bag."""
+    """The player and the nodes behind the played stage, which depend on the arguments and on the bag's topics."""
     return describe(ARGUMENTS, start)
 
 
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The nodes that compute what the bag is not to tell, then the player, whose end ends everything."""
+    """The nodes that compute what is not played, and the player, whose end is the run's. Raises MissingPackageError."""
+    require(f'bag:={arguments["bag"]}', 'av_bags')
+    from av_bags import topics as names  # only where av_bags is installed
+    from av_bags.reader import Bag
+    from av_bags.topics import find_topics, parse_remappings
+
     with Bag(arguments['bag']) as bag:
         found = find_topics(bag, names.KINDS, parse_remappings(arguments['remap'].split(',')),
                             arguments['recorded_namespace'])
     only = arguments['only']
     pointing = rig_node(arguments, 'av_pointing', 'pointing_node', BAG_TIME)
     title = f'{arguments["bag"]}, played from {only}'
-    listening, beside = [monitor_node(arguments, {'title': title, **BAG_TIME})], []
+    listening, beside = monitor_nodes(arguments, {'title': title, **BAG_TIME}), []
     if only == 'raw' and names.AUDIO in found:
         listening.append(doa_node(arguments, BAG_TIME))
     if only == 'raw' and arguments['model']:
@@ -74,7 +77,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def player_node(arguments: Arguments, listeners: list[str]) -> Node:
-    """The player, which makes the clock and so has none to follow."""
+    """The player, which publishes the clock; it starts when the listeners are there."""
     texts = {name: arguments[name] for name in ('bag', 'only', 'recorded_namespace', 'audio_format')}
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}

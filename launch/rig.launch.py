@@ -1,4 +1,4 @@
-"""The rig: sensors or a simulator, direction of arrival, detection, fusion, pointing, and a monitor to read along.
+"""The rig: sensors or a simulator, direction of arrival, detection, fusion, pointing, and a monitor.
 
 ros2 launch av_fusion rig.launch.py                                             the built-in simulator
 ros2 launch av_fusion rig.launch.py source:=udp                                 an external simulator such as RFlySim
@@ -20,47 +20,51 @@ from launch.actions import ExecuteProcess
 from av_fusion.launching import (
     RIG_ARGUMENTS,
     Arguments,
+    MissingPackageError,
     describe,
     detector_node,
     doa_node,
     ends_with,
-    monitor_node,
+    monitor_nodes,
     recorder_nodes,
+    require,
     rig_node,
 )
-from av_sim_bridge.wire.ports import Ports
 
+PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
+            'and build and source it; see docs/px4.md')
 ARGUMENTS = {
-    'source': ('sim', 'where sound and pictures come from', ['sim', 'udp', 'file', 'hardware']),
+    'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
+               ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
     'renderer': ('', 'source:=sim: scene (3D) or painter (flat, cheap); empty: scene where a detector looks at it',
                  ['', 'scene', 'painter']),
-    'image_rate': ('10', 'source:=sim: pictures a second', None),
-    'voice': ('', "source:=sim: a recording as the drone's voice", None),
+    'image_rate': ('10', 'source:=sim: images a second', None),
+    'voice': ('', "source:=sim: a recording as the drone's sound", None),
     'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
                      ['true', 'false']),
     'seed': ('', "source:=sim: another seed than the scenario's", None),
-    'audio': ('', 'source:=file: a sound file; empty: deaf', None),
-    'video': ('', 'source:=file: a video or a folder of pictures; empty: blind', None),
+    'audio': ('', 'source:=file: a sound file; empty: no sound', None),
+    'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
     'model': ('', "a detector's ONNX file, or `shipped`; empty: shipped, but with simulators their visual oracle", None),
     **RIG_ARGUMENTS,
     'port_offset': ('0', 'source:=sim or udp: added to every UDP port, for rigs side by side; multiples of 250 up to 1750 meet '
                     'neither DDS nor the ports that Linux lends', None),
-    'duration': ('0', 'end after this many seconds; 0 runs until Ctrl-C', None),
-    'px4': ('false', "turn PX4's gimbal and body, take its attitude as odometry; needs px4_msgs, see docs/px4.md",
+    'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
+    'px4': ('false', "turn PX4's gimbal and body, take its attitude as odometry; needs av_px4 and px4_msgs, see docs/px4.md",
             ['true', 'false']),
-    'enable_pointing': ('', 'let commands move the rig from the start; by default with simulators only, not with px4',
+    'enable_pointing': ('', 'let commands move the rig from the start; empty: with simulators only, not with px4',
                         ['', 'true', 'false']),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """What to start depends on the arguments' values."""
+    """The rig's processes, which depend on the arguments' values."""
     return describe(ARGUMENTS, start)
 
 
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The processes that the arguments ask for, of which the monitor ends last."""
+    """The processes that the arguments ask for. Raises ValueError, FileNotFoundError or MissingPackageError."""
     try:
         duration = float(arguments['duration'])
     except ValueError as error:
@@ -69,20 +73,21 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         if arguments[name] not in ('', 'shipped') and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
-    monitor = monitor_node(arguments, {'duration': duration, 'title': title(arguments)})
+    monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
     processes = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
         rig_node(arguments, 'av_fusion', 'fusion_node', {}),
         rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments)}),
-        monitor, *sources[arguments['source']](arguments), *recorder_nodes(arguments, {})]
+        *monitor, *sources[arguments['source']](arguments), *recorder_nodes(arguments, {})]
     if arguments['px4'] == 'true':
         processes.append(px4(arguments))
-    return [*ends_with(monitor), *processes]
+    return [*ends_with(monitor[0] if monitor else None, duration), *processes]
 
 
 def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The built-in simulator, which knows nothing of ROS, and the bridge to it."""
+    """The built-in simulator, a program without ROS, and the bridge to it."""
+    require('source:=sim', 'av_simulator', 'av_sim_bridge')
     program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'painter')]
@@ -94,7 +99,10 @@ def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The bridge from a simulator's UDP streams, with a detector when there is a model for it."""
+    """The bridge from a simulator's UDP streams, and the detector when there is a model."""
+    require(f'source:={arguments["source"]}', 'av_sim_bridge')
+    from av_sim_bridge.wire.ports import Ports  # only where the bridge is installed
+
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
                   **{f'{name}_port': port for name, port in ports.items()}}
@@ -105,7 +113,7 @@ def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def files(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """Recordings played as if they were heard and seen now."""
+    """Recordings, played at their own speed in place of microphones and camera."""
     sensors = []
     if arguments['audio']:
         sensors.append(rig_node(arguments, 'av_audio', 'audio_node', {'source': 'file', 'file': arguments['audio']}))
@@ -122,23 +130,26 @@ def hardware(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def px4(arguments: Arguments) -> LaunchDescriptionEntity:
-    """The node between the rig and PX4, which also moves the built-in simulator's rig. Raises ImportError without px4_msgs."""
+    """The node between the rig and PX4. Raises MissingPackageError without av_px4 or px4_msgs."""
+    require('px4:=true', 'av_px4')
     if importlib.util.find_spec('px4_msgs') is None:
-        raise ImportError('px4:=true needs px4_msgs: clone https://github.com/PX4/px4_msgs, the branch of your firmware (such '
-                          'as release/1.16), into the workspace, and build and source it; see docs/px4.md')
-    port = Ports().shifted(int(arguments['port_offset'])).control if arguments['source'] == 'sim' else 0
+        raise MissingPackageError('px4_msgs', 'px4:=true', PX4_MSGS)
+    port = 0
+    if arguments['source'] == 'sim':
+        from av_sim_bridge.wire.ports import Ports
+        port = Ports().shifted(int(arguments['port_offset'])).control
     return rig_node(arguments, 'av_px4', 'px4_node', {'simulator_port': port})
 
 
 def may_move(arguments: Arguments) -> bool:
-    """Simulated rigs move from the start, real ones and any with an autopilot only when told to."""
+    """Whether commands move the rig from the start: simulated rigs only, and none with an autopilot."""
     if arguments['enable_pointing']:
         return arguments['enable_pointing'] == 'true'
     return arguments['source'] in ('sim', 'udp') and arguments['px4'] == 'false'
 
 
 def title(arguments: Arguments) -> str:
-    """What runs, for the heading of table and picture."""
+    """Heading of the monitor's table and plot."""
     named = {'sim': arguments['scenario'], 'udp': 'external simulator',
              'file': ' and '.join(filter(None, [arguments['audio'], arguments['video']])), 'hardware': 'hardware'}
     return named[arguments['source']]

@@ -1,17 +1,22 @@
-"""What the launch files have in common: their arguments, the rig's nodes, and how a run ends."""
+"""What rig.launch.py and replay.launch.py share: arguments, the rig's nodes, and how a run ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_package_share_directory,
+)
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
     OpaqueFunction,
     RegisterEventHandler,
+    TimerAction,
 )
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
@@ -20,22 +25,45 @@ from launch_ros.actions import Node
 from av_common.rig import load_rig
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
+MONITOR_PACKAGE = 'av_evaluation'
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
 Declarations = Mapping[str, tuple[str | None, str, list[str] | None]]
 RIG_ARGUMENTS: Declarations = {
-    'classes': ('', 'classes of the model to be taken for the target, separated by commas', None),
-    'rig': (str(CONFIG / 'rig.yaml'), 'description of the rig: array, camera and where they sit', None),
-    'array': ('', "an array file other than the rig's", None),
-    'params': ('', 'a parameter file read after config/rig_params.yaml', None),
-    'namespace': ('', 'a namespace, so that several rigs run side by side', None),
-    'out': ('', 'a folder for the table, the picture and figures; empty writes none', None),
-    'record': ('', 'record the topics to this bag (mcap)', None),
+    'classes': ('', 'classes of the model that count as the target, separated by commas', None),
+    'rig': (str(CONFIG / 'rig.yaml'), 'description of the rig: array, camera and their poses', None),
+    'array': ('', "an array file instead of the rig's", None),
+    'params': ('', 'a parameter file that overrides config/rig_params.yaml', None),
+    'namespace': ('', 'namespace of all nodes, so that several rigs run side by side', None),
+    'monitor': ('auto', f'status line and table of results, needs {MONITOR_PACKAGE}; auto: where it is installed',
+                ['auto', 'true', 'false']),
+    'out': ('', 'folder for the table, the plot and the data of the run, needs the monitor; empty: none', None),
+    'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
 }
 
 
+class MissingPackageError(RuntimeError):
+    """A package that a launch argument needs is not installed."""
+
+    def __init__(self, package: str, argument: str, remedy: str = '') -> None:
+        """The message names both.
+
+        Parameters:
+            package: name of the missing package
+            argument: the launch argument as given, such as `record:=flight.mcap`
+            remedy: how to install it, empty for a package of this workspace
+        """
+        super().__init__(f'{argument} needs the package {package}, which is not installed'
+                         + (f': {remedy}' if remedy else ''))
+
+
 def describe(declarations: Declarations, start: Callable[[Arguments], list[LaunchDescriptionEntity]]) -> LaunchDescription:
-    """A launch of what `start` makes of the arguments' values."""
+    """The launch description whose processes depend on the values of the arguments.
+
+    Parameters:
+        declarations: the launch arguments by name
+        start: from the arguments' values to the processes and event handlers
+    """
     def begin(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         return start({name: context.launch_configurations[name] for name in declarations})
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
@@ -43,21 +71,57 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
 
 
+def is_installed(package: str) -> bool:
+    """Whether a ROS package is in one of the prefixes of AMENT_PREFIX_PATH."""
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def require(argument: str, *packages: str) -> None:
+    """Raise MissingPackageError where one of the packages that an argument needs is not installed."""
+    for package in packages:
+        if not is_installed(package):
+            raise MissingPackageError(package, argument)
+
+
 def rig_node(arguments: Arguments, package: str, executable: str, parameters: dict, **options: object) -> Node:
-    """A node of the rig with the shipped parameters, those of this launch, and the user's on top."""
+    """A node with the shipped parameters, those of this launch, and the user's file, of which later ones win.
+
+    Parameters:
+        arguments: values of the launch arguments
+        package: the node's package
+        executable: name of the program, which is the node's name, too
+        parameters: parameters that this launch sets
+        options: further arguments of launch_ros.actions.Node
+    """
     files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
     return Node(package=package, executable=executable, name=executable, namespace=arguments['namespace'],
                 parameters=files, **{'output': 'log', **options})
 
 
-def monitor_node(arguments: Arguments, parameters: dict) -> Node:
-    """The status line, and at the end table and picture."""
-    return rig_node(arguments, 'av_evaluation', 'monitor_node', {'out': arguments['out'], **parameters},
-                    output='screen', sigterm_timeout='20')
+def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+    """The monitor, or an empty list where none is wanted or none is installed.
+
+    Raises MissingPackageError where an argument asks for the monitor, ValueError where `out` and `monitor` disagree.
+    """
+    monitor, out = arguments['monitor'], arguments['out']
+    if monitor == 'false':
+        if out:
+            raise ValueError(f'out:={out} needs the monitor, which monitor:=false leaves out')
+        return []
+    if monitor == 'true' or out:
+        require(f'out:={out}' if out else 'monitor:=true', MONITOR_PACKAGE)
+    elif not is_installed(MONITOR_PACKAGE):
+        return []
+    return [rig_node(arguments, MONITOR_PACKAGE, 'monitor_node', {'out': out, **parameters},
+                     output='screen', sigterm_timeout='20')]
 
 
 def doa_node(arguments: Arguments, parameters: dict) -> Node:
-    """Hearing, with the microphones of the file given, or of the one that the rig's description names."""
+    """Direction of arrival, with the array file of the argument `array` or of the rig's description."""
     array = arguments['array'] or str(load_rig(arguments['rig']).array.file)
     return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array, **parameters})
 
@@ -70,16 +134,25 @@ def detector_node(arguments: Arguments, parameters: dict) -> Node:
 
 
 def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The recorder, if one is asked for."""
-    given = {'path': arguments['record'], **parameters}
-    return [rig_node(arguments, 'av_bags', 'recorder_node', given)] if arguments['record'] else []
+    """The recorder, or an empty list without `record`. Raises MissingPackageError."""
+    if not arguments['record']:
+        return []
+    require(f'record:={arguments["record"]}', 'av_bags')
+    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters})]
 
 
-def ends_with(last: Node) -> list[LaunchDescriptionEntity]:
-    """The launch ends with this process; a process that ends before fails the launch: its exit code is then not 0."""
+def ends_with(last: Node | None, duration: float = 0.0) -> list[LaunchDescriptionEntity]:
+    """Event handlers that end the launch; a process that ends before fails it, with an exit code other than 0.
+
+    Parameters:
+        last: the process whose end is the run's, None where only `duration` or Ctrl-C ends it
+        duration (s): end after this time without `last`; 0 for none
+    """
     def check(event: object, context: LaunchContext) -> None:
-        if not context.is_shutdown and not (event.action is last and event.returncode == 0):
+        if not context.is_shutdown and not (last is not None and event.action is last and event.returncode == 0):
             raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')
     shutdown = EmitEvent(event=Shutdown(reason='the run is over'))
-    return [RegisterEventHandler(OnProcessExit(on_exit=check)),
-            RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]
+    watch = RegisterEventHandler(OnProcessExit(on_exit=check))
+    if last is not None:
+        return [watch, RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]
+    return [watch, *([TimerAction(period=duration, actions=[shutdown])] if duration else [])]
