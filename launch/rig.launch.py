@@ -105,10 +105,9 @@ def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
+                  'follow_odometry': arguments['px4'] == 'true',  # the simulated rig is where PX4 flies
                   **{f'{name}_port': port for name, port in ports.items()}}
-    # With PX4 the simulated rig is where PX4 says: the bridge neither turns it nor tells where it is.
-    elsewhere = [('odometry', 'truth/odometry'), ('pointing/command', 'truth/command')] if arguments['px4'] == 'true' else []
-    node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters, remappings=elsewhere)
+    node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
     return [node, detector_node(arguments, {})] if arguments['model'] else [node]
 
 
@@ -134,11 +133,7 @@ def px4(arguments: Arguments) -> LaunchDescriptionEntity:
     require('px4:=true', 'av_px4')
     if importlib.util.find_spec('px4_msgs') is None:
         raise MissingPackageError('px4_msgs', 'px4:=true', PX4_MSGS)
-    port = 0
-    if arguments['source'] == 'sim':
-        from av_sim_bridge.wire.ports import Ports
-        port = Ports().shifted(int(arguments['port_offset'])).control
-    return rig_node(arguments, 'av_px4', 'px4_node', {'simulator_port': port})
+    return rig_node(arguments, 'av_px4', 'px4_node', {})
 
 
 def may_move(arguments: Arguments) -> bool:

@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fake_autopilot import HOLD, OFFBOARD, FakeAutopilot
+from gimbal_bench import Bench
 
 from av_common.config_files import find_config
 from av_common.rig import load_rig
+from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import Mode, PointingController
-from av_px4.frames import levelled, pose_from_px4, yawspeed_ned
+from av_px4.frames import gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs, VehicleStatus
 from av_sim_bridge.vehicle import VehicleState
@@ -91,3 +93,22 @@ def test_the_body_turns_until_front_is_told_from_back(heading_deg):
     assert flight.autopilot.largest_rate <= math.radians(45.0) + 1e-9
     truth = math.atan2(log.target['y'][-1], log.target['x'][-1])
     assert abs(math.remainder(rows[-1, 3] - truth, 2.0 * math.pi)) < math.radians(15.0)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_follows_a_target_at_20_deg_a_second_within_2_deg(sign):
+    """From the bearing, stamped as it arrives, through the pointing controller to where the gimbal looks."""
+    controller, bench, errors = PointingController(), Bench(), []
+    rate = sign * math.radians(20.0)
+    for k in range(500):
+        time = 0.02 * k
+        azimuth = -sign * math.radians(100.0) + rate * time
+        command = controller.step(time, Track(
+            time=time, state=State.VISUAL_ACTIVE, azimuth=azimuth, elevation=0.2, azimuth_variance=1e-4,
+            elevation_variance=1e-4, azimuth_world=azimuth, azimuth_world_rate=rate, resolved=True))
+        bench.time = time
+        bench.deliver(bench.client.step(time, GimbalInputs(True, command.pan, command.tilt, command.pan_rate, True, HOLD, 1)))
+        bench.autopilot.advance(0.02)
+        errors.append(abs(math.degrees(azimuth + 0.02 * rate) - bench.looks[0]))
+    assert max(errors[150:]) < 2.0
+    assert gimbal_degrees(azimuth, 0.0)[1] * sign < 0.0

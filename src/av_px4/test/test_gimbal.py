@@ -6,43 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from fake_autopilot import HOLD, RETURN, FakeAutopilot
+from fake_autopilot import HOLD, RETURN
+from gimbal_bench import OWN, Bench
 
 from av_common.limited_axis import AxisLimits
-from av_common.track import State, Track
-from av_pointing.controller import PointingController
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
-from av_px4.frames import gimbal_degrees
-from av_px4.gimbal import Claim, Gimbal, GimbalInputs, GimbalSettings
-
-OWN = (1, 191)
-
-
-class Bench:
-    """A gimbal's client and an autopilot, 50 times a second."""
-
-    def __init__(self, settings=None, **autopilot):
-        self.client, self.autopilot, self.time = Gimbal(settings), FakeAutopilot(**autopilot), 0.0
-        self.sent = []
-
-    def run(self, seconds, pan=0.0, tilt=0.0, move=True, fresh=True, **more):
-        for _ in range(round(seconds * 50)):
-            self.time += 0.02
-            inputs = GimbalInputs(move, pan, tilt, 0.0, fresh, self.autopilot.nav_state, 1, **more)
-            self.deliver(self.client.step(self.time, inputs))
-            self.autopilot.advance(0.02)
-
-    def deliver(self, commands):
-        for command in commands:
-            self.sent.append((self.time, command))
-            result = self.autopilot.command(command.command, command.params, OWN, (1, 1))
-            if result is not None:
-                self.client.acknowledge(self.time, command.command, result)
-
-    @property
-    def looks(self):
-        """Pan and tilt in deg where the fake's gimbal looks."""
-        return -math.degrees(self.autopilot.gimbal[1]), math.degrees(self.autopilot.gimbal[0])
+from av_px4.gimbal import Claim, GimbalSettings
 
 
 class TestClaim:
@@ -196,22 +165,3 @@ def test_no_history_points_wrongly():
             chance.bench.run(7.0, pan=0.4, tilt=0.1)
             assert chance.bench.looks == pytest.approx((math.degrees(0.4), math.degrees(0.1)), abs=0.1)
     assert pointed > 50_000
-
-
-@pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_follows_a_target_at_20_deg_a_second_within_2_deg(sign):
-    """From the bearing, stamped as it arrives, through the pointing controller to where the gimbal looks."""
-    controller, bench, errors = PointingController(), Bench(), []
-    rate = sign * math.radians(20.0)
-    for k in range(500):
-        time = 0.02 * k
-        azimuth = -sign * math.radians(100.0) + rate * time
-        command = controller.step(time, Track(
-            time=time, state=State.VISUAL_ACTIVE, azimuth=azimuth, elevation=0.2, azimuth_variance=1e-4,
-            elevation_variance=1e-4, azimuth_world=azimuth, azimuth_world_rate=rate, resolved=True))
-        bench.time = time
-        bench.deliver(bench.client.step(time, GimbalInputs(True, command.pan, command.tilt, command.pan_rate, True, HOLD, 1)))
-        bench.autopilot.advance(0.02)
-        errors.append(abs(math.degrees(azimuth + 0.02 * rate) - bench.looks[0]))
-    assert max(errors[150:]) < 2.0
-    assert gimbal_degrees(azimuth, 0.0)[1] * sign < 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -41,6 +41,9 @@ MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
 class Px4Node(RigNode):
     """Thin shell around the guard, the gimbal's client and the external mode."""
 
+    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'simulator_port': 'follow_odometry, of bridge_node', 'simulator_host': 'control_host, of bridge_node'}
+
     def __init__(self) -> None:
         super().__init__('px4_node', parameters)
 
@@ -67,9 +70,7 @@ class Px4Node(RigNode):
         self._command = PointingCommand()
         self._decision = Decision(False, False, 0.0, 'not started')
         self._complaint, self._last_step, self._reported = '', -math.inf, ()
-        simulator = (self._settings.simulator_host, self._settings.simulator_port)
-        self._odometry = OdometryRelay(self, self._settings.odom_frame, self._settings.base_frame,
-                                       simulator if self._settings.simulator_port else None)
+        self._odometry = OdometryRelay(self, self._settings.odom_frame, self._settings.base_frame)
         self._state = self.create_publisher(DiagnosticStatus, 'px4/state', LATCHED)
 
     def activate(self) -> None:
