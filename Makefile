@@ -10,7 +10,7 @@
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test report detector lint clean distclean
+.PHONY: build demo test report detector lint layers packages clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
@@ -40,15 +40,22 @@ report: build
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
-# Needs no build. The layers of packages and what is excepted: pyproject.toml. A workflow is checked where actionlint is installed.
-lint:
+# Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked where actionlint is installed.
+lint: layers packages
 	$(ENV) && ruff check .
 	$(ENV) && mypy
-	$(ENV) && PYTHONPATH="$$(printf '%s:' src/av_*)$${PYTHONPATH-}" lint-imports --no-logo --no-cache
-	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
-	$(ENV) && python3 tools/lint/package_dependencies.py src/*
 	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
 	if command -v actionlint >/dev/null; then actionlint; fi
+
+# Which package imports which.
+layers:
+	$(ENV) && PYTHONPATH="$$(printf '%s:' src/av_*)$${PYTHONPATH-}" lint-imports --no-logo --no-cache
+
+# package.xml and setup.py: valid, complete, and of one version.
+packages:
+	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
+	$(ENV) && python3 tools/lint/package_dependencies.py src/*
+	$(ENV) && python3 tools/lint/metadata.py src/*
 
 clean:
 	rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py

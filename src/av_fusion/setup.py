@@ -28,7 +28,7 @@ setup(
     zip_safe=True,
     maintainer='The av_rig maintainers',
     maintainer_email='av_rig@users.noreply.github.com',
-    description='Bearings of sight and sound to one track and a pointing command; launch files, configuration and evaluation.',
+    description='Directions and detections to one track; launch files and configuration of the whole rig.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
