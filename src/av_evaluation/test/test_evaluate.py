@@ -19,7 +19,7 @@ from av_evaluation.runs import schedule
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.recording import Recording
 from av_evaluation.runs.runs import changed_scenario, run_case
-from av_fusion.measurement.measurements import Hypothesis, Sound
+from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 
 FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_decide_s',
            'switches', 'latency_ms', 'unaided_rmse_deg'}
@@ -124,7 +124,7 @@ def test_the_published_rules_choose_the_image_when_nothing_else_does():
         time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
         recording.events.append((time, yaw, 0.0))
         body = true - yaw
-        recording.sounds.setdefault('phat', []).append(Sound(time - 0.25, tuple(
+        recording.sounds.setdefault('phat', []).append(DoaMeasurement(time - 0.25, tuple(
             Hypothesis(image, 1e-3) for image in (math.pi - body, body)), 1.0, 0.5))
     time, world = chosen_images(recording.sounds['phat'], recording, 0.5)
     assert time == pytest.approx(0.1 * np.arange(100))  # at the window's end

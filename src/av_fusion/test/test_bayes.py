@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from simulated_senses import Senses
+from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_common.track import Source, State
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 
 TURN_RATE = math.radians(40.0)
 
@@ -30,9 +30,9 @@ def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0,
         tracker.add_pose(t, float(wrap(heading)), 0.0)
         body = float(wrap(azimuth_world(t - 100.0) - heading))
         if hear and step % 3 == 0:
-            tracker.add_sound(senses.hear(t, body))
+            tracker.add_doa(senses.hear(t, body))
         if step % 4 == 0:
-            tracker.add_look(senses.look(t, body, visibility))
+            tracker.add_camera(senses.look(t, body, visibility))
         times.append(t - 100.0)
         tracks.append(tracker.estimate(t))
         truths.append(body)
@@ -47,7 +47,7 @@ def errors_deg(tracks, truths, start):
 def test_keeps_both_mirror_images_until_the_rig_turns():
     """Without sight and without a turn nothing tells front from back, and the filter says so."""
     tracker = BayesTracker()
-    _, tracks, _ = run(tracker, Senses(1), lambda t: math.radians(150), 0.0, 4.0)
+    _, tracks, _ = run(tracker, SimulatedSensors(1), lambda t: math.radians(150), 0.0, 4.0)
     assert tracks[-1].state == State.ACOUSTIC_ACTIVE
     assert not tracks[-1].resolved
     assert 0.2 < tracks[-1].front_probability < 0.8
@@ -58,7 +58,8 @@ def test_keeps_both_mirror_images_until_the_rig_turns():
 def test_a_commanded_rotation_tells_front_from_back(azimuth_deg):
     """Obeying the requested rotation resolves the hemisphere within 5 s, to the right side."""
     tracker = BayesTracker()
-    times, tracks, truths = run(tracker, Senses(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0, 6.0, obey=True)
+    times, tracks, truths = run(tracker, SimulatedSensors(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0, 6.0,
+                                obey=True)
     resolved = [k for k, track in enumerate(tracks) if track.resolved]
     assert resolved and times[resolved[0]] < 5.0
     assert abs(wrap(tracks[resolved[0]].azimuth - truths[resolved[0]])) < math.radians(15)
@@ -68,13 +69,13 @@ def test_a_commanded_rotation_tells_front_from_back(azimuth_deg):
 def test_gated_resolves_by_fixed_rotation():
     """The published way works too, in its own time."""
     tracker = GatedTracker()
-    _, tracks, truths = run(tracker, Senses(3), lambda t: math.radians(150), 0.0, 6.0, obey=True)
+    _, tracks, truths = run(tracker, SimulatedSensors(3), lambda t: math.radians(150), 0.0, 6.0, obey=True)
     assert tracks[-1].resolved and abs(wrap(tracks[-1].azimuth - truths[-1])) < math.radians(8)
 
 
 def test_sight_resolves_and_sharpens():
     """One look at a target in view settles the hemisphere, and the error is that of sight."""
-    _, tracks, truths = run(BayesTracker(), Senses(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
+    _, tracks, truths = run(BayesTracker(), SimulatedSensors(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
     assert tracks[-1].state == State.VISUAL_ACTIVE and tracks[-1].resolved
     assert np.sqrt(np.mean(errors_deg(tracks, truths, 60) ** 2)) < 0.4
     assert tracks[-1].source == Source.SIGHT | Source.SOUND
@@ -82,15 +83,15 @@ def test_sight_resolves_and_sharpens():
 
 def test_clear_view_without_detection_puts_the_target_behind():
     """Absence is evidence where one can see."""
-    _, tracks, _ = run(BayesTracker(), Senses(5), lambda t: math.radians(160), 0.0, 6.0, visibility=1.0)
+    _, tracks, _ = run(BayesTracker(), SimulatedSensors(5), lambda t: math.radians(160), 0.0, 6.0, visibility=1.0)
     assert tracks[-1].resolved and tracks[-1].front_probability < 0.05
 
 
 def test_dense_fog_never_flips_a_right_hemisphere():
     """Nothing seen in fog says nothing: a target resolved in front stays in front."""
     tracker = BayesTracker()
-    run(tracker, Senses(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
-    _, tracks, _ = run(tracker, Senses(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
+    run(tracker, SimulatedSensors(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
+    _, tracks, _ = run(tracker, SimulatedSensors(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
     assert all(track.front_probability > 0.99 for track in tracks)
 
 
@@ -98,7 +99,7 @@ def test_tracks_a_moving_target_from_a_turning_rig():
     """A target at 15 deg/s heard from a rig turning at 30 deg/s, past end-fire: the yaw of each measurement's time counts."""
     found, rate = [], math.radians(15)
     for seed in range(8, 13):
-        _, tracks, truths = run(BayesTracker(), Senses(seed), lambda t: rate * t, lambda t: 2.0 * rate * t, 12.0)
+        _, tracks, truths = run(BayesTracker(), SimulatedSensors(seed), lambda t: rate * t, lambda t: 2.0 * rate * t, 12.0)
         folded = [math.asin(math.sin(track.azimuth)) - math.asin(math.sin(truth))  # nothing tells the hemisphere here
                   for track, truth in zip(tracks[480:], truths[480:], strict=True)]
         found.append(math.degrees(float(np.sqrt(np.mean(np.square(folded))))))
@@ -109,17 +110,17 @@ def test_late_measurements_count_at_their_own_time():
     """Sound that comes 0.4 s late gives the same bearing as sound in time, within the noise."""
     rate = math.radians(12)
     prompt, late = BayesTracker(), BayesTracker()
-    senses = Senses(9)
+    senses = SimulatedSensors(9)
     pending = []
     for step in range(400):
         t = 100.0 + step / 20.0
         sound = senses.hear(t, float(wrap(rate * (t - 100.0))))
-        prompt.add_sound(sound)
+        prompt.add_doa(sound)
         pending.append(sound)
         if len(pending) > 8:
-            late.add_sound(pending.pop(0))
+            late.add_doa(pending.pop(0))
         for tracker in (prompt, late):
-            tracker.add_look(senses.look(t, 3.0, 0.0))
+            tracker.add_camera(senses.look(t, 3.0, 0.0))
     truth = rate * 400 / 20.0
     for tracker in (late, prompt):  # folded to the front: nothing tells the hemisphere here
         assert abs(math.asin(math.sin(tracker.estimate(120.0).azimuth)) - math.asin(math.sin(truth))) < math.radians(4)
@@ -127,26 +128,26 @@ def test_late_measurements_count_at_their_own_time():
 
 def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     """No bearing is invented: variance grows, coasting is said, then the track ends; sound brings it back."""
-    tracker, senses = BayesTracker(), Senses(10)
+    tracker, senses = BayesTracker(), SimulatedSensors(10)
     run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
     soon, later, end = (tracker.estimate(103.0 + dt) for dt in (0.5, 2.0, 20.0))
     assert later.state == State.COASTING and later.azimuth_variance > soon.azimuth_variance
     assert end.state == State.NONE and math.isnan(end.azimuth)
     for k in range(20):
-        tracker.add_sound(senses.hear(130.0 + 0.05 * k, 0.3))
+        tracker.add_doa(senses.hear(130.0 + 0.05 * k, 0.3))
     assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
 
 
 @pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
 def test_garbage_is_ignored(tracker_class):
     """NaN, infinite and empty measurements leave a good track alone."""
-    tracker, senses = tracker_class(), Senses(11)
+    tracker, senses = tracker_class(), SimulatedSensors(11)
     run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
     before = tracker.estimate(103.0)
     nan, inf = math.nan, math.inf
-    for sound in (Sound(nan, (Hypothesis(0.1, 0.1),), 0.9), Sound(103.0, (Hypothesis(nan, 0.1),), 0.9),
-                  Sound(103.0, (), 0.9), Sound(103.0, (Hypothesis(0.1, 0.1),), nan)):
-        tracker.add_sound(sound)
+    for sound in (DoaMeasurement(nan, (Hypothesis(0.1, 0.1),), 0.9), DoaMeasurement(103.0, (Hypothesis(nan, 0.1),), 0.9),
+                  DoaMeasurement(103.0, (), 0.9), DoaMeasurement(103.0, (Hypothesis(0.1, 0.1),), nan)):
+        tracker.add_doa(sound)
     tracker.add_pose(103.0, nan, inf)
     after = tracker.estimate(103.0)
     assert after.azimuth == pytest.approx(before.azimuth, abs=1e-9)
@@ -155,13 +156,13 @@ def test_garbage_is_ignored(tracker_class):
 @pytest.mark.parametrize('seed', range(4))
 def test_nothing_seen_in_fog_never_flips_a_right_hemisphere(seed):
     """Half a minute of pictures without detections, where almost nothing can be seen, leaves front in front."""
-    tracker, senses = BayesTracker(), Senses(seed)
+    tracker, senses = BayesTracker(), SimulatedSensors(seed)
     run(tracker, senses, lambda t: 0.3, 0.0, 2.0, visibility=1.0)
     path = lambda t: 0.3 + 0.2 * math.sin(0.4 * t)  # noqa: E731
     for step in range(30 * 10):
         t = 102.0 + step / 10.0
-        tracker.add_sound(senses.hear(t, path(t)))
-        tracker.add_look(senses.look(t, 3.0, 0.02))
+        tracker.add_doa(senses.hear(t, path(t)))
+        tracker.add_camera(senses.look(t, 3.0, 0.02))
         track = tracker.estimate(t)
         assert track.front_probability > 0.95 and track.resolved
 
@@ -169,14 +170,14 @@ def test_nothing_seen_in_fog_never_flips_a_right_hemisphere(seed):
 @pytest.mark.parametrize('seed', range(3))
 def test_a_second_drone_does_not_break_the_track(seed):
     """Another drone, heard in turn and seen as surely, is left alone: the nearest in the posterior is followed."""
-    tracker, senses = BayesTracker(), Senses(seed)
+    tracker, senses = BayesTracker(), SimulatedSensors(seed)
     first, second = (lambda t: 0.1 * t), (lambda t: 0.55 - 0.05 * t)
     errors = []
     for step in range(8 * 20):
         t = step / 20.0
-        tracker.add_sound(senses.hear(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
+        tracker.add_doa(senses.hear(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
         looks = [senses.look(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
-        tracker.add_look(looks[0]._replace(detections=tuple(d for look in looks for d in look.detections)))
+        tracker.add_camera(looks[0]._replace(detections=tuple(d for look in looks for d in look.detections)))
         track = tracker.estimate(100.0 + t)
         errors.append(min(abs(track.azimuth - first(t)), abs(track.azimuth - second(t))))
         if t < 3.0:
@@ -187,7 +188,7 @@ def test_a_second_drone_does_not_break_the_track(seed):
 def test_order_of_arrival_hardly_matters():
     """Looks that arrive 0.2 s late among sounds in time: as in order, within 0.3 of sigma; sigma within a factor of 1.6."""
     for seed in range(3):
-        senses, messages = Senses(seed), []
+        senses, messages = SimulatedSensors(seed), []
         for step in range(120):
             t = 100.0 + step / 20.0
             azimuth = 0.2 + 0.05 * step / 20.0
@@ -197,7 +198,7 @@ def test_order_of_arrival_hardly_matters():
         in_order, as_arrived = BayesTracker(), BayesTracker()
         for tracker, key in ((in_order, lambda m: m[1].time), (as_arrived, lambda m: m[0])):
             for _, message in sorted(messages, key=key):
-                (tracker.add_sound if isinstance(message, Sound) else tracker.add_look)(message)
+                (tracker.add_doa if isinstance(message, DoaMeasurement) else tracker.add_camera)(message)
         one, other = in_order.estimate(106.3), as_arrived.estimate(106.3)
         assert abs(one.azimuth - other.azimuth) < 0.3 * math.sqrt(one.azimuth_variance)
         assert 0.4 < other.azimuth_variance / one.azimuth_variance < 2.5
@@ -206,12 +207,12 @@ def test_order_of_arrival_hardly_matters():
 @pytest.mark.parametrize('seed', range(3))
 def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
     """Sight comes and goes for 2 s each, all that is heard comes from 60 degrees: the bearing stays, or ends and says so."""
-    tracker, senses, tracked = BayesTracker(), Senses(seed, math.radians(2.0)), []
+    tracker, senses, tracked = BayesTracker(), SimulatedSensors(seed, math.radians(2.0)), []
     for step in range(30 * 20):
         t = 100.0 + step / 20.0
         if step % 80 < 40:
-            tracker.add_look(senses.look(t, -0.2))
-        tracker.add_sound(senses.hear(t - 0.25, math.radians(60.0)))
+            tracker.add_camera(senses.look(t, -0.2))
+        tracker.add_doa(senses.hear(t - 0.25, math.radians(60.0)))
         track = tracker.estimate(t)
         if t > 110.0:
             tracked.append(track.state != State.NONE)
@@ -222,12 +223,12 @@ def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
 
 def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
     """What is heard does not fit a target that moves at 5 deg/s and is seen no more: on course for `coast` s, then none."""
-    tracker, senses, rate, ended = BayesTracker(), Senses(3, math.radians(2.0)), math.radians(5.0), None
+    tracker, senses, rate, ended = BayesTracker(), SimulatedSensors(3, math.radians(2.0)), math.radians(5.0), None
     for step in range(40 * 20):
         t = 100.0 + step / 20.0
-        tracker.add_sound(senses.hear(t - 0.25, math.radians(120.0) * math.sin(step)))
+        tracker.add_doa(senses.hear(t - 0.25, math.radians(120.0) * math.sin(step)))
         if t < 120.0:
-            tracker.add_look(senses.look(t, rate * (t - 110.0)))
+            tracker.add_camera(senses.look(t, rate * (t - 110.0)))
         track = tracker.estimate(t)
         if t > 120.0 and 'does not fit' in track.reason:
             ended = ended or t
@@ -242,12 +243,12 @@ def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
 @pytest.mark.parametrize('seed', range(3))
 def test_who_flew_evenly_goes_on_past_end_fire(seed, rate):
     """Around a standing rig, seen in front only: in the second minute at the latest continuity tells behind from front."""
-    tracker, senses, errors = BayesTracker(), Senses(seed, math.radians(1.0)), []
+    tracker, senses, errors = BayesTracker(), SimulatedSensors(seed, math.radians(1.0)), []
     for step in range(120 * 20):
         t = step / 20.0
         body = float(wrap(math.radians(rate * t)))
-        tracker.add_look(senses.look(100.0 + t, body))
-        tracker.add_sound(senses.hear(100.0 + t, body))
+        tracker.add_camera(senses.look(100.0 + t, body))
+        tracker.add_doa(senses.hear(100.0 + t, body))
         errors.append(wrap(tracker.estimate(100.0 + t).azimuth - body))
     assert math.degrees(float(np.sqrt(np.mean(np.square(errors[60 * 20:]))))) < 5.0
 
@@ -257,7 +258,7 @@ def test_a_detection_is_the_target_with_its_confidence():
     tracker = BayesTracker()
     for step, confidence in enumerate([0.0] * 20 + [0.05, 0.1, 0.2, 0.6]):
         detections = (Detection(0.2, 1e-4, confidence),) if confidence else ()
-        tracker.add_look(Look(100.0 + step / 15.0, detections, visibility=1.0))
+        tracker.add_camera(CameraMeasurement(100.0 + step / 15.0, detections, visibility=1.0))
         track = tracker.estimate(100.0 + step / 15.0)
         assert (track.state == State.VISUAL_ACTIVE) == (confidence > 0.5)
         assert sum(mode.weight for mode in tracker._mixture.modes) == pytest.approx(confidence, abs=0.01)
@@ -265,9 +266,9 @@ def test_a_detection_is_the_target_with_its_confidence():
 
 def test_who_was_only_heard_may_be_on_either_side_past_end_fire():
     """Nothing tells the hemisphere of what a standing rig never saw, and the filter says so."""
-    tracker, senses = BayesTracker(), Senses(1)
+    tracker, senses = BayesTracker(), SimulatedSensors(1)
     for step in range(24 * 20):
         t = step / 20.0
-        tracker.add_sound(senses.hear(100.0 + t, math.radians(-20.0 + 9.0 * t)))
+        tracker.add_doa(senses.hear(100.0 + t, math.radians(-20.0 + 9.0 * t)))
         track = tracker.estimate(100.0 + t)
         assert not track.resolved or abs(math.degrees(track.azimuth)) > 75.0

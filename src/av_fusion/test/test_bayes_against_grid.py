@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from simulated_senses import Senses
+from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.disambiguation.rotation import RotationSettings
@@ -61,14 +61,14 @@ class Histogram:
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
     monkeypatch.setattr(agility, 'MOST', 1.0)  # the histogram knows one acceleration only
-    tracker, histogram, senses = BayesTracker(SETTINGS), Histogram(), Senses(int(abs(start_deg)), math.radians(2.0))
+    tracker, histogram, senses = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):
         t, yaw = step * DT, math.radians(15.0) * step * DT
         truth = math.radians(start_deg) + math.radians(5.0) * t
         sound = senses.hear(100.0 + t, float(wrap(truth - yaw)))
         tracker.add_pose(100.0 + t, yaw, 0.0)
-        tracker.add_sound(sound)
+        tracker.add_doa(sound)
         if step:
             histogram.predict()
         histogram.hear(yaw, sound)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_senses import Senses
+from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.calibration.array_calibration import Refinement, RefinementSettings
 from av_fusion.filter.tracker import BayesSettings, BayesTracker
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 
 
 def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):
@@ -20,13 +20,14 @@ def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):
     cosine = np.clip((1.0 + scale) * math.cos(azimuth - 0.5 * math.pi - offset) + random.normal(0.0, sigma), -0.999, 0.999)
     half = math.acos(cosine)
     variance = (sigma / math.sin(half)) ** 2
-    return Sound(time, tuple(Hypothesis(float(wrap(0.5 * math.pi + side * half)), variance) for side in (1.0, -1.0)), 0.95)
+    images = tuple(Hypothesis(float(wrap(0.5 * math.pi + side * half)), variance) for side in (1.0, -1.0))
+    return DoaMeasurement(time, images, 0.95)
 
 
 def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed=1):
     """RMS error in deg of sound alone, after 20 s in which a target swinging before the camera was seen too."""
     random = np.random.default_rng(seed)
-    senses = Senses(seed)
+    senses = SimulatedSensors(seed)
     tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), refinement=RefinementSettings(enabled=enabled)))
     errors = []
     for step in range(20 * 32):
@@ -36,8 +37,8 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
             look = senses.look(t, truth)
             if random.random() < wrong_share:
                 look = look._replace(detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
-            tracker.add_look(look)
-        tracker.add_sound(biased_sound(t, truth, math.radians(offset_deg), scale, random))
+            tracker.add_camera(look)
+        tracker.add_doa(biased_sound(t, truth, math.radians(offset_deg), scale, random))
         track = tracker.estimate(t)
         if t > 122.0:
             errors.append(math.degrees(wrap(track.azimuth - truth)))
@@ -106,17 +107,17 @@ def test_absurd_comparisons_are_refused():
 def test_it_can_be_switched_off():
     """Off means off."""
     _, tracker = error_after_sight(False)
-    assert tracker.refinement.compared == 0 and isinstance(Look(0.0, ()), Look)
+    assert tracker.refinement.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
 
 
 def test_a_camera_that_looks_aside_teaches_little():
     """Good ears, sight 1 degree off at 20 degrees within its own sigma: what is heard at 60 degrees is moved by less than 4."""
-    refinement, tracker, senses = Refinement(), BayesTracker(), Senses(1, math.radians(0.5))
+    refinement, tracker, senses = Refinement(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
     tracker.refinement = refinement
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
-        tracker.add_look(senses.look(t, truth * 1.05))
-        tracker.add_sound(senses.hear(t, truth))
+        tracker.add_camera(senses.look(t, truth * 1.05))
+        tracker.add_doa(senses.hear(t, truth))
     angle = math.radians(30.0)  # from the axis
     moved = math.acos(refinement.correct(math.cos(angle), angle)[0]) - angle
     assert refinement.compared > 100 and abs(math.degrees(moved)) < 4.0

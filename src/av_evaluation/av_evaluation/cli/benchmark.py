@@ -102,8 +102,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start_node(name: str) -> subprocess.Popen:
-    """One of this package's nodes in a process of its own."""
-    return subprocess.Popen([sys.executable, '-c', f'from av_fusion.nodes.{name} import main; main()'])
+    """A node of the package of its name in a process of its own."""
+    package = f'av_{name.removesuffix("_node")}'
+    return subprocess.Popen([sys.executable, '-c', f'from {package}.nodes.{name} import main; main()'])
 
 
 def cpu_seconds(process_id: int) -> float:

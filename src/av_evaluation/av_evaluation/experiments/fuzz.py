@@ -13,7 +13,7 @@ from random import Random
 from av_common.track import State, Track
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_pointing.controller import Command, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
@@ -40,7 +40,7 @@ class Sequence:
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])
         self._before: Command | None = None
-        self._sent: list[Sound | Look] = []
+        self._sent: list[DoaMeasurement | CameraMeasurement] = []
 
     def run(self, messages: int = 20) -> Broken | None:
         """Send messages; what is broken first, or None."""
@@ -62,10 +62,10 @@ class Sequence:
         elif kind == 1 and self._sent and self._chance(0.3):
             self._send(self._sent[self._random.randrange(len(self._sent))])
         elif kind == 2:
-            self._send(Look(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
+            self._send(CameraMeasurement(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
                             self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
         else:
-            self._send(Sound(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.randrange(4))),
+            self._send(DoaMeasurement(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.randrange(4))),
                              self._value(0.7, 0.3), self._value(0.5, 0.1)))
         passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
         self._now += passed
@@ -99,12 +99,12 @@ class Sequence:
                 return f'{name} accelerates by {change:.3g} rad/s in {elapsed:.3g} s'
         return ''
 
-    def _send(self, message: Sound | Look) -> None:
+    def _send(self, message: DoaMeasurement | CameraMeasurement) -> None:
         self._sent.append(message)
-        if isinstance(message, Sound):
-            self._tracker.add_sound(message)
+        if isinstance(message, DoaMeasurement):
+            self._tracker.add_doa(message)
         else:
-            self._tracker.add_look(message)
+            self._tracker.add_camera(message)
 
     def _chance(self, probability: float) -> bool:
         return self._random.random() < probability

@@ -20,7 +20,7 @@ from av_evaluation.runs.recording import Recording
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.filter.tracker import BayesSettings, BayesTracker
-from av_fusion.measurement.measurements import Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 OWN = 'ml'  # the rig's own estimator
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
@@ -71,13 +71,13 @@ def track(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> S
     machine = MachineSettings(tau=tau)
     if method == 'fused' and tau == MachineSettings().tau:
         return log.fused
-    if not any(isinstance(event, Sound | Look) for event in recording.events):
+    if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in recording.events):
         raise UnavailableError(f'{method}: only bearings were recorded, not what they rest on')
     return recording.feed(BayesTracker(BayesSettings(machine=machine)) if method == 'fused'
                           else GatedTracker(GatedSettings(machine=machine)))
 
 
-def _sounds(method: str, recording: Recording) -> list[Sound]:
+def _sounds(method: str, recording: Recording) -> list[DoaMeasurement]:
     """The sounds that a method of hearing works on; a bag without sound holds the rig's own directions only."""
     own = recording.sounds.get(OWN, [])
     if method == 'sound':
@@ -94,7 +94,7 @@ def _following(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
     return time, wrap(series['azimuth'][known] + _yaw(time, log))
 
 
-def _unmirrored(sounds: list[Sound], log: RunLog) -> tuple[NDArray, NDArray]:
+def _unmirrored(sounds: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
     """Stamps, and of each sound the image nearer to the truth, in the world frame."""
     sounds = [sound for sound in sounds if sound.hypotheses]
     if not sounds:
@@ -117,7 +117,7 @@ def _kalman(recording: Recording, log: RunLog, tau: float, aided: bool) -> tuple
     late = 0.5 * sounds[0].window if sounds and aided else 0.0
     heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
     events = [(time + late, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*heard, strict=True)]
-    for look in (event for event in recording.events if isinstance(event, Look)):
+    for look in (event for event in recording.events if isinstance(event, CameraMeasurement)):
         if look.best is not None and look.best.confidence >= tau:
             events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))
     if not events:

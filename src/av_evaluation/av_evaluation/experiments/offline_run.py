@@ -17,7 +17,7 @@ from av_common.track import Track
 from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.recording import Recording, RecordingTracker
-from av_fusion.measurement.geometry import look_in_body, sounds_in_body
+from av_fusion.measurement.geometry import camera_in_body, doa_in_body
 from av_pointing.controller import PointingController
 from av_simulator.rendering.view import View
 from av_simulator.scenario import Scenario
@@ -88,12 +88,12 @@ class OfflineRun:
             yield track
 
     def _hear(self, method: str, estimate: DoaEstimate, now: float) -> None:
-        sounds = sounds_in_body(estimate.time, angles_to_direction(estimate.azimuth, estimate.elevation),
+        sounds = doa_in_body(estimate.time, angles_to_direction(estimate.azimuth, estimate.elevation),
                                 estimate.azimuth_variance, estimate.elevation_variance, estimate.confidence,
                                 estimate.group, self._rig.array.mount.rotation, self._window)
         self.recording.sounds.setdefault(method, []).extend(sounds[:1])
         for sound in sounds if method == 'ml' else ():
-            self._tracker.add_sound(sound)
+            self._tracker.add_doa(sound)
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan, sound.confidence,
                                now - sound.time - 0.5 * self._window)
@@ -101,9 +101,9 @@ class OfflineRun:
     def _look(self, view: View, now: float) -> None:
         boxes = self._boxes(view, now)
         table = np.array(boxes, float).reshape(-1, 5)
-        look = look_in_body(now, self._rig.camera.model, 0.5 * (table[:, :2] + table[:, 2:4]), table[:, 2:4] - table[:, :2],
+        look = camera_in_body(now, self._rig.camera.model, 0.5 * (table[:, :2] + table[:, 2:4]), table[:, 2:4] - table[:, :2],
                             table[:, 4], self._rig.camera.optical_to_body)
-        self._tracker.add_look(look)
+        self._tracker.add_camera(look)
         best = look.best
         self.log.sight.add(now, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
 

@@ -26,7 +26,7 @@ from av_common.rig import CameraMount
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.geometry import look_in_body, sounds_in_body
+from av_fusion.measurement.geometry import camera_in_body, doa_in_body
 from av_vision import visibility
 from av_vision.models import shipped_model
 from av_vision.watching import Watcher
@@ -61,11 +61,11 @@ class Hall:
         for method, localizer in self._localizers.items():
             for estimate in localizer.process(samples, self._next):
                 directions = angles_to_direction(estimate.azimuth, estimate.elevation)
-                sounds = sounds_in_body(estimate.time, directions, estimate.azimuth_variance, estimate.elevation_variance,
+                sounds = doa_in_body(estimate.time, directions, estimate.azimuth_variance, estimate.elevation_variance,
                                         estimate.confidence, estimate.group, np.eye(3), self._settings.window_s)[:1]
                 self.recording.sounds.setdefault(method, []).extend(sounds)
                 for sound in sounds if method == 'ml' else ():
-                    self._tracker.add_sound(sound)
+                    self._tracker.add_doa(sound)
                     images = [hypothesis.azimuth for hypothesis in sound.hypotheses]
                     self.log.sound.add(sound.time, images[0], images[1] if len(images) > 1 else math.nan, sound.confidence,
                                        now - sound.time - 0.5 * sound.window)
@@ -74,8 +74,8 @@ class Hall:
     def see(self, time: float, boxes: NDArray, visibility: float) -> None:
         """A picture with boxes (n, 5), corners in pixels and confidence; `visibility` 0-1 as detector_node would tell it."""
         centres, sizes = 0.5 * (boxes[:, :2] + boxes[:, 2:4]), boxes[:, 2:4] - boxes[:, :2]
-        look = look_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
-        self._tracker.add_look(look)
+        look = camera_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
+        self._tracker.add_camera(look)
         best = look.best
         self.log.sight.add(time, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
 
@@ -157,7 +157,7 @@ def labelled_azimuths(file: Path) -> NDArray:
     rows = [line.split(',') for line in file.read_text().splitlines()[1:]]
     frames = np.array([int(row[0]) for row in rows])
     boxes = np.array([[float(value) for value in row[2:6]] for row in rows])
-    look = look_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
+    look = camera_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
                         CAMERA.optical_to_body)
     _, first = np.unique(frames, return_index=True)
     azimuths = np.array([detection.azimuth for detection in look.detections])[first]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from av_evaluation.runs.recording import Recording
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.measurement.measurements import Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
-def chosen_images(sounds: Sequence[Sound], recording: Recording, tau: float) -> tuple[NDArray, NDArray]:
+def chosen_images(sounds: Sequence[DoaMeasurement], recording: Recording, tau: float) -> tuple[NDArray, NDArray]:
     """Ends of the windows of `sounds` (n,) in s, and of each the image (n,) that the published controller would take.
 
     Azimuths in rad in the world frame. The controller gets the run's poses and pictures and these sounds instead of its own:
@@ -27,17 +27,17 @@ def chosen_images(sounds: Sequence[Sound], recording: Recording, tau: float) -> 
     def hear_until(now: float) -> None:
         while waiting and _end(waiting[-1]) <= now:
             sound = waiting.pop()
-            tracker.add_sound(sound)
+            tracker.add_doa(sound)
             if tracker.heard is not None:
                 times.append(_end(sound))
                 azimuths.append(tracker.heard)
 
     for event in recording.events:
-        if isinstance(event, Sound):
+        if isinstance(event, DoaMeasurement):
             continue
-        if isinstance(event, Look):
+        if isinstance(event, CameraMeasurement):
             hear_until(event.time)
-            tracker.add_look(event)
+            tracker.add_camera(event)
         elif isinstance(event, tuple):
             hear_until(event[0])
             tracker.add_pose(*event)
@@ -47,5 +47,5 @@ def chosen_images(sounds: Sequence[Sound], recording: Recording, tau: float) -> 
     return np.array(times), np.array(azimuths)
 
 
-def _end(sound: Sound) -> float:
+def _end(sound: DoaMeasurement) -> float:
     return sound.time + 0.5 * sound.window

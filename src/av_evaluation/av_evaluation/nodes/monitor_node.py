@@ -26,7 +26,8 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
 from av_evaluation.report.status_line import format_status
 from av_evaluation.report.table import format_table
-from av_fusion.nodes.sensor_messages import SensorMessages
+from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
 
@@ -39,7 +40,8 @@ class MonitorNode(RigNode):
     def configure(self) -> None:
         """Start an empty log."""
         self._settings = self.settings
-        self._senses = SensorMessages(self, self._settings.base_frame, self._settings.target_classes)
+        self._rotations = TfRotations(self, self._settings.base_frame)
+        self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         self._log = RunLog()
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
@@ -54,7 +56,7 @@ class MonitorNode(RigNode):
         subscribe = self.create_subscription
         self.while_active(subscribe, DoaArray, 'doa', self._on_doa, STREAM)
         self.while_active(subscribe, Detection2DArray, 'detections', self._on_detections, STREAM)
-        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
+        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._converter.set_camera_info, STREAM)
         self.while_active(subscribe, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(subscribe, FusionState, 'fusion/state', self._on_state, RESULT)
         self.while_active(subscribe, PointingCommand, 'pointing/command', self._on_command, RESULT)
@@ -76,7 +78,7 @@ class MonitorNode(RigNode):
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        for sound in self._senses.sounds(message)[:1]:
+        for sound in self._converter.doa(message)[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
             if self._logging:
                 self._log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
@@ -86,7 +88,7 @@ class MonitorNode(RigNode):
         self._meters['detections'].tick()
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self._log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
-        look = self._senses.look(message)
+        look = self._converter.detections(message)
         if look is not None and self._logging:
             best = look.best
             self._log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,

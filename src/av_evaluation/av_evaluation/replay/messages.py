@@ -9,8 +9,6 @@ import numpy as np
 
 from av_bags import topics as names
 from av_bags.definitions import learn
-from av_common.track_messages import bearing_message, state_message
-from av_pointing.controller import Command
 from av_vision.visibility import Visibility
 from av_vision.yolo import Detections
 
@@ -35,15 +33,9 @@ class MessageMaker:
         """The message of a topic (its name in the rig), of CDR."""
         return self._store.deserialize_cdr(data, names.KINDS[name][0])
 
-    def output(self, name: str, time: float, content: Any) -> bytes | memoryview:
-        """What a stage said at `time`, as CDR."""
-        if name == names.BEARING:
-            return self.serialise(bearing_message(content, self.frame), name)
-        if name == names.STATE:
-            return self.serialise(state_message(*content, self.frame), name)
-        if name == names.COMMAND:
-            return self.serialise(self.command(content, self.header(time, self.frame)))
-        return content
+    def output(self, name: str, content: Any) -> bytes | memoryview:
+        """What a stage said, as CDR."""
+        return content if isinstance(content, bytes | memoryview) else self.serialise(content, name)
 
     def header(self, time: float, frame: str) -> Any:
         """A std_msgs/Header."""
@@ -63,10 +55,3 @@ class MessageMaker:
     def visibility(self, seen: Visibility, header: Any) -> Any:
         """How far one can see in a picture."""
         return self._types[names.KINDS[names.VISIBILITY][0]](header, float(seen.share), float(seen.range))
-
-    def command(self, command: Command, header: Any) -> Any:
-        """A command for gimbal and body."""
-        return self._types[names.KINDS[names.COMMAND][0]](
-            header=header, mode=int(command.mode), reason=command.reason, move_gimbal=command.move_gimbal,
-            pan=command.pan, tilt=command.tilt, pan_rate=command.pan_rate, tilt_rate=command.tilt_rate,
-            move_body=command.move_body, yaw_rate=command.yaw_rate)

@@ -7,12 +7,14 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from av_bags import topics as names
-from av_common.track import Track
+from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import Fusing, Hearing, Output, Pointing, Seeing
-from av_fusion.measurement.converter import Senses
+from av_evaluation.replay.stages import Hearing, Output, Seeing
+from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.stage import FusionOutput, FusionStage
+from av_pointing.stage import PointingStage
 
 
 class Chain:
@@ -22,10 +24,10 @@ class Chain:
     expected from the bag. Times must not fall.
     """
 
-    def __init__(self, senses: Senses, journal: Journal, hearing: Hearing | None, seeing: Seeing | None,
-                 fusing: Fusing | None, pointing: Pointing | None, make: MessageMaker,
+    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: Hearing | None, seeing: Seeing | None,
+                 fusing: FusionStage | None, pointing: PointingStage | None, make: MessageMaker,
                  tell: Callable[[str, float, Any], None]) -> None:
-        self._senses, self._journal, self._make, self._tell = senses, journal, make, tell
+        self._converter, self._journal, self._make, self._tell = converter, journal, make, tell
         self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing
 
     @property
@@ -35,13 +37,13 @@ class Chain:
 
     def wait(self, now: float) -> None:
         """Nothing came until `now`."""
-        for track in self._fusing.wait(now) if self._fusing is not None else ():
-            self._say(track)
+        for output in self._fusing.outputs_until(now) if self._fusing is not None else ():
+            self._say(output)
 
     def move(self, odometry: Any, now: float) -> None:
         """The rig's own motion."""
         if self._fusing is not None:
-            self._fusing.move(odometry, now)
+            self._fusing.on_odometry(odometry, now)
 
     def take(self, name: str, content: Any, now: float) -> None:
         """A message, or what it means."""
@@ -51,26 +53,27 @@ class Chain:
             self._hearing.turn(content)
         elif name == names.IMAGE and self._seeing is not None:
             self._fuse(self._seeing.take(content, now))
-        elif self._fusing is not None:
-            track = self._fusing.take(name, content, now)
-            if track is not None:
-                self._say(track)
-        else:
+        elif self._fusing is None:
             self._follow(name, content, now)
+        elif name == names.VISIBILITY:
+            self._fusing.on_visibility(content)
+        else:
+            take = self._fusing.on_doa if name == names.DOA else self._fusing.on_detections
+            output = take(content, now)
+            if output is not None:
+                self._say(output)
 
     def _follow(self, name: str, content: Any, now: float) -> None:
         """Take a message when the bearings are recorded ones."""
         if name == names.DOA:
-            self._journal.hear(self._senses.sounds(content), now)
+            self._journal.on_doa(self._converter.doa(content), now)
         elif name == names.DETECTIONS:
-            look = self._senses.look(content)
-            if look is not None:
-                self._journal.see(look, content, now)
+            measurement = self._converter.detections(content)
+            if measurement is not None:
+                self._journal.on_camera(measurement, content, now)
         elif name == names.BEARING:
-            track = track_of_bearing(content)
-            self._journal.follow(track, now)
-            if self._pointing is not None:
-                self._tell(*self._pointing.take(track, now))
+            self._journal.on_track(track_of_bearing(content), now)
+            self._point(content, now)
 
     def _fuse(self, outputs: Iterable[Output]) -> None:
         """Take what the senses say, read as its reader will find it: with the precision of its fields."""
@@ -78,9 +81,13 @@ class Chain:
             self._tell(name, now, data)
             self.take(name, self._make.deserialise(name, data), now)
 
-    def _say(self, track: Track) -> None:
+    def _say(self, output: FusionOutput) -> None:
         """Tell of a track and the command that follows."""
-        self._tell(names.STATE, track.time, (track, self._fusing.missing(track.time)))
-        self._tell(names.BEARING, track.time, track)
+        now = to_seconds(output.bearing.header.stamp)
+        self._tell(names.STATE, now, output.state)
+        self._tell(names.BEARING, now, output.bearing)
+        self._point(output.bearing, now)
+
+    def _point(self, bearing: Any, now: float) -> None:
         if self._pointing is not None:
-            self._tell(*self._pointing.take(track, track.time))
+            self._tell(names.COMMAND, now, self._pointing.on_bearing(bearing, now))

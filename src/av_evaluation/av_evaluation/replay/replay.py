@@ -29,12 +29,12 @@ from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.output_queue import Outbox
 from av_evaluation.replay.pipeline import Chain
 from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import Fusing, Hearing, Pointing, Seeing
+from av_evaluation.replay.stages import Hearing, Seeing
 from av_evaluation.runs.recording import Recording, RecordingTracker
-from av_fusion.measurement.converter import Senses
+from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
-from av_pointing.controller import PointingController
-from av_pointing.settings import pointing_settings
+from av_fusion.stage import make_fusion_stage
+from av_pointing.stage import make_pointing_stage
 from av_vision.from_parameters import make_detector
 
 STAGES = ('raw', 'doa', 'bearing')
@@ -199,13 +199,13 @@ class Replay:
         """What the other estimators hear in the same sound."""
         for estimator, hearing in self._others.items():
             for name, _, data in hearing.take(content, now):
-                sounds = self._senses.sounds(self._make.deserialise(name, data))[:1]
+                sounds = self._converter.doa(self._make.deserialise(name, data))[:1]
                 self._recording.sounds.setdefault(estimator, []).extend(sounds)
 
     def _tell(self, name: str, time: float, content: Any) -> None:
         """Put what was computed to the output."""
         if self._out is not None:
-            self._out.put(name, time, self._make.output(name, time, content))
+            self._out.put(name, time, self._make.output(name, content))
 
     def _choose(self, found: Found) -> dict[str, str]:
         """The topics of the bag that this replay reads. Raises BagError when there is nothing to compute from."""
@@ -230,7 +230,8 @@ class Replay:
         self._frames = SensorFrames(rig, fusion.base_frame)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
-        self._senses = senses = Senses(self._frames.rotation, fusion.target_classes, self._camera(rig))
+        camera = self._camera(rig)
+        self._converter = MeasurementConverter(self._frames.rotation, fusion.target_classes, camera)
         self._hearing = self._seeing = self._fusing = None
         self._others: dict[str, Hearing] = {}
         if self.stage == 'raw' and names.AUDIO in self._topics:
@@ -247,18 +248,17 @@ class Replay:
             given = {'model': model, 'keep_classes': list(self._settings.classes) or None}
             p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
             self._seeing = Seeing(make_detector(p), p.track_gap, self._make, p.visibility_rate,
-                                  p.visibility_distance, algorithms.ground(p, senses.camera), p.still)
+                                  p.visibility_distance, algorithms.ground(p, camera), p.still)
         if self.stage != 'bearing':
             tracker = make_tracker(fusion)
             if self._recording is not None:
                 tracker = RecordingTracker(tracker, self._recording)
-            self._fusing = Fusing(tracker, senses, self._journal, fusion.rate,
-                                  fusion.min_sound_confidence)
+            self._fusing = make_fusion_stage(fusion, self._frames.rotation, camera, self._journal, tracker)
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
-            settings = pointing_settings(self._parameters('av_pointing', 'pointing_node'))
-            pointing = Pointing(PointingController(settings))
-        return Chain(senses, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._make, self._tell)
+            pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
+        return Chain(self._converter, self._journal, self._hearing, self._seeing, self._fusing, pointing, self._make,
+                     self._tell)
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
         files = (find_config('rig_params'), *self._settings.parameters)
@@ -281,8 +281,9 @@ class Replay:
         for stage in (self._hearing, self._seeing):
             for problem in sorted(stage.problems if stage else ()):
                 self._note(problem)
-        for name, count in (self._fusing.foreign if self._fusing else {}).items():
-            self._note(f'{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s off '
-                       "the bag's time")
+        for name, count in (self._fusing.foreign_stamps if self._fusing else {}).items():
+            if count:
+                self._note(f'{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s off '
+                           "the bag's time")
         for frame in sorted(self._frames.unknown):
             self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')

@@ -12,7 +12,7 @@ from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.recording import Recording
-from av_fusion.measurement.measurements import Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
 class Journal:
@@ -22,28 +22,28 @@ class Journal:
         """`recording` gets the sounds, too."""
         self.log, self._recording = RunLog(), recording
 
-    def hear(self, sounds: Sequence[Sound], now: float) -> None:
-        """The strongest of the sounds of one window."""
+    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """See `FusionObserver`; the most confident measurement of a window is logged."""
         if self._recording is not None:
-            self._recording.sounds.setdefault('ml', []).extend(sounds[:1])
-        for sound in sounds[:1]:
-            azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
-            self.log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
-                               sound.confidence, now - sound.time - 0.5 * sound.window)
+            self._recording.sounds.setdefault('ml', []).extend(measurements[:1])
+        for doa in measurements[:1]:
+            azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
+            self.log.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
+                               doa.confidence, arrival - doa.time - 0.5 * doa.window)
 
-    def see(self, look: Look, message: Any, now: float) -> None:
-        """A picture's best detection; the names of the boxes tell who detected."""
-        best = look.best
-        self.log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
-                           now - look.time)
+    def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
+        """See `FusionObserver`; the best detection is logged. Names of boxes tell a simulated detector."""
+        best = measurement.best
+        self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
+                           arrival - measurement.time)
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
-    def follow(self, track: Track, now: float) -> None:
-        """A bearing."""
+    def on_track(self, track: Track, time: float) -> None:
+        """See `FusionObserver`."""
         known = track.state != State.NONE
         self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
-                           now - track.measured if known else math.nan)
+                           time - track.measured if known else math.nan)
 
     def know(self, name: str, odometry: Any) -> None:
         """The true pose of target or rig."""

@@ -13,26 +13,13 @@ from av_audio.doa_messages import doa_array
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_bags import topics as names
-from av_bags.feed import CLOCK_TOLERANCE_S
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
-from av_common.track import Track
 from av_evaluation.replay.messages import MessageMaker
-from av_evaluation.replay.run_recorder import Journal
-from av_fusion.baseline.gated_tracker import GatedTracker
-from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.converter import Senses
-from av_fusion.measurement.odometry import add_odometry
-from av_pointing.controller import PointingController
 from av_vision import visibility
 from av_vision.image import image_from_message
 from av_vision.watching import Watcher
 from av_vision.yolo import Detector
-
-# As fusion_node: an input without messages for so long is missing, a visibility that far from the picture is not of it.
-SILENT_S = 1.0
-VISIBILITY_AGE_S = 1.0
-LONGEST_SILENCE_S = 60.0
 
 Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, its bytes or what they are made of
 
@@ -113,87 +100,3 @@ class Seeing:
             seen = visibility.estimate(image, ground, self._distance)
             yield names.VISIBILITY, now, self._make.serialise(self._make.visibility(seen, picture.header))
         yield names.DETECTIONS, now, self._make.serialise(self._make.detections(found, tracks, picture.header))
-
-
-class Fusing:
-    """fusion_node: all senses to one track. A measurement gives one at once, silence one each `1/rate` s."""
-
-    def __init__(self, tracker: BayesTracker | GatedTracker, senses: Senses, journal: Journal, rate: float,
-                 least_confidence: float) -> None:
-        self._tracker, self._senses, self._journal = tracker, senses, journal
-        self._period, self._least_confidence = 1.0 / rate, least_confidence
-        self._visibility = (-math.inf, math.nan)  # time of the image, visibility
-        self._came = dict.fromkeys((names.DOA, names.DETECTIONS, names.ODOMETRY), -math.inf)
-        self._published = -math.inf
-        self.foreign: dict[str, int] = {}
-
-    @property
-    def due(self) -> float:
-        """When the next track comes, if no measurement comes before."""
-        return self._published + self._period
-
-    def wait(self, now: float) -> Iterator[Track]:
-        """The tracks that come until `now` without a measurement."""
-        if now - self._published > LONGEST_SILENCE_S:  # the bag's beginning, or a hole in it
-            self._published = now - self._period
-        while self.due <= now:
-            yield self._estimate(self.due)
-
-    def move(self, odometry: Any, now: float) -> None:
-        """How the rig stands: nothing follows from that alone."""
-        if self._is_timely(names.ODOMETRY, odometry, now):
-            add_odometry(self._tracker, odometry)
-
-    def take(self, name: str, message: Any, now: float) -> Track | None:
-        """The track that follows from a message, if one does."""
-        if name == names.VISIBILITY:
-            self._visibility = (to_seconds(message.header.stamp), message.visibility)
-        elif self._is_timely(name, message, now):
-            return self._hear(message, now) if name == names.DOA else self._see(message, now)
-        return None
-
-    def missing(self, now: float) -> list[str]:
-        """Inputs without messages."""
-        return [name for name, came in self._came.items() if now - came > SILENT_S]
-
-    def _hear(self, message: Any, now: float) -> Track:
-        sounds = self._senses.sounds(message)
-        self._journal.hear(sounds, now)
-        for sound in sounds:
-            if sound.confidence >= self._least_confidence:
-                self._tracker.add_sound(sound)
-        return self._estimate(now)
-
-    def _see(self, message: Any, now: float) -> Track | None:
-        judged, visibility = self._visibility
-        near = abs(to_seconds(message.header.stamp) - judged) < VISIBILITY_AGE_S
-        look = self._senses.look(message, visibility if near else math.nan)
-        if look is None:
-            return None
-        self._journal.see(look, message, now)
-        self._tracker.add_look(look)
-        return self._estimate(now)
-
-    def _is_timely(self, name: str, message: Any, now: float) -> bool:
-        self._came[name] = now
-        timely = abs(to_seconds(message.header.stamp) - now) <= CLOCK_TOLERANCE_S
-        if not timely:
-            self.foreign[name] = self.foreign.get(name, 0) + 1
-        return timely
-
-    def _estimate(self, now: float) -> Track:
-        self._published = now
-        track = self._tracker.estimate(now)
-        self._journal.follow(track, now)
-        return track
-
-
-class Pointing:
-    """pointing_node: tracks to commands, one for each. The rig does not obey: what it did is in the bag."""
-
-    def __init__(self, controller: PointingController) -> None:
-        self._controller = controller
-
-    def take(self, track: Track, now: float) -> Output:
-        """The command that follows a bearing."""
-        return names.COMMAND, now, self._controller.step(now, track)

@@ -8,7 +8,7 @@ from typing import Any
 
 from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_fusion.measurement.measurements import Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
 @dataclass
@@ -19,17 +19,17 @@ class Recording:
     the times (float) at which a bearing was asked for.
     """
 
-    sounds: dict[str, list[Sound]] = field(default_factory=dict)
-    events: list[tuple[float, float, float] | Sound | Look | float] = field(default_factory=list)
+    sounds: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
+    events: list[tuple[float, float, float] | DoaMeasurement | CameraMeasurement | float] = field(default_factory=list)
 
     def feed(self, tracker: Any) -> Series:
         """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
         series = RunLog().fused
         for event in self.events:
-            if isinstance(event, Sound):
-                tracker.add_sound(event)
-            elif isinstance(event, Look):
-                tracker.add_look(event)
+            if isinstance(event, DoaMeasurement):
+                tracker.add_doa(event)
+            elif isinstance(event, CameraMeasurement):
+                tracker.add_camera(event)
             elif isinstance(event, tuple):
                 tracker.add_pose(*event)
             else:
@@ -50,15 +50,23 @@ class RecordingTracker:
         self._events.append((time, yaw, yaw_rate))
         self._tracker.add_pose(time, yaw, yaw_rate)
 
-    def add_sound(self, sound: Sound) -> None:
+    def add_doa(self, measurement: DoaMeasurement) -> None:
         """See `BayesTracker`."""
-        self._events.append(sound)
-        self._tracker.add_sound(sound)
+        self._events.append(measurement)
+        self._tracker.add_doa(measurement)
 
-    def add_look(self, look: Look) -> None:
+    def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `BayesTracker`."""
-        self._events.append(look)
-        self._tracker.add_look(look)
+        self._events.append(measurement)
+        self._tracker.add_camera(measurement)
+
+    def reset(self) -> None:
+        """See `BayesTracker`."""
+        self._tracker.reset()
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `BayesTracker`."""
+        return self._tracker.diagnostics()
 
     def estimate(self, time: float) -> Track:
         """See `BayesTracker`."""

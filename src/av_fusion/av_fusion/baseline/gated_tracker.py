@@ -13,7 +13,14 @@ from av_common.angles import wrap
 from av_common.track import Source, State, Track
 from av_fusion.disambiguation.rotation import Image, RotationPlanner, RotationSettings
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound, sensible_look, sensible_sound
+from av_fusion.measurement.measurements import (
+    CameraMeasurement,
+    Detection,
+    DoaMeasurement,
+    Hypothesis,
+    usable_camera,
+    usable_doa,
+)
 from av_fusion.measurement.rig_motion import RigMotion
 
 
@@ -57,9 +64,9 @@ class GatedTracker:
         """The rig's yaw in the world (rad) and its rate (rad/s) at `time`."""
         self.motion.add(time, yaw, yaw_rate)
 
-    def add_look(self, look: Look) -> None:
+    def add_camera(self, look: CameraMeasurement) -> None:
         """Take in a picture; only its best detection counts."""
-        look = sensible_look(look)
+        look = usable_camera(look)
         if look is None:
             return
         time, best = look.time - self.settings.sight_delay, look.best
@@ -69,9 +76,9 @@ class GatedTracker:
             self._seen = (time, best)
             self._sure = (time, float(wrap(self.motion.yaw(time) + best.azimuth)))
 
-    def add_sound(self, sound: Sound) -> None:
+    def add_doa(self, sound: DoaMeasurement) -> None:
         """Take in a sound and choose among its mirror images."""
-        sound = sensible_sound(sound)
+        sound = usable_doa(sound)
         if sound is None:
             return
         time, heard = sound.time - self.settings.sound_delay, sound.hypotheses
@@ -123,6 +130,10 @@ class GatedTracker:
             elevation_variance=direction.elevation_variance, azimuth_world=azimuth_world, measured=measured,
             front_probability=sure if math.cos(azimuth) > 0.0 else 1.0 - sure, resolved=resolved,
             requested_rotation=rotation, sound_weight=float(not by_sight), sight_weight=float(by_sight))
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        return self.machine.diagnostics()
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that stayed put while the rig turned, once it has turned far enough."""

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.measurements import Hypothesis, Sound
+from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 
 ALIKE_S = 5.0  # so long errors of sight stay alike
 LEAST_CONFIDENCE = 0.5  # of what is seen and of what is heard, for a comparison
@@ -151,7 +151,7 @@ class Pair(NamedTuple):
     half: float
 
     @staticmethod
-    def of(sound: Sound) -> Pair | None:
+    def of(sound: DoaMeasurement) -> Pair | None:
         """None for a sound of other than two hypotheses."""
         if len(sound.hypotheses) != 2:
             return None
@@ -159,13 +159,13 @@ class Pair(NamedTuple):
         axis = remainder(first.azimuth + 0.5 * remainder(second.azimuth - first.azimuth, tau), tau) % math.pi
         return Pair(axis, remainder(first.azimuth - axis, tau))
 
-    def corrected(self, sound: Sound, refinement: Refinement) -> Sound:
+    def corrected(self, sound: DoaMeasurement, refinement: Refinement) -> DoaMeasurement:
         """The sound with both images where a nominal array would have heard them."""
         if not refinement.compared:
             return sound
         time, (first, second), *others = sound
         here, mirrored = refinement.correct(math.cos(self.half), self.half)
-        return Sound(time, (self._moved(first, here, self.half), self._moved(second, mirrored, -self.half)), *others)
+        return DoaMeasurement(time, (self._moved(first, here, self.half), self._moved(second, mirrored, -self.half)), *others)
 
     def _moved(self, image: Hypothesis, cosine: float, side: float) -> Hypothesis:
         return Hypothesis(remainder(self.axis + math.copysign(math.acos(cosine), side), tau), *image[1:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from av_fusion.measurement.measurements import Sound
+from av_fusion.measurement.measurements import DoaMeasurement
 
 MEMORY_S = 60.0  # so long a comparison counts
 USUAL_S = 3.0  # what is usually so counts like comparisons of so many seconds
@@ -31,7 +31,7 @@ class Trust:
         """
         return 1.0 - (1.0 - self._otherwise) * (1.0 - (1.0 - confidence) ** 2) if self._usual > 0.0 else 0.0
 
-    def compare(self, sound: Sound, time: float, azimuth: float) -> None:
+    def compare(self, sound: DoaMeasurement, time: float, azimuth: float) -> None:
         """Learn from a sound and the direction (body, rad) where the target was seen at its `time`."""
         seconds = min(abs(time - self._time), 0.5)
         self._time = time

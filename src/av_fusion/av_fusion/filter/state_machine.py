@@ -67,6 +67,10 @@ class StateMachine:
                 self.state, self.reason, self.changed = wanted, self._why(wanted, gate, sees, tracking), time
         return self.state
 
+    def diagnostics(self) -> dict[str, str]:
+        """State and reason, for people."""
+        return {'state': self.state.name, 'reason': self.reason}
+
     def _why(self, state: State, gate: float, sees: bool, tracking: bool) -> str:
         if state == State.NONE:
             return 'no target: nothing heard or seen that could be followed'

@@ -17,7 +17,7 @@ from av_fusion.filter.outlier_rate import Trust
 from av_fusion.filter.process_noise import LEAST_SEEN, Agility
 from av_fusion.filter.sound_likelihood import Directions, MirrorImages
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
-from av_fusion.measurement.measurements import Detection, Look, Sound, sensible_look, sensible_sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import RigMotion
 
 UNIFORM = 1.0 / (2.0 * math.pi)
@@ -97,9 +97,9 @@ class BayesTracker:
         """The rig's yaw in the world (rad) and its rate (rad/s) at `time`."""
         self.motion.add(time, yaw, yaw_rate)
 
-    def add_sound(self, sound: Sound) -> None:
+    def add_doa(self, sound: DoaMeasurement) -> None:
         """Take in a sound; one that makes no sense says nothing."""
-        sound = sensible_sound(sound)
+        sound = usable_doa(sound)
         if sound is None:
             return
         time = sound.time - self.settings.sound_delay
@@ -142,7 +142,7 @@ class BayesTracker:
         self._mixture.tidy()
         self.machine.hear(time, sound.confidence)
 
-    def _learn(self, sound: Sound, time: float, yaw: float) -> Sound:
+    def _learn(self, sound: DoaMeasurement, time: float, yaw: float) -> DoaMeasurement:
         """The sound as corrected by what was seen so far, after comparing it with what was seen at its time."""
         seen = self._seen.at(time)
         azimuth = 0.0 if seen is None else remainder(seen[0] - yaw, tau)
@@ -158,9 +158,9 @@ class BayesTracker:
             self._trust.compare(sound, time, azimuth)
         return sound
 
-    def add_look(self, look: Look) -> None:
+    def add_camera(self, look: CameraMeasurement) -> None:
         """Take in a picture: its detections, and what their absence is worth where one could have seen."""
-        look = sensible_look(look)
+        look = usable_camera(look)
         if look is None:
             return
         time = look.time - self.settings.sight_delay
@@ -256,6 +256,11 @@ class BayesTracker:
             sound_weight * (1.0 - 0.5 * sight_weight), sight_weight * (1.0 - 0.5 * sound_weight), self._visibility)
         self._known.keep(track, primary.rate_variance)
         return track
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        learned = self.refinement.describe() if self.refinement.compared else {}
+        return {**self.machine.diagnostics(), **{f'array self-calibration: {name}': value for name, value in learned.items()}}
 
     def _advance(self, time: float) -> float:
         """Predict to `time`; returns how long ago it is when the filter is already past it."""

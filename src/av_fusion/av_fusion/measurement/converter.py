@@ -1,4 +1,4 @@
-"""What the senses say as measurements in the body frame."""
+"""Messages of the sensors as measurements in the body frame."""
 
 from __future__ import annotations
 
@@ -11,58 +11,71 @@ from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.stamps import to_seconds
-from av_fusion.measurement.geometry import detections_in_body, look_in_body, sounds_in_body
-from av_fusion.measurement.measurements import Detection, Look, Sound
+from av_fusion.measurement.geometry import detections_in_body, doa_in_body, view_azimuth
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
+from av_interfaces.msg import DoaArray
 
-EMPTY = np.empty((0, 2))
+NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
 
 
-class Senses:
-    """Turns directions of arrival and detections; `rotation_of` gives a frame's rotation into the body's, or None.
+class MeasurementConverter:
+    """Converts `DoaArray` and `Detection2DArray` messages to measurements.
 
-    Without a `camera` there are sounds only.
+    Attributes:
+        camera: the camera that takes the images; None while unknown, when detections cannot be converted.
+        problem: why the newest detections or camera description could not be used; empty when nothing is wrong.
+
+    Parameters:
+        rotation_of: gives the rotation matrix (3, 3) from a named sensor frame to the body frame, None if unknown.
+        target_classes: class names of detections that may be the target.
+        camera: initial value of the attribute; `set_camera_info` replaces it.
     """
 
-    def __init__(self, rotation_of: Callable[[str], NDArray | None], target_classes: Sequence[str],
-                 camera: PinholeCamera | None) -> None:
+    def __init__(self, rotation_of: Callable[[str], NDArray[np.float64] | None], target_classes: Sequence[str],
+                 camera: PinholeCamera | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
+        self._info: tuple[object, ...] | None = None
         self.camera = camera
+        self.problem = ''
 
-    @property
-    def camera(self) -> PinholeCamera | None:
-        """The camera that took the pictures."""
-        return self._camera
+    def set_camera_info(self, message: Any) -> None:
+        """Take the camera model of a `sensor_msgs/CameraInfo`; one that cannot be used is reported in `problem`."""
+        info = (message.width, message.height, message.distortion_model, tuple(message.d), tuple(message.k))
+        if info == self._info:  # it comes with every image
+            return
+        try:
+            self.camera = PinholeCamera.from_camera_info(message)
+            self._info, self.problem = info, ''
+        except ValueError as error:
+            self.problem = f'camera/camera_info: {error}'
 
-    @camera.setter
-    def camera(self, camera: PinholeCamera | None) -> None:
-        self._camera = camera
-        self._empty: dict[str, Look] = {}  # by frame
-
-    def sounds(self, message: Any, least_confidence: float = 0.0) -> list[Sound]:
-        """The sounds of a DoaArray, strongest first; none where their frame is unknown."""
-        found = [hypothesis for hypothesis in message.hypotheses if hypothesis.confidence >= least_confidence]
+    def doa(self, message: DoaArray) -> list[DoaMeasurement]:
+        """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
+        found = message.hypotheses
         rotation = self._rotation_of(message.header.frame_id) if found else None
         if rotation is None:
             return []
-        return sounds_in_body(
+        return doa_in_body(
             to_seconds(message.header.stamp), [(h.direction.x, h.direction.y, h.direction.z) for h in found],
             [h.azimuth_variance for h in found], [h.elevation_variance for h in found], [h.confidence for h in found],
             [h.ambiguity_group for h in found], rotation, message.window)
 
-    def look(self, message: Any, visibility: float = math.nan) -> Look | None:
-        """The detections of the target's classes in a Detection2DArray; None where frame or camera are unknown."""
-        frame = message.header.frame_id
-        rotation = self._rotation_of(frame) if self.camera is not None else None
+    def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
+        """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.
+
+        `visibility` (0..1, NaN if unknown) is that of the image.
+        """
+        if self.camera is None:
+            self.problem = self.problem or NO_CAMERA
+            return None
+        rotation = self._rotation_of(message.header.frame_id)
         if rotation is None:
             return None
-        empty = self._empty.get(frame)
-        if empty is None:
-            empty = self._empty[frame] = look_in_body(0.0, self.camera, EMPTY, EMPTY, EMPTY[:, 0], rotation)
-        return Look(to_seconds(message.header.stamp), self._detections(message, rotation), empty.view_azimuth,
-                    empty.half_view, visibility)
+        return CameraMeasurement(to_seconds(message.header.stamp), self._detections(message, self.camera, rotation),
+                                 view_azimuth(rotation), 0.5 * self.camera.horizontal_fov_rad, visibility)
 
-    def _detections(self, message: Any, rotation: NDArray) -> tuple[Detection, ...]:
+    def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []
         for detection in message.detections:
             hypotheses = [result.hypothesis for result in detection.results]
@@ -70,7 +83,7 @@ class Senses:
             if scores:
                 box = detection.bbox
                 boxes.append((box.center.position.x, box.center.position.y, box.size_x, box.size_y, max(scores)))
-        if not boxes:  # most images of a search: nothing to compute
+        if not boxes:  # most images of a search
             return ()
         table = np.array(boxes)
-        return tuple(detections_in_body(self.camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))
+        return tuple(detections_in_body(camera, table[:, :2], table[:, 2:4], table[:, 4], rotation))

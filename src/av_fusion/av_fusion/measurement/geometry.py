@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_vision.bearing import BearingModel, bearings_of_boxes
 
 
-def sounds_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_variances: Sequence[float],
-                   elevation_variances: Sequence[float], confidences: Sequence[float], groups: Sequence[int],
-                   rotation: NDArray, window: float) -> list[Sound]:
-    """One `Sound` for each ambiguity group, strongest first.
+def doa_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_variances: Sequence[float],
+                elevation_variances: Sequence[float], confidences: Sequence[float], groups: Sequence[int],
+                rotation: NDArray, window: float) -> list[DoaMeasurement]:
+    """One `DoaMeasurement` for each ambiguity group, strongest first.
 
     `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
     """
@@ -30,19 +30,23 @@ def sounds_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_v
         members.setdefault(group, []).append(Hypothesis(math.atan2(y, x), float(variance), math.atan2(z, math.hypot(x, y)),
                                                         float(elevation_variance)))
         surest[group] = max(float(confidence), surest.get(group, 0.0))
-    sounds = [Sound(time, tuple(hypotheses), surest[group], window) for group, hypotheses in members.items()]
+    sounds = [DoaMeasurement(time, tuple(hypotheses), surest[group], window) for group, hypotheses in members.items()]
     return sorted(sounds, key=lambda sound: -sound.confidence)
 
 
-def look_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
-                 rotation: NDArray, visibility: float = np.nan, model: BearingModel | None = None) -> Look:
-    """A picture with boxes (centres and sizes (n, 2) in pixels, scores (n,)) as a `Look`.
+def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
+                   rotation: NDArray, visibility: float = np.nan, model: BearingModel | None = None) -> CameraMeasurement:
+    """A picture with boxes (centres and sizes (n, 2) in pixels, scores (n,)) as a `CameraMeasurement`.
 
     `rotation` (3, 3) turns vectors of the camera's optical frame into the body frame.
     """
     found = detections_in_body(camera, centres, sizes, scores, rotation, model)
-    axis = math.atan2(rotation[1, 2], rotation[0, 2])
-    return Look(time, tuple(found), axis, 0.5 * camera.horizontal_fov_rad, visibility)
+    return CameraMeasurement(time, tuple(found), view_azimuth(rotation), 0.5 * camera.horizontal_fov_rad, visibility)
+
+
+def view_azimuth(rotation: NDArray[np.float64]) -> float:
+    """Body azimuth (rad) of the optical axis, from the rotation (3, 3) of the optical frame to the body frame."""
+    return math.atan2(rotation[1, 2], rotation[0, 2])
 
 
 def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike, rotation: NDArray,

@@ -19,7 +19,7 @@ class Hypothesis(NamedTuple):
     elevation_variance: float = math.inf
 
 
-class Sound(NamedTuple):
+class DoaMeasurement(NamedTuple):
     """One sound heard: its hypotheses are mirror images, of which exactly one is true.
 
     `window` in s is the length of sound that the estimate rests on: estimates that overlap are not independent.
@@ -41,7 +41,7 @@ class Detection(NamedTuple):
     elevation_variance: float = math.inf
 
 
-class Look(NamedTuple):
+class CameraMeasurement(NamedTuple):
     """One picture looked at, with all that was detected in it, be it nothing.
 
     The view is centred at `view_azimuth` (body, rad) and reaches `half_view` (rad) to both sides. `visibility` (0..1) is
@@ -63,7 +63,7 @@ class Look(NamedTuple):
 SHARPEST, BLUNTEST = 1e-10, 40.0  # rad^2: variances beyond are an error of whoever sent them, or say nothing
 
 
-def sensible_sound(sound: Sound) -> Sound | None:
+def usable_doa(sound: DoaMeasurement) -> DoaMeasurement | None:
     """The sound with those hypotheses that can be meant; None when nothing is left of it."""
     if not (math.isfinite(sound.time) and 0.0 < sound.confidence <= 1.0 and 0.0 < sound.window <= 60.0):
         return None
@@ -73,7 +73,7 @@ def sensible_sound(sound: Sound) -> Sound | None:
     return sound if kept == sound.hypotheses else sound._replace(hypotheses=kept)
 
 
-def sensible_look(look: Look) -> Look | None:
+def usable_camera(look: CameraMeasurement) -> CameraMeasurement | None:
     """The picture with those detections that can be meant; None when it cannot be used at all."""
     if not (math.isfinite(look.time) and abs(look.view_azimuth) <= 10.0 and 0.0 < look.half_view <= math.pi):
         return None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from nav_msgs.msg import Odometry
 
 from av_common.frames import yaw_of
 from av_common.stamps import to_seconds
+from av_fusion.tracker_protocol import Tracker
 
 
-def add_odometry(tracker: Any, message: Any) -> None:
+def add_odometry(tracker: Tracker, message: Odometry) -> None:
     """Give a tracker the yaw and yaw rate of an Odometry; one without attitude (a zero quaternion) is ignored."""
     q = message.pose.pose.orientation
     if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w > 0.5:

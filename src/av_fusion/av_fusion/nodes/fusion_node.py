@@ -1,8 +1,6 @@
-"""Directions of arrival, detections and odometry in; one bearing and the state of the fusion out."""
+"""Directions of arrival, detections and odometry in; bearing and state of the fusion out."""
 
 from __future__ import annotations
-
-import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -13,120 +11,81 @@ from vision_msgs.msg import Detection2DArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds
-from av_common.track_messages import bearing_message, state_message
-from av_fusion.measurement.odometry import add_odometry
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
-from av_fusion.nodes.sensor_messages import SensorMessages
-from av_fusion.settings import make_tracker
+from av_fusion.nodes.tf_rotations import TfRotations
+from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
-
-CLOCK_TOLERANCE_S = 2.0  # a capture stamp further from this node's clock than this is of another clock
 
 
 class FusionNode(RigNode):
-    """Thin shell around a tracker: turns messages into measurements and tracks into messages."""
+    """Runs a `FusionStage`."""
 
     def __init__(self) -> None:
         super().__init__('fusion_node', parameters)
 
     def configure(self) -> None:
-        """Build the tracker, open the publishers."""
+        """Build the stage, open the publishers."""
         self._settings = self.settings
-        self._tracker = make_tracker(self._settings)
-        self._senses = SensorMessages(self, self._settings.base_frame, self._settings.target_classes)
-        self._visibility = (-math.inf, math.nan)
+        self._rotations = TfRotations(self, self._settings.base_frame)
+        self._stage = make_fusion_stage(self._settings, self._rotations.rotation)
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
-        self._foreign = 0
-        self._last_published = -math.inf
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
 
     def activate(self) -> None:
-        """Listen to the senses."""
+        """Subscribe to the sensors."""
         self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
         self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
-        self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._senses.set_camera, STREAM)
-        self.while_active(self.create_subscription, Visibility, 'visibility', self._on_visibility, STREAM)
+        self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
+        self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
-        self._silence = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_silence)
+        self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     def cleanup(self) -> None:
         """Close the publishers."""
         self.destroy_publisher(self._bearing_publisher)
         self.destroy_publisher(self._state_publisher)
 
-    def _is_foreign(self, stamp: float, now: float) -> bool:
-        """Whether a stamp stems from another clock than this node's."""
-        foreign = abs(stamp - now) > CLOCK_TOLERANCE_S
-        self._foreign += foreign
-        return foreign
-
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        now = self.now()
-        if self._is_foreign(to_seconds(message.header.stamp), now):
-            return
-        for sound in self._senses.sounds(message, self._settings.min_sound_confidence):
-            self._tracker.add_sound(sound)
-        self._publish(now)
+        self._publish(self._stage.on_doa(message, self.now()))
 
     def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
-        time, now = to_seconds(message.header.stamp), self.now()
-        if self._is_foreign(time, now):
-            return
-        judged, visibility = self._visibility
-        look = self._senses.look(message, visibility if abs(time - judged) < 1.0 else math.nan)
-        if look is not None:
-            self._tracker.add_look(look)
-            self._publish(now)
-
-    def _on_visibility(self, message: Visibility) -> None:
-        self._visibility = (to_seconds(message.header.stamp), message.visibility)
+        self._publish(self._stage.on_detections(message, self.now()))
 
     def _on_odometry(self, message: Odometry) -> None:
         self._meters['odometry'].tick()
-        time = to_seconds(message.header.stamp)
-        # The clock was read when the last track was published: it is read again only where that leaves a doubt.
-        if abs(time - self._last_published) > CLOCK_TOLERANCE_S and self._is_foreign(time, self.now()):
-            return
-        add_odometry(self._tracker, message)
+        self._stage.on_odometry(message, self.now())
 
-    def _on_silence(self) -> None:
-        self._publish(self.now())
+    def _on_time(self) -> None:
+        self._publish(self._stage.on_time(self.now()))
 
-    def _missing(self) -> list[str]:
-        return [name for name, meter in self._meters.items() if meter.age > 1.0]
-
-    def _publish(self, now: float) -> None:
-        self._last_published = now
-        self._silence.reset()
-        track = self._tracker.estimate(now)
-        frame = self._settings.base_frame
-        self._state_publisher.publish(state_message(track, self._missing(), frame))
-        self._bearing_publisher.publish(bearing_message(track, frame))
+    def _publish(self, output: FusionOutput | None) -> None:
+        if output is not None:
+            self._timer.reset()
+            self._state_publisher.publish(output.state)
+            self._bearing_publisher.publish(output.bearing)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Which inputs are missing, and what cannot be used."""
-        missing = self._missing()
+        missing = self._stage.missing(self.now())
         if missing:
             level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
             status.mergeSummary(level, f'no {", ".join(missing)}')
-        if self._senses.problem:
-            status.mergeSummary(DiagnosticStatus.ERROR, self._senses.problem)
-        if self._foreign:
-            status.mergeSummary(DiagnosticStatus.ERROR, f'{self._foreign} stamps more than {CLOCK_TOLERANCE_S:.0f} s off '
-                                "this node's clock: set use_sim_time alike on all nodes, or synchronise the clocks")
-            self._foreign = 0
+        for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
+            status.mergeSummary(DiagnosticStatus.ERROR, problem)
+        foreign = self._stage.foreign_stamps
+        if any(foreign.values()):
+            status.mergeSummary(
+                DiagnosticStatus.ERROR, f'{sum(foreign.values())} stamps more than '
+                f"{self._stage.settings.clock_tolerance:.0f} s off this node's clock: set use_sim_time alike on all nodes, "
+                'or synchronise the clocks')
+            foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
-        status.add('state', self._tracker.machine.state.name)
-        status.add('reason', self._tracker.machine.reason)
-        refinement = getattr(self._tracker, 'refinement', None)  # the published switch has none
-        if refinement is not None and refinement.compared:
-            for name, value in refinement.describe().items():
-                status.add(f'hearing corrected: {name}', value)
+        for name, value in self._stage.tracker.diagnostics().items():
+            status.add(name, value)
 
 
 def main() -> None:

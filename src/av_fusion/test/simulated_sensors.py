@@ -7,27 +7,27 @@ import math
 import numpy as np
 
 from av_common.angles import wrap
-from av_fusion.measurement.measurements import Detection, Hypothesis, Look, Sound
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 
 
-class Senses:
+class SimulatedSensors:
     """Draws measurements of a target at a body azimuth; seeded."""
 
     def __init__(self, seed: int = 0, sound_sigma: float = math.radians(1.5), sight_sigma: float = math.radians(0.4)) -> None:
         self.random = np.random.default_rng(abs(seed))
         self.sound_sigma, self.sight_sigma = sound_sigma, sight_sigma
 
-    def hear(self, time: float, azimuth: float, confidence: float = 0.9) -> Sound:
+    def hear(self, time: float, azimuth: float, confidence: float = 0.9) -> DoaMeasurement:
         """Two mirror images (front and back of a left-right pair), sigma growing as 1/|cos(azimuth)|."""
         sigma = self.sound_sigma / max(abs(math.cos(azimuth)), 0.1)
         heard = float(wrap(azimuth + self.random.normal(0.0, sigma)))
         mirrored = float(wrap(math.pi - heard))
-        return Sound(time, (Hypothesis(heard, sigma**2), Hypothesis(mirrored, sigma**2)), confidence)
+        return DoaMeasurement(time, (Hypothesis(heard, sigma**2), Hypothesis(mirrored, sigma**2)), confidence)
 
     def look(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
-             recall: float = 0.9) -> Look:
+             recall: float = 0.9) -> CameraMeasurement:
         """A picture that shows the target when it is in view and `visibility * recall` allows."""
         seen = abs(wrap(azimuth)) < half_view and self.random.random() < visibility * recall
         measured = float(wrap(azimuth + self.random.normal(0.0, self.sight_sigma)))
         found = (Detection(measured, self.sight_sigma**2, 0.9, 0.1, 0.01),) if seen else ()
-        return Look(time, found, 0.0, half_view, visibility)
+        return CameraMeasurement(time, found, 0.0, half_view, visibility)

@@ -1,0 +1,188 @@
+"""The fusion stage: messages of the sensors and their times of arrival in, bearing and state of the fusion out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo
+from vision_msgs.msg import Detection2DArray
+
+from av_common.camera import PinholeCamera
+from av_common.stamps import to_seconds
+from av_common.track import Track
+from av_common.track_messages import bearing_message, state_message
+from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.odometry import add_odometry
+from av_fusion.settings import make_tracker
+from av_fusion.tracker_protocol import Tracker
+from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
+
+DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
+LONGEST_SILENCE_S = 60.0  # a longer pause between inputs is a new start: `outputs_until` does not fill it
+
+
+class FusionOutput(NamedTuple):
+    """The messages that follow from one input or from the passing of time."""
+
+    bearing: Bearing
+    state: FusionState
+
+
+class FusionObserver(Protocol):
+    """Is called with everything that passes through a `FusionStage`; for recorders and tests."""
+
+    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
+        """The measurements of one `DoaArray`, most confident first, whether or not they are used."""
+
+    def on_camera(self, measurement: CameraMeasurement, message: Detection2DArray, arrival: float) -> None:
+        """The measurement of one `Detection2DArray`."""
+
+    def on_track(self, track: Track, time: float) -> None:
+        """The track at `time`, from which an output is made."""
+
+
+@dataclass(frozen=True)
+class FusionStageSettings:
+    """Settings of a `FusionStage`.
+
+    Parameters:
+        base_frame: frame of the rig's body, in which bearings are given.
+        rate (Hz): outputs while no measurement arrives.
+        min_doa_confidence: directions of arrival of lower confidence are not used.
+        clock_tolerance (s): a stamp further from the time of arrival belongs to another clock and is not used.
+        missing_after (s): an input without messages for this long is reported as missing.
+        visibility_age (s): a visibility applies to images whose stamp differs by less.
+    """
+
+    base_frame: str = 'base_link'
+    rate: float = 20.0
+    min_doa_confidence: float = 0.0
+    clock_tolerance: float = 2.0
+    missing_after: float = 1.0
+    visibility_age: float = 1.0
+
+
+class FusionStage:
+    """Feeds a tracker from messages and reports its track.
+
+    Each usable direction of arrival or image gives an output at once; without them `on_time` gives `rate` outputs a second.
+    Times are in s of one clock. Arrivals must not decrease, except for a restart of the clock.
+
+    Attributes:
+        foreign_stamps: number of messages left out because of their stamps, by input.
+
+    Parameters:
+        tracker: estimates the track.
+        converter: converts messages to measurements in the body frame.
+        settings: see `FusionStageSettings`.
+        observer: is called with measurements and tracks, or None.
+    """
+
+    def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
+                 observer: FusionObserver | None = None) -> None:
+        self.settings = settings or FusionStageSettings()
+        self.tracker, self.converter = tracker, converter
+        self.foreign_stamps = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), 0)
+        self._observer = observer
+        self._period = 1.0 / self.settings.rate
+        self._arrivals = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), -math.inf)
+        self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
+        self._last_output = -math.inf
+
+    def on_doa(self, message: DoaArray, arrival: float) -> FusionOutput | None:
+        """Use directions of arrival; None if their stamp belongs to another clock."""
+        if not self._accept(DOA, message, arrival):
+            return None
+        measurements = self.converter.doa(message)
+        if self._observer is not None:
+            self._observer.on_doa(measurements, arrival)
+        for measurement in measurements:
+            if measurement.confidence >= self.settings.min_doa_confidence:
+                self.tracker.add_doa(measurement)
+        return self._output(arrival)
+
+    def on_detections(self, message: Detection2DArray, arrival: float) -> FusionOutput | None:
+        """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used."""
+        if not self._accept(DETECTIONS, message, arrival):
+            return None
+        stamp, visibility = self._visibility
+        near = abs(to_seconds(message.header.stamp) - stamp) < self.settings.visibility_age
+        measurement = self.converter.detections(message, visibility if near else math.nan)
+        if measurement is None:
+            return None
+        if self._observer is not None:
+            self._observer.on_camera(measurement, message, arrival)
+        self.tracker.add_camera(measurement)
+        return self._output(arrival)
+
+    def on_visibility(self, message: Visibility) -> None:
+        """Remember the visibility for images of about the same time."""
+        self._visibility = (to_seconds(message.header.stamp), message.visibility)
+
+    def on_camera_info(self, message: CameraInfo) -> None:
+        """Take the camera model that detections refer to."""
+        self.converter.set_camera_info(message)
+
+    def on_odometry(self, message: Odometry, arrival: float) -> None:
+        """Use the rig's attitude."""
+        if self._accept(ODOMETRY, message, arrival):
+            add_odometry(self.tracker, message)
+
+    @property
+    def due(self) -> float:
+        """When the next output is due if no measurement arrives before."""
+        return self._last_output + self._period
+
+    def on_time(self, now: float) -> FusionOutput | None:
+        """The periodic output, None before it is due."""
+        waiting = self._last_output <= now < self.due - 0.1 * self._period  # timers are not exact
+        return None if waiting else self._output(now)
+
+    def outputs_until(self, now: float) -> Iterator[FusionOutput]:
+        """The periodic outputs that are due until `now`, each at its own time; for replay, which has no timer."""
+        if now - self._last_output > LONGEST_SILENCE_S:
+            self._last_output = now - self._period
+        while self.due <= now:
+            yield self._output(self.due)
+
+    def missing(self, now: float) -> list[str]:
+        """Names of inputs without recent messages."""
+        return [name for name, arrival in self._arrivals.items() if now - arrival > self.settings.missing_after]
+
+    def _accept(self, name: str, message: Any, arrival: float) -> bool:
+        self._arrivals[name] = arrival
+        accepted = abs(to_seconds(message.header.stamp) - arrival) <= self.settings.clock_tolerance
+        self.foreign_stamps[name] += not accepted
+        return accepted
+
+    def _output(self, now: float) -> FusionOutput:
+        self._last_output = now
+        track = self.tracker.estimate(now)
+        if self._observer is not None:
+            self._observer.on_track(track, now)
+        frame = self.settings.base_frame
+        return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame))
+
+
+def make_fusion_stage(parameters: Any, rotation_of: Callable[[str], NDArray[np.float64] | None],
+                      camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
+                      tracker: Tracker | None = None) -> FusionStage:
+    """A stage from the parameters of fusion_node.
+
+    Parameters:
+        parameters: the node's parameters, or those of `av_common.parameters.node_parameters`.
+        rotation_of: gives the rotation matrix (3, 3) from a sensor frame to the body frame, None if unknown.
+        camera: the camera while no CameraInfo arrives.
+        observer: see `FusionStage`.
+        tracker: used instead of the one that the parameters describe.
+    """
+    converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
+    settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence)
+    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer)

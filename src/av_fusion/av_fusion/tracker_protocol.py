@@ -1,0 +1,30 @@
+"""What a tracker offers to the fusion stage."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from av_common.track import Track
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+
+
+class Tracker(Protocol):
+    """Estimates the bearing of one target. Measurements may arrive late and out of order; times are capture times in s."""
+
+    def reset(self) -> None:
+        """Drop the track, but keep the rig's motion and what calibration learned."""
+
+    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
+        """Use the rig's yaw in the world (rad) and its rate (rad/s)."""
+
+    def add_doa(self, measurement: DoaMeasurement) -> None:
+        """Use a direction of arrival; one that is not plausible is ignored."""
+
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """Use an image: its detections, and what their absence says."""
+
+    def estimate(self, time: float) -> Track:
+        """The track at `time`, which may be later than the newest measurement."""
+
+    def diagnostics(self) -> dict[str, str]:
+        """Names and values of internal state for people, such as the result of self-calibration."""

@@ -1,0 +1,180 @@
+"""The fusion stage: what messages and the passing of time give."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Vector3
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+
+from av_common.frames import FLU_TO_OPTICAL
+from av_common.parameters import node_parameters
+from av_common.stamps import to_seconds, to_stamp
+from av_fusion.stage import make_fusion_stage
+from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
+
+START = 1000.0
+ROTATIONS = {'microphones': np.eye(3), 'camera': FLU_TO_OPTICAL.T}
+
+
+class Recorder:
+    """An observer that keeps everything."""
+
+    def __init__(self) -> None:
+        self.doa, self.camera, self.tracks = [], [], []
+
+    def on_doa(self, measurements, arrival):
+        self.doa += measurements
+
+    def on_camera(self, measurement, message, arrival):
+        self.camera.append(measurement)
+
+    def on_track(self, track, time):
+        self.tracks.append(track)
+
+
+def make_stage(observer=None, **values):
+    return make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides=values), ROTATIONS.get, observer=observer)
+
+
+def doa(stamp, azimuth, frame='microphones', confidence=0.9):
+    images = [Doa(direction=Vector3(x=math.cos(a), y=math.sin(a), z=0.0), azimuth=a, azimuth_variance=4e-4,
+                  elevation_variance=math.inf, cosine=math.sin(a), cosine_variance=4e-4 * math.cos(a)**2, confidence=confidence)
+              for a in (azimuth, math.pi - azimuth)]
+    message = DoaArray(window=0.5, method='test', axis=Vector3(x=0.0, y=1.0, z=0.0), hypotheses=images)
+    message.header.stamp, message.header.frame_id = to_stamp(stamp), frame
+    return message
+
+
+def detections(stamp, *boxes, frame='camera'):
+    """Boxes are (column, score, class)."""
+    message = Detection2DArray()
+    message.header.stamp, message.header.frame_id = to_stamp(stamp), frame
+    for column, score, name in boxes:
+        result = ObjectHypothesisWithPose()
+        result.hypothesis.class_id, result.hypothesis.score = name, score
+        detection = Detection2D(results=[result])
+        detection.bbox.center.position.x, detection.bbox.center.position.y = column, 239.5
+        detection.bbox.size_x = detection.bbox.size_y = 30.0
+        message.detections.append(detection)
+    return message
+
+
+def camera_info(focal=457.0):
+    return CameraInfo(width=640, height=480, k=[focal, 0.0, 319.5, 0.0, focal, 239.5, 0.0, 0.0, 1.0], d=[0.0] * 5,
+                      distortion_model='plumb_bob')
+
+
+def odometry(stamp, yaw, yaw_rate=0.0):
+    message = Odometry()
+    message.header.stamp = to_stamp(stamp)
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    message.twist.twist.angular.z = yaw_rate
+    return message
+
+
+def test_directions_and_detections_give_bearings():
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    for k in range(20):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 1.0), now)
+        output = stage.on_doa(doa(now - 0.3, 0.2), now)
+        output = stage.on_detections(detections(now - 0.1, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), now)
+        assert to_seconds(output.bearing.header.stamp) == to_seconds(output.state.header.stamp) == pytest.approx(now)
+    bearing, state = output
+    assert bearing.azimuth == pytest.approx(0.2, abs=0.01) and bearing.azimuth_world == pytest.approx(1.2, abs=0.01)
+    assert bearing.resolved and bearing.state == state.state == Bearing.STATE_VISUAL_ACTIVE
+    assert bearing.requested_rotation == 0.0 and bearing.header.frame_id == 'base_link'
+    assert not state.missing
+
+
+def test_a_stamp_of_another_clock_is_counted_and_not_used():
+    recorder = Recorder()
+    stage = make_stage(recorder)
+    stage.on_camera_info(camera_info())
+    assert stage.on_doa(doa(START - 5.0, 0.2), START) is None
+    assert stage.on_detections(detections(START + 5.0), START) is None
+    stage.on_odometry(odometry(START + 3.0, 1.0), START)
+    assert stage.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 1}
+    assert not recorder.doa and not recorder.camera and not recorder.tracks
+    assert stage.on_time(START).bearing.azimuth_world != 1.0
+
+
+def test_time_alone_gives_outputs_at_the_rate():
+    stage = make_stage(rate=10.0)
+    assert stage.on_time(START) is not None
+    assert stage.on_time(START + 0.05) is None
+    assert stage.on_time(START + 0.0999) is not None  # timers are not exact
+    assert stage.on_doa(doa(START - 0.1, 0.2), START + 0.15) is not None
+    assert stage.on_time(START + 0.2) is None
+    times = [to_seconds(output.bearing.header.stamp) for output in stage.outputs_until(START + 1.2)]
+    np.testing.assert_allclose(times, START + 0.15 + 0.1 * np.arange(1, 11))
+    assert stage.on_time(START - 50.0) is not None  # the clock was restarted
+    assert len(list(stage.outputs_until(START + 9000.0))) == 1  # a pause is not filled
+
+
+def test_missing_inputs_are_named():
+    stage = make_stage()
+    assert stage.on_time(START).state.missing == ['doa', 'detections', 'odometry']
+    stage.on_odometry(odometry(START, 0.0), START)
+    assert stage.on_doa(doa(START, 0.2), START).state.missing == ['detections']
+    assert stage.missing(START + 1.5) == ['doa', 'detections', 'odometry']
+
+
+def test_visibility_belongs_to_images_of_its_time():
+    recorder = Recorder()
+    stage = make_stage(recorder)
+    stage.on_camera_info(camera_info())
+    message = Visibility(visibility=0.75)
+    message.header.stamp = to_stamp(START)
+    stage.on_visibility(message)
+    for stamp in (START + 0.5, START + 1.5):
+        stage.on_detections(detections(stamp), stamp)
+    assert recorder.camera[0].visibility == 0.75 and math.isnan(recorder.camera[1].visibility)
+
+
+def test_weak_directions_are_observed_but_not_used():
+    recorder = Recorder()
+    stage = make_stage(recorder, min_sound_confidence=0.5)
+    for k in range(10):
+        stage.on_doa(doa(START + 0.1 * k, 0.2, confidence=0.4), START + 0.1 * k)
+    assert len(recorder.doa) == 10 and len(recorder.tracks) == 10
+    assert all(track.state == Bearing.STATE_NONE for track in recorder.tracks)
+
+
+def test_only_detections_of_target_classes_count():
+    recorder = Recorder()
+    stage = make_stage(recorder, target_classes=['drone', 'bird'])
+    stage.on_camera_info(camera_info())
+    stage.on_detections(detections(START, (100.0, 0.9, 'drone'), (200.0, 0.8, 'plane'), (300.0, 0.7, 'bird')), START)
+    assert [detection.confidence for detection in recorder.camera[0].detections] == [0.9, 0.7]
+
+
+def test_frames_and_cameras_that_are_unknown_are_left_out():
+    recorder = Recorder()
+    stage = make_stage(recorder)
+    assert stage.on_detections(detections(START), START) is None
+    assert 'no camera/camera_info' in stage.converter.problem
+    stage.on_camera_info(CameraInfo())
+    assert 'not calibrated' in stage.converter.problem
+    stage.on_camera_info(camera_info())
+    assert stage.converter.problem == ''
+    assert stage.on_detections(detections(START, frame='elsewhere'), START) is None
+    assert stage.on_doa(doa(START, 0.2, frame='elsewhere'), START) is not None  # time has passed all the same
+    assert not recorder.doa and not recorder.camera
+
+
+def test_an_unknown_attitude_is_ignored():
+    stage = make_stage()
+    stage.on_odometry(odometry(START, 1.0), START)
+    unknown = odometry(START + 0.1, 0.0)
+    unknown.pose.pose.orientation.w = 0.0
+    stage.on_odometry(unknown, START + 0.1)
+    for k in range(5):
+        bearing = stage.on_doa(doa(START, 0.2), START + 0.1 * k).bearing
+    assert bearing.azimuth_world - bearing.azimuth == pytest.approx(1.0)
