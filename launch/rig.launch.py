@@ -37,10 +37,10 @@ ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
-    'renderer': ('', 'source:=sim: scene (3D) or painter (flat, cheap); empty: scene where a detector looks at it',
-                 ['', 'scene', 'painter']),
+    'renderer': ('', 'source:=sim: scene (3D) or flat (cheap); empty: scene where a detector processes its images',
+                 ['', 'scene', 'flat']),
     'image_rate': ('10', 'source:=sim: images a second', None),
-    'voice': ('', "source:=sim: a recording as the drone's sound", None),
+    'drone_recording': ('', 'source:=sim: a sound file that the drone emits', None),
     'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
                      ['true', 'false']),
     'seed': ('', "source:=sim: another seed than the scenario's", None),
@@ -69,7 +69,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         duration = float(arguments['duration'])
     except ValueError as error:
         raise ValueError(f"duration is {arguments['duration']!r}, expected seconds") from error
-    for name in ('audio', 'video', 'voice', 'model', 'rig', 'array', 'params'):
+    for name in ('audio', 'video', 'drone_recording', 'model', 'rig', 'array', 'params'):
         if arguments[name] not in ('', 'shipped') and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
@@ -90,9 +90,9 @@ def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     require('source:=sim', 'av_simulator', 'av_sim_bridge')
     program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
-    options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'painter')]
+    options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'flat')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
-    for name in ('image_rate', 'voice', 'seed'):
+    for name in ('image_rate', 'drone_recording', 'seed'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen'),
             *bridge(arguments)]

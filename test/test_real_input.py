@@ -1,4 +1,4 @@
-"""`source:=file` and `voice:=` on what was really recorded: a drone heard by two ears, a drone filmed outdoors."""
+"""`source:=file` and `drone_recording:=` on what was really recorded: a drone heard by two ears, a drone filmed outdoors."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
     assert not rig.leftovers()
 
 
-def test_the_simulated_drone_has_a_recorded_voice(tmp_path):
-    """A recording at 44.1 kHz as the drone's voice: resampled, propagated, heard and followed."""
-    rig = RigProcess('scenario:=circle', f'voice:={CLIPS}/audio/DRONE_001.flac', 'duration:=20', f'out:={tmp_path}',
+def test_the_simulated_drone_emits_a_recording(tmp_path):
+    """A recording at 44.1 kHz as the drone's signal: resampled, propagated, received and followed."""
+    rig = RigProcess('scenario:=circle', f'drone_recording:={CLIPS}/audio/DRONE_001.flac', 'duration:=20', f'out:={tmp_path}',
                      f'port_offset:={free_offset()}')
     assert rig.finish() == 0, rig.output
     assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output

@@ -90,7 +90,8 @@ def test_garbage_on_every_port_is_survived(port_offset):
 
 
 @pytest.mark.parametrize(('argument', 'complaint'), [
-    ('voice:=/no/such.wav', 'voice:=/no/such.wav: no such file'), ('duration:=soon', "duration is 'soon'"),
+    ('drone_recording:=/no/such.wav', 'drone_recording:=/no/such.wav: no such file'),
+    ('voice:=/no/such.wav', 'voice:= is now named drone_recording:='), ('duration:=soon', "duration is 'soon'"),
     ('source:=magic', 'source'), ('scenario:=nowhere', 'nowhere')])
 def test_wrong_arguments_are_named(argument, complaint, port_offset):
     """A mistake on the command line ends the launch at once, with its name and a code that is not 0."""

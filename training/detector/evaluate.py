@@ -23,7 +23,7 @@ from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Picture, View
+from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, RenderedImage, View
 from av_vision.bearing import bearings_of_boxes
 from av_vision.yolo import Detector, DetectorSettings
 
@@ -98,7 +98,7 @@ def rendered(detect: Callable, frames: Frames, sprites: list[NDArray], width: in
               f'before other things {right[crowded].mean():.3f} of {np.sum(crowded)}')
 
 
-Shot = tuple[Picture, PinholeCamera, Drone, View]
+Shot = tuple[RenderedImage, PinholeCamera, Drone, View]
 
 
 def simulator_images(kind: str, fog: float, count: int, seed: int) -> list[Shot]:

@@ -18,7 +18,7 @@ from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.scene_renderer import SceneRenderer
 from av_simulator.rendering.scenes import SCENES
-from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Picture, View
+from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, RenderedImage, View
 
 FIRST_SEED = 9000
 
@@ -39,7 +39,7 @@ def build_simulated(folder: Path, worlds: int = 210, images: int = 30) -> None:
     (folder / 'index.json').write_text(json.dumps(index))
 
 
-def fly(world: int, images: int) -> Iterator[Picture]:
+def fly(world: int, images: int) -> Iterator[RenderedImage]:
     """Images of one scene: the camera and two drones are somewhere else in each."""
     rng = np.random.default_rng([FIRST_SEED, world])
     kind = ['woodland', 'field', 'urban', 'woodland', 'field', 'indoors', 'urban'][world % 7]
@@ -69,7 +69,7 @@ def random_view(rng: np.random.Generator, camera: PinholeCamera, number: int, dr
     return View(number, 0.1 * number, position, rotation, Atmosphere(fog), placed)
 
 
-def boxes_of(image: Picture) -> NDArray[np.float32]:
-    """Boxes (k, 4) of the visible drones of a image."""
+def boxes_of(image: RenderedImage) -> NDArray[np.float32]:
+    """Boxes (k, 4) of the visible drones of an image."""
     boxes = [truth.box for truth in image.truth if truth.box and truth.visible_fraction > 0.4]
     return np.array(boxes, np.float32).reshape(-1, 4) + np.array([0, 0, 1, 1], np.float32)

@@ -1,6 +1,7 @@
 """Dataclasses from YAML: the type hints are the schema, and an error names file, key and value.
 
 A field may carry bounds in its metadata (`bounded`), a class checks what concerns several fields in `__post_init__`.
+Old keys that files may still have are refused with the new one, where a class names both in `RENAMED_KEYS`.
 `Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses, made by the mapping's key `kind`.
 File names are relative to the file that holds them.
 """
@@ -49,7 +50,10 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
         raise ConfigError(f'{key or "file"}: {content!r}, a mapping expected')
     hints = typing.get_type_hints(cls, include_extras=True)
     fields = settable_fields(cls)
+    renamed: dict[str, str] = getattr(cls, 'RENAMED_KEYS', {})
     for name in content:
+        if name in renamed:
+            raise ConfigError(f'{_join(key, name)}: this key is now named {renamed[name]}')
         if name not in fields:
             raise ConfigError(f'{_join(key, name)}: unknown key, one of {", ".join(fields)} expected')
     for name, field in fields.items():

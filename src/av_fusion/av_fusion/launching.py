@@ -41,6 +41,8 @@ RIG_ARGUMENTS: Declarations = {
     'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
 }
 
+RENAMED_ARGUMENTS = {'voice': 'drone_recording'}    # ROS ignores an argument that it does not know
+
 
 class MissingPackageError(RuntimeError):
     """A package that a launch argument needs is not installed."""
@@ -65,6 +67,9 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
         start: from the arguments' values to the processes and event handlers
     """
     def begin(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        for old, new in RENAMED_ARGUMENTS.items():
+            if old in context.launch_configurations:
+                raise ValueError(f'{old}:= is now named {new}:=')
         return start({name: context.launch_configurations[name] for name in declarations})
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]

@@ -2,8 +2,8 @@
 
 for step in steps(open_world('fog_woodland', seed=3), duration=10.0):
 step.sound          # (samples, microphones) float32, from step.begin to step.end
-step.pictures       # [(view, picture), ...] taken in that time
-step.truth          # [Moment, ...]
+step.images       # [(view, image), ...] taken in that time
+step.truth          # [TruthSample, ...]
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from av_common.angles import direction_to_angles
 from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.rendering.view import Picture, View
+from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.scenario import Scenario, load_scenario
 from av_simulator.world import World
 
@@ -36,7 +36,7 @@ class Bearing:
 
 
 @dataclass(frozen=True)
-class Moment:
+class TruthSample:
     """The true state of everything at one time (s); one bearing for each target."""
 
     time: float
@@ -57,8 +57,8 @@ class Step:
     begin: float
     end: float
     sound: NDArray
-    pictures: list[tuple[View, Picture]]
-    truth: list[Moment]
+    images: list[tuple[View, RenderedImage]]
+    truth: list[TruthSample]
 
 
 def open_world(scenario: str | Path | Scenario, rig: str | Path = 'rig', seed: int | None = None,
@@ -73,7 +73,7 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
           everything: bool = False, renderer: str = 'auto') -> Iterator[Step]:
     """Run a world for `duration` s (the scenario's by default) in thirtieths of a second.
 
-    image_rate: pictures a second, 0 for none.  everything: with segmentation and thermal picture. Turn the rig between
+    image_rate: images a second, 0 for none.  everything: with segmentation and thermal image. Turn the rig between
     steps by `world.dynamics.command(yaw_rate, world.time)`.
     """
     duration = world.scenario.duration if duration is None else duration
@@ -84,16 +84,16 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
             sound = world.advance(world.sample_rate // BLOCKS_PER_SECOND)
             views = [world.view(round(time * image_rate), time) for time in times(begin, world.time, image_rate)]
             yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views],
-                       moments(world, times(begin, world.time, truth_rate)))
+                       truth_samples(world, times(begin, world.time, truth_rate)))
     finally:
         if camera is not None:
             camera.close()
 
 
-def moments(world: World, at: list[float]) -> list[Moment]:
+def truth_samples(world: World, at: list[float]) -> list[TruthSample]:
     """The truth at times within the world's newest step."""
     targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
-    return [Moment(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
+    return [TruthSample(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
 
 
 def times(begin: float, end: float, rate: float) -> list[float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -19,19 +19,19 @@ from av_simulator.sound import (
     Box,
     Ground,
     Noise,
-    RecordingVoice,
+    RecordedSignal,
     ReverbZone,
     Room,
-    RotorVoice,
+    RotorSignal,
     Surroundings,
-    ToneVoice,
+    ToneSignal,
     Trunk,
 )
 from av_simulator.sound.frames import FASTEST
 from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
-VOICES = {'rotor': RotorVoice, 'recording': RecordingVoice, 'tone': ToneVoice}
-Voice = Annotated[Any, VOICES]
+SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal}
+SourceSignal = Annotated[Any, SIGNALS]
 Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 
@@ -39,18 +39,20 @@ Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 class Target:
     """A drone: `size` in m from rotor tip to rotor tip.
 
-    It sounds as the profile `drone` of config/drones says, or as `voice` if there is one.
+    It emits the signal of the profile `drone` of config/drones, or `signal` if there is one.
     """
+
+    RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
 
     trajectory: Trajectory
     name: str = 'drone'
     size: float = bounded(0.6, low=0.05, high=20.0)
     drone: str = 'camera_quadrotor'
-    voice: Voice = None
+    signal: SourceSignal = None
     gain_db: float = bounded(0.0, low=-120.0, high=60.0)
 
     def __post_init__(self) -> None:
-        if self.voice is None:
+        if self.signal is None:
             try:
                 find_config(self.drone, 'drones')
             except ValueError as error:

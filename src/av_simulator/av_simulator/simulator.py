@@ -21,7 +21,7 @@ from av_sim_bridge.wire.ports import TIME_SYNC_GROUP, Ports
 from av_sim_bridge.wire.rig_control import RigControl, decode_rig_control
 from av_sim_bridge.wire.time_sync import TimeSync, encode_time_sync
 from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
-from av_simulator.rendering.studio import Shot, Studio
+from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.rendering.view import FIRST_TARGET_ID
 from av_simulator.run import times
 from av_simulator.world import World
@@ -49,14 +49,14 @@ class WireOptions:
     image_rate: float = 15.0
     truth_rate: int = 100
     jpeg_quality: int = 85
-    depth: bool = False        # beside every picture, on the next port
+    depth: bool = False        # beside every image, on the next port
     renderer: str = 'auto'
     speed: float = 1.0         # of real time
 
 
 @dataclass
 class SimulatorCounts:
-    """What was sent, and what went wrong: pictures skipped for lack of time, late blocks."""
+    """What was sent, and what went wrong: images skipped for lack of time, late blocks."""
 
     audio_frames: int = 0
     images: int = 0
@@ -88,7 +88,7 @@ class Simulator:
             raise OSError(f'control port {options.ports.control}: {error.strerror}') from error
         self._control.setblocking(False)
         self._stopped = False
-        self._studio: Studio | None = None
+        self._renderer: RenderProcess | None = None
         self._start: float | None = None
         self._sequence = 0
         self._lossy = np.random.default_rng([world.seed, 16])
@@ -111,16 +111,16 @@ class Simulator:
         self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
         if self.options.image_rate:
-            self._studio = Studio(self.world.stage, self.options.renderer, self.options.jpeg_quality,
+            self._renderer = RenderProcess(self.world.renderer_factory, self.options.renderer, self.options.jpeg_quality,
                                   self.world.view(0, 0.0), self.options.depth)
         try:
-            if self._studio is not None:
-                self._studio.open(lambda: not self._stopped)
+            if self._renderer is not None:
+                self._renderer.open(lambda: not self._stopped)
             while self.world.time < duration and not self._stopped:
                 self._step(samples)
         finally:
-            if self._studio is not None:
-                self._send_pictures(self._studio.close())
+            if self._renderer is not None:
+                self._send_images(self._renderer.close())
 
     def _step(self, samples: int) -> None:
         self._take_commands()
@@ -149,16 +149,16 @@ class Simulator:
         moments = times(begin, end, options.truth_rate)
         targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
         events = [(moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
-        events += [(moment, self._ask_for_picture) for moment in times(begin, end, options.image_rate)]
+        events += [(moment, self._ask_for_image) for moment in times(begin, end, options.image_rate)]
         events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
 
     def _wait_until(self, moment: float) -> bool:
-        """Sleep until the world's time is `moment`, sending pictures as they get ready; False when stopped meanwhile."""
+        """Sleep until the world's time is `moment`, sending images as they get ready; False when stopped meanwhile."""
         while True:
             left = max(-self._lag(moment), 0.0)
-            if self._studio is not None and self._studio.busy:
-                self._send_pictures(self._studio.ready(left))
+            if self._renderer is not None and self._renderer.busy:
+                self._send_images(self._renderer.ready(left))
             else:
                 time.sleep(left)
             if self._stopped or self._lag(moment) >= 0.0:
@@ -233,18 +233,18 @@ class Simulator:
         self._send(encode_time_sync(TimeSync(RIG_ID, self._start_ms, now, round(moment))), self.options.ports.time_sync,
                    TIME_SYNC_GROUP)
 
-    def _ask_for_picture(self, moment: float) -> None:
-        if self._lag(moment) > self.LATE:    # sound cannot wait, a picture can be left out
+    def _ask_for_image(self, moment: float) -> None:
+        if self._lag(moment) > self.LATE:    # sound cannot wait, an image can be left out
             self.counts.images_skipped += 1
             return
-        if not self._studio.ask(self.world.view(round(moment * self.options.image_rate), moment)):
+        if not self._renderer.ask(self.world.view(round(moment * self.options.image_rate), moment)):
             self.counts.images_skipped += 1
 
-    def _send_pictures(self, shots: list[Shot]) -> None:
-        for shot in shots:
-            frame_id = shot.view.index if self.options.image_frame_ids else None
-            for data, port in ((shot.jpeg, self.options.ports.image), (shot.depth, self.options.ports.depth)):
-                for datagram in encode_image(EncodedImage(shot.view.time, data, frame_id)):
+    def _send_images(self, frames: list[CameraFrame]) -> None:
+        for frame in frames:
+            frame_id = frame.view.index if self.options.image_frame_ids else None
+            for data, port in ((frame.jpeg, self.options.ports.image), (frame.depth, self.options.ports.depth)):
+                for datagram in encode_image(EncodedImage(frame.view.time, data, frame_id)):
                     self._send(datagram, port)
-            self._send(encode_oracle(shot.boxes), self.options.ports.image)
+            self._send(encode_oracle(frame.boxes), self.options.ports.image)
             self.counts.images += 1

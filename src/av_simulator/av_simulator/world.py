@@ -14,12 +14,12 @@ from av_common.config_files import find_config
 from av_common.rig import Rig
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
 from av_simulator.rendering.mjcf import MOST_DRONES
+from av_simulator.rendering.renderer_factory import RendererFactory
 from av_simulator.rendering.scenes import Solid
-from av_simulator.rendering.stage import Stage
 from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
-from av_simulator.sound import Box, Medium, Noise, RecordingVoice, RotorVoice, SoundWorld, Source, load_profile
+from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, load_profile
 from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.obstacles import Obstacle
 from av_simulator.trajectories import Position, Static, acceleration, velocity
@@ -31,7 +31,7 @@ class World:
     """One rig and its targets. `advance` moves on by one step; states and views may be asked for within that step."""
 
     def __init__(self, scenario: Scenario, rig: Rig, seed: int | None = None, sample_rate: int = 48_000):
-        """seed: instead of the scenario's. Raises ValueError or OSError for voices and arrays that cannot be had."""
+        """seed: instead of the scenario's. Raises ValueError or OSError for recordings and arrays that cannot be read."""
         self.scenario, self.rig, self.sample_rate = scenario, rig, sample_rate
         self.seed = scenario.seed if seed is None else seed
         self.dynamics = RigDynamics(scenario.rig)
@@ -52,16 +52,16 @@ class World:
         return self._samples / self.sample_rate
 
     @property
-    def stage(self) -> Stage:
-        """What a renderer has to know beforehand."""
+    def renderer_factory(self) -> RendererFactory:
+        """What makes renderers of this world, also in another process."""
         drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
-        return Stage(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
+        return RendererFactory(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
                      tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
                      self.scenario.weather.temperature_c)
 
     def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
-        """What makes pictures of this world's views, to be used by the calling thread; see `Stage.renderer`."""
-        return self.stage.renderer(kind, samples, everything)
+        """What makes images of this world's views, to be used by the calling thread; see `RendererFactory.make`."""
+        return self.renderer_factory.make(kind, samples, everything)
 
     def solids(self) -> list[Solid]:
         """All that stands in the scene and can hide a drone."""
@@ -119,21 +119,21 @@ class World:
 
     def _rotor_rpm(self, number: int, times: NDArray) -> NDArray:
         """Rotor speeds (k, 8) at times (k,), 0 for what has no rotors."""
-        rpm, voice = np.zeros((len(times), 8)), self._sources[number].voice
-        if isinstance(voice, RotorVoice):
-            rotors = np.array(voice.rotor_hz)[:8]
+        rpm, signal = np.zeros((len(times), 8)), self._sources[number].signal
+        if isinstance(signal, RotorSignal):
+            rotors = np.array(signal.rotor_hz)[:8]
             rpm[:, :len(rotors)] = 60.0 * rotors * _rotor_speed(self.scenario.targets[number].trajectory, times)
         return rpm
 
     def _rotors(self, number: int) -> int:
-        voice = self._sources[number].voice
-        return min(max(len(voice.rotor_hz), 3), 8) if isinstance(voice, RotorVoice) else 4
+        signal = self._sources[number].signal
+        return min(max(len(signal.rotor_hz), 3), 8) if isinstance(signal, RotorSignal) else 4
 
 
-def with_voice(scenario: Scenario, file: str | Path) -> Scenario:
-    """The scenario with a recording as every drone's voice. Raises FileNotFoundError."""
-    voice = RecordingVoice(file)
-    return dataclasses.replace(scenario, targets=tuple(dataclasses.replace(target, voice=voice)
+def with_recording(scenario: Scenario, file: str | Path) -> Scenario:
+    """The scenario with a sound file as the signal of every drone. Raises FileNotFoundError."""
+    signal = RecordedSignal(file)
+    return dataclasses.replace(scenario, targets=tuple(dataclasses.replace(target, signal=signal)
                                                        for target in scenario.targets))
 
 
@@ -145,13 +145,13 @@ def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float
 
 def _source(target: Target) -> Source:
     """What a target sounds like, with rotors that turn faster when it climbs or brakes. Raises ConfigError."""
-    voice, directivity = target.voice, None
-    if voice is None:
+    signal, directivity = target.signal, None
+    if signal is None:
         profile = load_profile(find_config(target.drone, 'drones'))
-        voice, directivity = profile.voice, profile.directivity
-    if isinstance(voice, RotorVoice) and voice.speed is None:
-        voice = dataclasses.replace(voice, speed=partial(_rotor_speed, target.trajectory))
-    return Source(target.trajectory, voice, target.gain_db, directivity)
+        signal, directivity = profile.signal, profile.directivity
+    if isinstance(signal, RotorSignal) and signal.speed is None:
+        signal = dataclasses.replace(signal, speed=partial(_rotor_speed, target.trajectory))
+    return Source(target.trajectory, signal, target.gain_db, directivity)
 
 
 def _noise(noise: Noise, rig: Rig) -> Noise:

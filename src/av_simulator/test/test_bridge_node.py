@@ -51,7 +51,7 @@ def rig():
     bridge.begin = time.time()
     # A process of its own, as outside of tests: two threads of one interpreter slow each other down to a fifth.
     with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as processes:
-        simulator = processes.submit(simulate, scenario, WireOptions(ports=ports, audio_header=True, renderer='painter'))
+        simulator = processes.submit(simulate, scenario, WireOptions(ports=ports, audio_header=True, renderer='flat'))
         while not simulator.done():
             bridge.spin(0.2, PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3))
     bridge.spin_while_coming()

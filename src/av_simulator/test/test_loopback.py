@@ -1,4 +1,4 @@
-"""Simulator to decoders over real sockets: one event must have one time in sound, picture and truth."""
+"""Simulator to decoders over real sockets: one event must have one time in sound, image and truth."""
 
 import dataclasses
 import socket
@@ -23,7 +23,7 @@ from av_sim_bridge.wire.truth import encode_truth
 from av_simulator.rendering.scenes import Field, Woodland
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.simulator import Simulator, WireOptions
-from av_simulator.sound import FormulaVoice, Noise
+from av_simulator.sound import FormulaSignal, Noise
 from av_simulator.trajectories import Line, Static
 from av_simulator.world import World
 
@@ -37,7 +37,7 @@ def click(times):
 
 SCENARIO = Scenario(
     name='event', duration=DURATION, scene=Woodland(trees=0), noise=Noise(self_noise_db_spl=10.0), weather=Weather(),
-    targets=(Target(Line((10.0, -8.0, 2.6), (0.0, 4.0, 0.0)), voice=FormulaVoice(click)),))
+    targets=(Target(Line((10.0, -8.0, 2.6), (0.0, 4.0, 0.0)), signal=FormulaSignal(click)),))
 
 
 class Listener:
@@ -187,7 +187,7 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
 
 def test_an_autopilot_moves_the_rig():
     """A state of the rig on the control port, as PX4 or RFlySim have it, takes it there."""
-    options = WireOptions(ports=free_ports(), renderer='painter')
+    options = WireOptions(ports=free_ports(), renderer='flat')
     given = VehicleState(0.0, np.array([2.0, 3.0, 4.0]),
                          attitude_wxyz=np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0]))
 
@@ -233,7 +233,7 @@ def test_a_busy_port_names_the_parameter():
 
 
 def test_depth_of_the_same_instant_goes_to_the_next_port():
-    """A drone 8 m ahead is 8 m away there, where it is in the picture, and nothing else is."""
+    """A drone 8 m ahead is 8 m away there, where it is in the image, and nothing else is."""
     drone = Target(Static((8.0, 0.0, 1.5)))
     ports = free_ports()
     depths, listener = [], Listener(ports)
@@ -259,7 +259,7 @@ def test_depth_of_the_same_instant_goes_to_the_next_port():
 
 def test_a_renderer_without_depth_says_so():
     world = World(SCENARIO, load_rig(find_config('rig')))
-    simulator = Simulator(world, WireOptions(ports=free_ports(), depth=True, renderer='painter'))
+    simulator = Simulator(world, WireOptions(ports=free_ports(), depth=True, renderer='flat'))
     with pytest.raises(RuntimeError, match='depth needs the 3D scene'):
         simulator.run(0.5)
     simulator.close()

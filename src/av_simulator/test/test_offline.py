@@ -23,26 +23,26 @@ def turning_world(seed=None):
 
 
 def rendered(world, duration=0.4):
-    taken = list(steps(world, duration, image_rate=10.0, renderer='painter'))
-    return np.concatenate([step.sound for step in taken]), [picture.bgr for step in taken for _, picture in step.pictures]
+    taken = list(steps(world, duration, image_rate=10.0, renderer='flat'))
+    return np.concatenate([step.sound for step in taken]), [image.bgr for step in taken for _, image in step.images]
 
 
 def test_same_scenario_and_seed_give_the_same_bytes():
-    (sound, pictures), (again, pictures_again) = rendered(turning_world()), rendered(turning_world())
+    (sound, images), (again, images_again) = rendered(turning_world()), rendered(turning_world())
     assert sound.tobytes() == again.tobytes()
-    assert [picture.tobytes() for picture in pictures] == [picture.tobytes() for picture in pictures_again]
+    assert [image.tobytes() for image in images] == [image.tobytes() for image in images_again]
     other, _ = rendered(turning_world(seed=99))
     assert sound.tobytes() != other.tobytes()
 
 
 def test_bearings_follow_from_poses():
     for step in steps(turning_world(), 1.0, image_rate=0.0, truth_rate=10.0):
-        for moment in step.truth:
-            yaw = np.deg2rad(10.0 + 20.0 * moment.time)
-            offset = moment.targets[0].position - moment.rig.position
+        for sample in step.truth:
+            yaw = np.deg2rad(10.0 + 20.0 * sample.time)
+            offset = sample.targets[0].position - sample.rig.position
             expected = np.arctan2(offset[1], offset[0]) - yaw
-            assert np.angle(np.exp(1j * (moment.bearings[0].azimuth - expected))) == pytest.approx(0.0, abs=1e-9)
-            assert moment.bearings[0].distance == pytest.approx(np.linalg.norm(offset))
+            assert np.angle(np.exp(1j * (sample.bearings[0].azimuth - expected))) == pytest.approx(0.0, abs=1e-9)
+            assert sample.bearings[0].distance == pytest.approx(np.linalg.norm(offset))
 
 
 def test_commands_turn_the_rig_between_steps():
@@ -55,7 +55,7 @@ def test_commands_turn_the_rig_between_steps():
 def test_files_are_complete(tmp_path):
     world = turning_world()
     recorder = FileRecorder(tmp_path, world, image_rate=10.0, everything=True)
-    for step in steps(world, 1.0, 10.0, renderer='painter'):
+    for step in steps(world, 1.0, 10.0, renderer='flat'):
         recorder.write(step)
     recorder.close()
     wav = (tmp_path / 'sound.wav').read_bytes()
@@ -87,8 +87,8 @@ def test_the_sound_in_the_file_comes_from_where_the_truth_says():
     assert late == pytest.approx(0.2 * np.sin(truth.azimuth) * np.cos(truth.elevation) / speed, abs=10e-6)
 
 
-def test_preview_is_a_picture(tmp_path, monkeypatch):
-    monkeypatch.setattr('av_simulator.rendering.stage.SceneRenderer', _no_renderer)
+def test_preview_is_a_figure(tmp_path, monkeypatch):
+    monkeypatch.setattr('av_simulator.rendering.renderer_factory.SceneRenderer', _no_renderer)
     assert simulate.main(['circle', '--out', str(tmp_path), '--preview', '--duration', '1']) == 0
     assert cv2.imread(str(tmp_path / 'preview.png')).shape[1] > 1000
 
@@ -99,7 +99,7 @@ def _no_renderer(*_args, **_options):
 
 @pytest.mark.parametrize(('arguments', 'message'), [
     (['nowhere', '--out', 'x'], 'nowhere'),
-    (['circle', '--out', 'x', '--voice', 'none.wav'], 'none.wav'),
+    (['circle', '--out', 'x', '--drone-recording', 'none.wav'], 'none.wav'),
     (['circle', '--out', 'x', '--rig', 'none.yaml'], 'none.yaml'),
 ])
 def test_errors_are_named(tmp_path, capsys, monkeypatch, arguments, message):
@@ -118,6 +118,13 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     assert f"argument {option}: '{value}', a" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('program', [simulate, simulator])
+def test_arguments_of_old_names_are_refused_with_the_new_ones(program, capsys):
+    with pytest.raises(SystemExit, match='2'):
+        program.main(['circle', '--voice', 'drone.wav'])
+    assert 'is now named --drone-recording' in capsys.readouterr().err
+
+
 def test_bags_hold_the_topics_of_the_rig(tmp_path):
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
@@ -126,7 +133,7 @@ def test_bags_hold_the_topics_of_the_rig(tmp_path):
     from av_simulator.offline.bag import EPOCH, BagRecorder
     world = turning_world()
     recorder = BagRecorder(tmp_path / 'bag', world)
-    for step in steps(world, 1.0, 10.0, renderer='painter'):
+    for step in steps(world, 1.0, 10.0, renderer='flat'):
         recorder.write(step)
     recorder.close()
     with AnyReader([tmp_path / 'bag']) as reader:

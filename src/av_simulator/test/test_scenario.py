@@ -52,6 +52,9 @@ def test_fog_woodland_can_be_followed():
 
 
 BROKEN = [
+    ({'targets': [{'trajectory': {'kind': 'static', 'position': [1, 2, 3]}, 'voice': {'kind': 'tone'}}]},
+     r'targets\[0\].voice: this key is now named signal'),
+    ({'noise': {'ego_rotors': {'voice': {}}}}, r'noise.ego_rotors.voice: this key is now named signal'),
     ({'faults': {'lost_datagrams': 2}}, r'faults.lost_datagrams: 2.0 is beyond 1.0'),
     ({'ground': {'surface': 'lava'}}, r"ground: .*'lava'"),
     ({'ground': {}, 'room': {'minimum': [0, 0, 0], 'maximum': [1, 1, 1]}}, r'ground and room'),
@@ -75,7 +78,7 @@ BROKEN = [
     ({'targets': [{'trajectory': {'kind': 'static', 'position': [1, 2]}}]}, r'position: \[1, 2\], a list of 3'),
     ({'targets': [{'trajectory': {'kind': 'circle', 'center': [0, 0, 0], 'period': 0}}]}, r'trajectory: period: 0'),
     ({'targets': [{'trajectory': {'kind': 'static', 'position': [0, 0, 1]},
-                   'voice': {'kind': 'recording', 'file': 'none.wav'}}]}, r'targets\[0\].voice: .*none.wav'),
+                   'signal': {'kind': 'recording', 'file': 'none.wav'}}]}, r'targets\[0\].signal: .*none.wav'),
     ({'targets': [{'trajectory': {'kind': 'static', 'position': [0, 0, 1]}, 'drone': 'ufo'}]},
      r'targets\[0\]: drone: ufo: no such file, nor one of the shipped camera_quadrotor'),
     ({'targets': [{'trajectory': {'kind': 'circle', 'center': [0, 0, 9], 'radius': 10, 'period': 0.1}}]},

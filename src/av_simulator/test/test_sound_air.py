@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_simulator.sound import Attenuation, FormulaVoice, Medium, Noise, SoundWorld, Source
+from av_simulator.sound import Attenuation, FormulaSignal, Medium, Noise, SoundWorld, Source
 from av_simulator.sound.absorption import absorption_db_per_m
 
 RATE = 48000
@@ -12,8 +12,8 @@ TONES_HZ = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
 
 def levels(distance, medium):
     """Amplitudes of TONES_HZ, each 1 at 1 m, at one microphone."""
-    voice = FormulaVoice(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in TONES_HZ))
-    source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), voice)
+    signal = FormulaSignal(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in TONES_HZ))
+    source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), signal)
     heard = SoundWorld(RATE, [source], medium, 1, Noise(None)).render(RATE + 24000, np.zeros((2, 1, 3)))[24000:, 0]
     return np.abs(np.fft.rfft(heard))[TONES_HZ] / (RATE / 2)
 

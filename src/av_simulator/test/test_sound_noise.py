@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import coherence, csd, welch
 from scipy.special import j0
 
-from av_simulator.sound import EgoRotors, Medium, Noise, RotorVoice, Snr, SoundWorld, Source, Wind
+from av_simulator.sound import EgoRotors, Medium, Noise, RotorSignal, Snr, SoundWorld, Source, Wind
 
 RATE = 16000
 C = Medium().speed_of_sound
@@ -71,7 +71,7 @@ def test_wind_rumbles_and_grows_with_the_square_of_its_speed():
 
 
 def test_snr_scales_the_sum_of_all_noise():
-    source = Source(lambda t: np.broadcast_to([0.0, 5.0, 0.0], (len(t), 3)), RotorVoice())
+    source = Source(lambda t: np.broadcast_to([0.0, 5.0, 0.0], (len(t), 3)), RotorSignal())
     kinds = {'wind': Wind((3.0, 0, 0)), 'urban_db_spl': 50.0, 'diffuse_db_spl': 45.0}
     both = hear(Noise(30.0, **kinds, snr=Snr(3.0, distance_m=5.0)), sources=[source])
     clean = hear(Noise(None), sources=[source])
@@ -85,9 +85,9 @@ def test_snr_scales_the_sum_of_all_noise():
 
 
 def test_ego_rotors_keep_their_delay_and_level_to_each_microphone():
-    voice = RotorVoice(rotor_hz=(100.0,), broadband_db_spl=80.0, tone_db_spl=0.0)
+    signal = RotorSignal(rotor_hz=(100.0,), broadband_db_spl=80.0, tone_db_spl=0.0)
     body = [[0.0, 0.5, 0.0], [0.0, -1.5, 0.0]]
-    heard = hear(Noise(None, ego_rotors=EgoRotors(voice, [[0.0, 0.0, 0.0]], body)), 2.0)
+    heard = hear(Noise(None, ego_rotors=EgoRotors(signal, [[0.0, 0.0, 0.0]], body)), 2.0)
     assert spl(heard[:, 0]) - spl(heard[:, 1]) == pytest.approx(20 * np.log10(3.0), abs=0.1)
     spectrum = np.fft.rfft(heard[:, 1]) * np.conj(np.fft.rfft(heard[:, 0]))
     curve = np.fft.irfft(spectrum / np.abs(spectrum), 16 * len(heard))
@@ -95,10 +95,10 @@ def test_ego_rotors_keep_their_delay_and_level_to_each_microphone():
 
 
 def test_ego_rotors_without_their_geometry_are_named():
-    with pytest.raises(ValueError, match=r'own rotors have shape \(1, 3\), expected \(4, 3\)'):
-        EgoRotors(RotorVoice(), [[0.0, 0.0, 0.0]], PAIR)
-    with pytest.raises(ValueError, match='own rotors name microphones'):
-        hear(Noise(ego_rotors=EgoRotors(RotorVoice(rotor_hz=(90.0,)), [[0.0, 0.0, 0.0]])), 0.1)
+    with pytest.raises(ValueError, match=r'ego rotors have shape \(1, 3\), expected \(4, 3\)'):
+        EgoRotors(RotorSignal(), [[0.0, 0.0, 0.0]], PAIR)
+    with pytest.raises(ValueError, match='ego rotors name microphones'):
+        hear(Noise(ego_rotors=EgoRotors(RotorSignal(rotor_hz=(90.0,)), [[0.0, 0.0, 0.0]])), 0.1)
 
 
 def test_all_noise_is_the_same_for_any_block_size():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
 
-from av_simulator.sound import FormulaVoice, Medium, Noise, ReverbZone, SoundWorld, Source, Surroundings
+from av_simulator.sound import FormulaSignal, Medium, Noise, ReverbZone, SoundWorld, Source, Surroundings
 from av_simulator.sound.reverberation import Answer, MovingConvolution, impulse_response
 
 RATE = 16000
@@ -62,8 +62,8 @@ def test_zone_answers_when_source_or_listener_is_inside():
 
 
 def test_flying_into_a_zone_starts_its_reverberation():
-    voice = FormulaVoice(lambda t: np.random.default_rng(int(1e6 + 1000 * t[0])).standard_normal(len(t)))
-    source = Source(lambda t: np.stack([60.0 - 20.0 * t, 0 * t, 0 * t + 5.0], axis=1), voice)
+    signal = FormulaSignal(lambda t: np.random.default_rng(int(1e6 + 1000 * t[0])).standard_normal(len(t)))
+    source = Source(lambda t: np.stack([60.0 - 20.0 * t, 0 * t, 0 * t + 5.0], axis=1), signal)
 
     def hear(zones):
         world = SoundWorld(RATE, [source], microphones=2, noise=Noise(None), surroundings=Surroundings(zones=zones))
@@ -104,8 +104,8 @@ def test_places_are_answered_alike_when_they_are_near():
 def test_the_room_does_not_answer_from_one_direction_for_ever():
     """A steady tone moves about: on average its tail is as alike at the microphones as a diffuse field, sin(kd) / (kd)."""
     tone = 1200.0
-    voice = FormulaVoice(lambda t: np.sin(2 * np.pi * tone * t))
-    source = Source(lambda t: np.stack([8.0 * np.sin(0.7 * t), 6.0 * np.cos(0.45 * t), 0 * t + 5.0], axis=1), voice)
+    signal = FormulaSignal(lambda t: np.sin(2 * np.pi * tone * t))
+    source = Source(lambda t: np.stack([8.0 * np.sin(0.7 * t), 6.0 * np.cos(0.45 * t), 0 * t + 5.0], axis=1), signal)
     world = SoundWorld(RATE, [source], microphones=2, noise=Noise(None),
                        surroundings=Surroundings(zones=[ReverbZone(**HALL, decay_s=0.5, gain_db=60.0)]))
     heard = np.concatenate([world.render(RATE, np.array([PAIR, PAIR])) for _ in range(40)])[RATE:].T

@@ -14,11 +14,11 @@ from av_simulator.sound import (
     Noise,
     ReverbZone,
     RotorDirectivity,
-    RotorVoice,
+    RotorSignal,
     SoundWorld,
     Source,
     Surroundings,
-    ToneVoice,
+    ToneSignal,
     load_profile,
 )
 from av_simulator.sound.rotor import thrust_speed
@@ -57,24 +57,24 @@ def test_pitch_follows_a_turn_and_can_be_told_not_to():
         return np.stack([10.0 * np.cos(t), 10.0 * np.sin(t), 0 * t + 10.0], axis=1)
 
     one = {'rotor_hz': (100.0,), 'blades': 2, 'jitter': 0.0, 'broadband_db_spl': -100.0}
-    heard = hear([Source(circling, RotorVoice(**one))])
-    steady = hear([Source(circling, RotorVoice(**one, follow=False))])
+    heard = hear([Source(circling, RotorSignal(**one))])
+    steady = hear([Source(circling, RotorSignal(**one, follow=False))])
     thrust = np.sqrt((10.0 / 9.80665) ** 2 + 1.0 + (0.017 * 100 / 9.80665) ** 2)
     assert frequency_of(steady[RATE // 4:]) == pytest.approx(200.0, abs=0.5)
     assert frequency_of(heard[RATE // 4:]) == pytest.approx(200.0 * np.sqrt(thrust), abs=1.0)
 
 
 def test_several_sources_add():
-    sources = [Source(at([5.0, 0, 0]), ToneVoice(500.0)), Source(at([0, 9.0, 0]), ToneVoice(900.0), gain_db=-6.0)]
+    sources = [Source(at([5.0, 0, 0]), ToneSignal(500.0)), Source(at([0, 9.0, 0]), ToneSignal(900.0), gain_db=-6.0)]
     both = hear(sources)
     np.testing.assert_allclose(both, hear(sources[:1]) + hear(sources[1:]), atol=1e-7)
 
 
 def test_directivity_weighs_the_direction_of_emission():
     horn = CardioidDirectivity(axis=(-1.0, 0.0, 0.0), share=0.5)
-    ahead, beside, behind = (hear([Source(at(place), ToneVoice(1000.0), directivity=horn)]).std()
+    ahead, beside, behind = (hear([Source(at(place), ToneSignal(1000.0), directivity=horn)]).std()
                              for place in ([10.0, 0, 0], [0, 10.0, 0], [-10.0, 0, 0]))
-    open_air = hear([Source(at([10.0, 0, 0]), ToneVoice(1000.0))]).std()
+    open_air = hear([Source(at([10.0, 0, 0]), ToneSignal(1000.0))]).std()
     assert ahead == pytest.approx(open_air, rel=1e-3)
     assert beside == pytest.approx(open_air / 2, rel=1e-3)
     assert behind < 1e-3 * open_air
@@ -87,7 +87,7 @@ def test_rotors_send_tones_sideways_and_hiss_down():
 
 
 def test_a_fast_clock_hears_lower_tones_and_counts_more_samples():
-    world = SoundWorld(RATE, [Source(at([3.0, 0, 0]), ToneVoice(10000.0))], microphones=1, noise=Noise(None), clock_ppm=200.0)
+    world = SoundWorld(RATE, [Source(at([3.0, 0, 0]), ToneSignal(10000.0))], microphones=1, noise=Noise(None), clock_ppm=200.0)
     heard = world.render(4 * RATE, np.zeros((2, 1, 3)))[RATE:, 0]
     assert frequency_of(heard) == pytest.approx(10000.0 / (1 + 200e-6), abs=0.05)
     assert world.time_of(RATE) == pytest.approx(1.0 / (1 + 200e-6), abs=1e-9)
@@ -101,7 +101,7 @@ def test_everything_at_once_is_the_same_for_any_block_size(surroundings):
         return np.stack([8.0 * np.cos(t), 8.0 * np.sin(t), 5.0 + np.sin(2 * t)], axis=1)
 
     def whole(block):
-        sources = [Source(path, RotorVoice(), directivity=RotorDirectivity()), Source(at([5, 5, 1]), ToneVoice())]
+        sources = [Source(path, RotorSignal(), directivity=RotorDirectivity()), Source(at([5, 5, 1]), ToneSignal())]
         world = SoundWorld(RATE, sources, Medium(absorption=True), surroundings=surroundings, seed=2, clock_ppm=30.0)
         parts = []
         for start in range(0, 14400, block):
@@ -115,7 +115,7 @@ def test_everything_at_once_is_the_same_for_any_block_size(surroundings):
 
 def test_a_jump_is_named():
     with pytest.raises(ValueError, match='source 0 or the rig jumps'):
-        hear([Source(lambda t: np.stack([5.0 + 400.0 * (t > 0.5), 0 * t, 0 * t], axis=1), ToneVoice())])
+        hear([Source(lambda t: np.stack([5.0 + 400.0 * (t > 0.5), 0 * t, 0 * t], axis=1), ToneSignal())])
 
 
 def test_everything_can_be_written_in_yaml():
@@ -128,13 +128,13 @@ def test_everything_can_be_written_in_yaml():
     assert surroundings.obstacles[0].top == 4.0 and surroundings.zones[0].decay_s == 0.8
     assert read(Surroundings, {'room': {'minimum': [0, 0, 0], 'maximum': [5, 5, 5], 'order': 1}}).room.order == 1
     assert read(Medium, {'attenuation': {'curve': 'linear', 'outer_m': 50.0}}).attenuation.outer_m == 50.0
-    noise = read(Noise, {'wind': {'velocity': [3, 0, 0]}, 'ego_rotors': {'voice': {'blades': 3}, 'rotors': [[0.1, 0, 0]] * 4}})
-    assert noise.ego_rotors.voice.blades == 3
+    noise = read(Noise, {'wind': {'velocity': [3, 0, 0]}, 'ego_rotors': {'signal': {'blades': 3}, 'rotors': [[0.1, 0, 0]] * 4}})
+    assert noise.ego_rotors.signal.blades == 3
 
 
 def test_a_long_flight_needs_no_more_memory_than_a_short_one():
     tracemalloc.start()
-    stream, held = RotorVoice(rotor_hz=(90.0,)).stream(8000, [1], at([0, 0, 0])), []
+    stream, held = RotorSignal(rotor_hz=(90.0,)).stream(8000, [1], at([0, 0, 0])), []
     for until in (400, 1200):
         for second in range(until - 400, until, 5):
             stream.read(second * 8000, second * 8000 + 1)
@@ -146,7 +146,7 @@ def test_a_long_flight_needs_no_more_memory_than_a_short_one():
 @pytest.mark.parametrize('file', sorted(PROFILES.glob('*.yaml')), ids=lambda file: file.stem)
 def test_shipped_profiles_sound(file):
     profile = load_profile(file)
-    heard = hear([Source(at([5.0, 0, 5.0]), profile.voice, directivity=profile.directivity)])
+    heard = hear([Source(at([5.0, 0, 5.0]), profile.signal, directivity=profile.directivity)])
     level = 20 * np.log10(heard[RATE // 4:].std() / 20e-6)
     assert 30.0 < level < 90.0
 

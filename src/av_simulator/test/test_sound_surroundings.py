@@ -7,7 +7,7 @@ from scipy.signal import firwin
 
 from av_simulator.sound import (
     Box,
-    FormulaVoice,
+    FormulaSignal,
     Ground,
     Medium,
     Noise,
@@ -15,7 +15,7 @@ from av_simulator.sound import (
     SoundWorld,
     Source,
     Surroundings,
-    ToneVoice,
+    ToneSignal,
     Trunk,
 )
 from av_simulator.sound.diffraction import edge_loss_db, occlusion
@@ -31,14 +31,14 @@ def at(place):
     return lambda times: np.broadcast_to(np.asarray(place, float), (len(times), 3))
 
 
-def pulse_voice(low=100.0, high=7000.0):
+def pulse_signal(low=100.0, high=7000.0):
     """A band-limited pulse 0.1 s after time 0."""
     shape = firwin(255, [low, high], pass_zero=False, fs=RATE)
-    return FormulaVoice(lambda t: np.interp(t - 0.1, (np.arange(255) - 127) / RATE, shape, left=0.0, right=0.0))
+    return FormulaSignal(lambda t: np.interp(t - 0.1, (np.arange(255) - 127) / RATE, shape, left=0.0, right=0.0))
 
 
-def hear(source, microphones, voice, seconds, surroundings=None):
-    world = SoundWorld(RATE, [Source(at(source), voice)], microphones=len(microphones), noise=Noise(None),
+def hear(source, microphones, signal, seconds, surroundings=None):
+    world = SoundWorld(RATE, [Source(at(source), signal)], microphones=len(microphones), noise=Noise(None),
                        surroundings=surroundings)
     return world.render(int(seconds * RATE), np.array([microphones, microphones], float))
 
@@ -65,8 +65,8 @@ def test_ground_reflection_is_the_exact_integral(surface, source_z, receiver_z, 
 
 def test_rendered_ground_effect_is_the_sum_of_two_rays():
     tones = np.arange(200, 4000, 100)
-    voice = FormulaVoice(lambda t: sum(np.sin(2 * np.pi * f * t) for f in tones))
-    heard = hear([12.0, 0, 3.0], [[0, 0, 1.5]], voice, 1.5, Surroundings(ground=Ground('grass')))[RATE // 2:, 0]
+    signal = FormulaSignal(lambda t: sum(np.sin(2 * np.pi * f * t) for f in tones))
+    heard = hear([12.0, 0, 3.0], [[0, 0, 1.5]], signal, 1.5, Surroundings(ground=Ground('grass')))[RATE // 2:, 0]
     measured = np.abs(np.fft.rfft(heard))[tones] / (RATE / 2)
     direct, mirrored = np.hypot(12, 1.5), np.hypot(12, 4.5)
     factor = Ground('grass').reflection(np.array(4.5 / mirrored), np.array(mirrored), tones.astype(float), C)
@@ -92,8 +92,8 @@ def test_room_is_that_of_pyroomacoustics(pra):
     theirs.add_source(source)
     theirs.add_microphone_array(np.array(microphones).T)
     theirs.compute_rir()
-    heard = hear(source, microphones, pulse_voice(), 0.5, Surroundings(room=Room([0, 0, 0], size, (absorption,), order=order)))
-    pulse = pulse_voice().stream(RATE, [0], at(source)).read(0, RATE // 2)
+    heard = hear(source, microphones, pulse_signal(), 0.5, Surroundings(room=Room([0, 0, 0], size, (absorption,), order=order)))
+    pulse = pulse_signal().stream(RATE, [0], at(source)).read(0, RATE // 2)
     late = pra.constants.get('frac_delay_length') // 2
     for channel in range(2):
         expected = np.convolve(pulse, theirs.rir[channel][0])[late:late + RATE // 2]
@@ -103,21 +103,21 @@ def test_room_is_that_of_pyroomacoustics(pra):
 def test_face_of_a_box_is_a_mirror_within_its_edges():
     wall = Box([0.0, 4.0, 2.0], [3.0, 0.2, 4.0], absorption=(0.36,))
     surroundings = Surroundings(obstacles=[wall])
-    plain = hear([-1.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3)[:, 0]
-    reflected = hear([-1.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, surroundings)[:, 0] - plain
-    image = hear([-1.0, 7.8, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3)[:, 0]
+    plain = hear([-1.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_signal(), 0.3)[:, 0]
+    reflected = hear([-1.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_signal(), 0.3, surroundings)[:, 0] - plain
+    image = hear([-1.0, 7.8, 2.0], [[1.0, 0, 2.0]], pulse_signal(), 0.3)[:, 0]
     np.testing.assert_allclose(reflected, 0.8 * image, atol=1e-3 * np.abs(image).max())
-    beside = hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, surroundings)
+    beside = hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_signal(), 0.3, surroundings)
     far_away = Surroundings(obstacles=[Trunk([90, 90])])
-    assert np.array_equal(beside, hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_voice(), 0.3, far_away))
+    assert np.array_equal(beside, hear([-6.0, 0, 2.0], [[1.0, 0, 2.0]], pulse_signal(), 0.3, far_away))
 
 
 def test_box_and_ground_mirror_together():
     wall = Box([0.0, 4.1, 5.0], [30.0, 0.2, 10.0], absorption=(0.0,))
     surroundings = Surroundings(ground=Ground('concrete'), obstacles=[wall])
-    heard = hear([-1.0, 0, 2.0], [[1.0, 0, 1.0]], pulse_voice(), 0.3, surroundings)[:, 0]
+    heard = hear([-1.0, 0, 2.0], [[1.0, 0, 1.0]], pulse_signal(), 0.3, surroundings)[:, 0]
     images = [[-1.0, 0, 2.0], [-1.0, 0, -2.0], [-1.0, 8.0, 2.0], [-1.0, 8.0, -2.0]]
-    expected = sum(hear(place, [[1.0, 0, 1.0]], pulse_voice(), 0.3)[:, 0] for place in images)
+    expected = sum(hear(place, [[1.0, 0, 1.0]], pulse_signal(), 0.3)[:, 0] for place in images)
     assert np.corrcoef(heard, expected)[0, 1] > 0.999
 
 
@@ -143,7 +143,7 @@ def test_rendered_sound_behind_a_wall_has_lost_what_the_formula_says():
     wall = Box([5.0, 0.0, 2.0], [0.1, 4000.0, 4.0], reflects=False)
     source, microphone = [10.0, 0, 1.0], [[0.0, 0, 1.0]]
     for frequency in (250.0, 1000.0, 4000.0):
-        open_air, shaded = (hear(source, microphone, ToneVoice(frequency), 1.0, place)[4000:].std()
+        open_air, shaded = (hear(source, microphone, ToneSignal(frequency), 1.0, place)[4000:].std()
                             for place in (None, Surroundings(obstacles=[wall])))
         detour = 2 * np.hypot(4.95, 3.0) + 0.1 - 10.0
         expected = min(edge_loss_db(np.array([detour]), np.array([frequency]), C)[0, 0], 25.0)

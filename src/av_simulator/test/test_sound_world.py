@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_simulator.sound import FormulaVoice, Medium, Noise, RotorVoice, Snr, SoundWorld, Source, ToneVoice
+from av_simulator.sound import FormulaSignal, Medium, Noise, RotorSignal, Snr, SoundWorld, Source, ToneSignal
 from av_simulator.sound.delays import retarded_delay
 
 RATE = 48000
@@ -32,7 +32,7 @@ def render(world, seconds, block=1600, microphones=PAIR):
 
 def test_fly_by_is_the_analytic_signal():
     start, velocity, c = [-20.0, 10.0, 0.0], [20.0, 0.0, 0.0], Medium().speed_of_sound
-    world = SoundWorld(RATE, [Source(straight(start, velocity), ToneVoice(1000.0, 94.0))], noise=SILENT)
+    world = SoundWorld(RATE, [Source(straight(start, velocity), ToneSignal(1000.0, 94.0))], noise=SILENT)
     heard = render(world, 2.0)
     times = np.arange(len(heard)) / RATE
     for channel, microphone in enumerate(PAIR):
@@ -50,7 +50,8 @@ def test_delay_of_fast_source_meets_the_closed_form():
 
 
 def test_moving_microphone_hears_the_doppler_of_its_own_motion():
-    world = SoundWorld(RATE, [Source(straight([100.0, 0, 0], [0, 0, 0]), ToneVoice(1000.0, 94.0))], microphones=1, noise=SILENT)
+    source = Source(straight([100.0, 0, 0], [0, 0, 0]), ToneSignal(1000.0, 94.0))
+    world = SoundWorld(RATE, [source], microphones=1, noise=SILENT)
     blocks = [world.render(480, np.array([[[34.3 * t / RATE, 0, 0]] for t in (start, start + 480)]))
               for start in range(0, RATE, 480)]
     heard = np.concatenate(blocks)[24000:, 0].astype(float) * np.hanning(24000)
@@ -61,8 +62,8 @@ def test_moving_microphone_hears_the_doppler_of_its_own_motion():
 @pytest.mark.parametrize('moving', [False, True])
 def test_same_bytes_for_any_block_size(moving):
     def whole(block):
-        sources = [Source(straight([-5.0, 8.0, 3.0], [9.0, 0, 0]), RotorVoice()),
-                   Source(straight([4.0, -3.0, 1.0], [0, 2, 0]), ToneVoice())]
+        sources = [Source(straight([-5.0, 8.0, 3.0], [9.0, 0, 0]), RotorSignal()),
+                   Source(straight([4.0, -3.0, 1.0], [0, 2, 0]), ToneSignal())]
         world = SoundWorld(RATE, sources, noise=Noise(snr=Snr(10.0)), seed=7)
         parts = []
         for start in range(0, 14400, block):
@@ -83,7 +84,7 @@ def test_seed_changes_the_noise_only_when_it_changes():
 
 
 def test_snr_holds_at_the_stated_distance_inside_the_band():
-    at_8_m = [Source(straight([0.0, 8.0, 0.0], [0, 0, 0]), RotorVoice())]
+    at_8_m = [Source(straight([0.0, 8.0, 0.0], [0, 0, 0]), RotorSignal())]
     both = render(SoundWorld(RATE, at_8_m, noise=Noise(snr=Snr(6.0, distance_m=8.0)), seed=5), 4.0)
     clean = render(SoundWorld(RATE, at_8_m, noise=SILENT, seed=5), 4.0)
 
@@ -95,8 +96,8 @@ def test_snr_holds_at_the_stated_distance_inside_the_band():
     assert 10 * np.log10(in_band(clean) / in_band(both - clean)) == pytest.approx(6.0, abs=0.4)
 
 
-def test_any_formula_can_be_a_voice_and_starts_before_zero():
-    click = FormulaVoice(lambda t: np.exp(-((t + 0.05) / 1e-3) ** 2))
+def test_any_formula_can_be_a_signal_and_starts_before_zero():
+    click = FormulaSignal(lambda t: np.exp(-((t + 0.05) / 1e-3) ** 2))
     heard = render(SoundWorld(RATE, [Source(straight([0.0, 34.0, 0.0], [0, 0, 0]), click)], noise=SILENT), 0.1)
     arrival = np.argmax(heard[:, 0]) / RATE
     assert arrival == pytest.approx(33.9 / Medium().speed_of_sound - 0.05, abs=1 / RATE)

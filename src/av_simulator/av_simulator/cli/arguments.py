@@ -31,6 +31,13 @@ def port_offset(text: str) -> int:
     return int(_number(text, lambda value: value.is_integer() and low <= value <= high, f'a whole number, {low}..{high}'))
 
 
+def renamed(new: str) -> Callable[[str], str]:
+    """The type of an argument that has another name now."""
+    def refuse(_text: str) -> str:
+        raise argparse.ArgumentTypeError(f'is now named {new}')
+    return refuse
+
+
 def _number(text: str, fits: Callable[[float], bool], expected: str) -> float:
     try:
         value = float(text)

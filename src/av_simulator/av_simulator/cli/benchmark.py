@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator benchmark [SCENARIO ...]`: what a second of simulated sound and a picture cost on this machine."""
+"""`ros2 run av_simulator benchmark [SCENARIO ...]`: what a second of simulated sound and an image cost on this machine."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
     parser.add_argument('scenarios', nargs='*', help='names or files (default: all shipped ones)')
     parser.add_argument('--seconds', type=float, default=4.0, help='of sound in each (default: %(default)s)')
-    parser.add_argument('--pictures', type=int, default=30, help='of each scenario (default: %(default)s)')
+    parser.add_argument('--images', type=int, default=30, help='of each scenario (default: %(default)s)')
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
-    print(f'{"scenario":20s} {"sound: work per s":>18s} {"picture: work":>14s} {"alone":>12s}')
+    print(f'{"scenario":20s} {"sound: work per s":>18s} {"image: work":>14s} {"alone":>12s}')
     try:
         for name in options.scenarios or shipped('scenarios'):
             world = open_world(find_config(name, 'scenarios'))
             sound = _sound(world, options.seconds)
-            picture, wall = _picture(world, options.pictures)
-            print(f'{world.scenario.name:20s} {sound:16.3f} s {1e3 * picture:11.1f} ms {1 / wall:8.1f} fps', flush=True)
+            image, wall = _image(world, options.images)
+            print(f'{world.scenario.name:20s} {sound:16.3f} s {1e3 * image:11.1f} ms {1 / wall:8.1f} fps', flush=True)
     except (ValueError, OSError) as error:
         print(f'benchmark: {error}', file=sys.stderr)
         return 2
@@ -48,8 +48,8 @@ def _sound(world: World, seconds: float) -> float:
     return _measured(hear, int(seconds * BLOCKS_PER_SECOND))[0] * BLOCKS_PER_SECOND
 
 
-def _picture(world: World, count: int) -> tuple[float, float]:
-    """Processor and wall seconds for one picture with the first drone in the middle, JPEG included."""
+def _image(world: World, count: int) -> tuple[float, float]:
+    """Processor and wall seconds for one image with the first drone in the middle, JPEG included."""
     renderer = world.renderer()
     # Look at the drone: the dearest case, for then its visible part is measured too.
     rig = world.rig_state(world.time)

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from av_common.config_files import find_config
 from av_common.rig import load_rig
-from av_simulator.cli.arguments import not_negative, positive, seed
+from av_simulator.cli.arguments import not_negative, positive, renamed, seed
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import steps
 from av_simulator.scenario import load_scenario
-from av_simulator.world import World, with_voice
+from av_simulator.world import World, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -26,11 +26,12 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's)")
     parser.add_argument('--seed', type=seed, help="instead of the scenario's")
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
-    parser.add_argument('--voice', help="a sound file as every drone's voice")
-    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='pictures a second, 0 for none (%(default)s)')
+    parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
+    parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
+    parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')
     parser.add_argument('--everything', action='store_true', help='frames with depth, segmentation and temperatures')
     parser.add_argument('--bag', action='store_true', help='also a rosbag2 (mcap) with the topics of the rig')
-    parser.add_argument('--preview', action='store_true', help='only a picture of what will be heard and seen')
+    parser.add_argument('--preview', action='store_true', help='write only an overview figure of the scenario')
     return parser.parse_args(arguments)
 
 
@@ -41,8 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         file = find_config(options.scenario, 'scenarios')
         scenario = load_scenario(file)
-        if options.voice:
-            scenario = with_voice(scenario, options.voice)
+        if options.drone_recording:
+            scenario = with_recording(scenario, options.drone_recording)
         world = World(scenario, load_rig(find_config(options.rig)), options.seed)
         options.out.mkdir(parents=True, exist_ok=True)
         if options.preview:

@@ -11,10 +11,10 @@ from dataclasses import asdict
 from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.wire.ports import Ports
-from av_simulator.cli.arguments import not_negative, port_offset, positive, seed
+from av_simulator.cli.arguments import not_negative, port_offset, positive, renamed, seed
 from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
-from av_simulator.world import World, standing_at, with_voice
+from av_simulator.world import World, standing_at, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
@@ -26,16 +26,17 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
     parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's; inf: until stopped)")
     parser.add_argument('--seed', type=seed, help="instead of the scenario's")
-    parser.add_argument('--voice', help="a sound file as every drone's voice")
+    parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
+    parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
     parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le')
     parser.add_argument('--audio-header', action='store_true', help='number the sound datagrams; RFlySim does not')
     parser.add_argument('--image-header', choices=['old', 'new'], default='old', help="which of RFlySim's headers")
     parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
     parser.add_argument('--image-rate', type=not_negative, default=15.0,
-                        help='pictures a second, 0 for none (default: %(default)s)')
+                        help='images a second, 0 for none (default: %(default)s)')
     parser.add_argument('--depth', action='store_true', help='send depth, too, as the next image sensor')
-    parser.add_argument('--renderer', choices=['auto', 'scene', 'painter'], default='auto',
-                        help='3D scene, flat painting (cheaper), or what this machine can do')
+    parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
+                        help='3D scene, flat shapes (cheaper), or what this machine can do')
     parser.add_argument('--speed', type=positive, default=1.0, help='of real time (default: %(default)s)')
     parser.add_argument('--begin', type=float, help='Unix time to begin at, so that several rigs share one world')
     parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
@@ -51,8 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     try:
         scenario = load_scenario(find_config(options.scenario, 'scenarios'))
-        if options.voice:
-            scenario = with_voice(scenario, options.voice)
+        if options.drone_recording:
+            scenario = with_recording(scenario, options.drone_recording)
         if options.at:
             scenario = standing_at(scenario, *options.at)
         world = World(scenario, load_rig(find_config(options.rig)), options.seed)
@@ -75,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         simulator.close()
     counts = [f'{count} {name.replace("_", " ")}' for name, count in asdict(simulator.counts).items() if count]
-    log.info('%.1f s simulated; %.1f pictures a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
+    log.info('%.1f s simulated; %.1f images a second; %s', world.time, simulator.counts.images / max(world.time, 1e-9),
              ', '.join(counts))
     return 0
 

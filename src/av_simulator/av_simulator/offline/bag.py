@@ -45,19 +45,19 @@ class BagRecorder:
         header = messages.make_header(EPOCH + step.begin, self._rig.array.frame)
         self._write('audio/frames', EPOCH + step.end, messages.audio_message(
             header, self._rate, round(step.begin * self._rate), step.sound))
-        for moment in step.truth:
-            header = messages.make_header(EPOCH + moment.time, WORLD_FRAME)
-            rig = messages.odometry_message(header, self._rig.base_frame, moment.rig)
-            self._write('odometry', EPOCH + moment.time, rig)
-            self._write('truth/rig', EPOCH + moment.time, rig)
-            self._write('truth/target', EPOCH + moment.time,
-                        messages.odometry_message(header, 'target', moment.targets[0]))
-        for view, picture in step.pictures:
+        for sample in step.truth:
+            header = messages.make_header(EPOCH + sample.time, WORLD_FRAME)
+            rig = messages.odometry_message(header, self._rig.base_frame, sample.rig)
+            self._write('odometry', EPOCH + sample.time, rig)
+            self._write('truth/rig', EPOCH + sample.time, rig)
+            self._write('truth/target', EPOCH + sample.time,
+                        messages.odometry_message(header, 'target', sample.targets[0]))
+        for view, image in step.images:
             header = messages.make_header(EPOCH + view.time, self._rig.camera.optical_frame)
-            self._write('camera/image_raw', EPOCH + view.time, messages.image_message(header, picture.bgr))
+            self._write('camera/image_raw', EPOCH + view.time, messages.image_message(header, image.bgr))
             self._write('camera/camera_info', EPOCH + view.time,
                         messages.camera_info_message(header, self._rig.camera.model))
-            self._write('detections', EPOCH + view.time, messages.detections_message(header, picture.boxes))
+            self._write('detections', EPOCH + view.time, messages.detections_message(header, image.boxes))
 
     def close(self) -> None:
         """Finish the bag."""

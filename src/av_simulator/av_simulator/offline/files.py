@@ -1,4 +1,4 @@
-"""Sound as WAV, pictures as video and frames, truth as CSV."""
+"""Sound as WAV, images as video and frames, truth as CSV."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import soundfile
 
-from av_simulator.rendering.view import FIRST_TARGET_ID, Picture, View
-from av_simulator.run import Moment, Step
+from av_simulator.rendering.view import FIRST_TARGET_ID, RenderedImage, View
+from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
 
 _RIG = ['x', 'y', 'z', 'yaw', 'yaw_rate']
@@ -22,7 +22,7 @@ class FileRecorder:
     """Writes each step of a world into a folder.
 
     `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and elevation in the
-    rig's frame), `boxes.csv` (one row for each target of each picture, px). With `everything` also
+    rig's frame), `boxes.csv` (one row for each target of each image, px). With `everything` also
     `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
     ids, thermal in hundredths of a kelvin.
     """
@@ -50,13 +50,13 @@ class FileRecorder:
     def write(self, step: Step) -> None:
         """Append one step."""
         self._sound.write(step.sound)
-        for moment in step.truth:
-            self._truth.writerow(_rounded(_truth_row(moment)))
-        for view, picture in step.pictures:
-            self._video.write(picture.bgr)
-            self._boxes.writerows(_box_rows(view, picture))
+        for sample in step.truth:
+            self._truth.writerow(_rounded(_truth_row(sample)))
+        for view, image in step.images:
+            self._video.write(image.bgr)
+            self._boxes.writerows(_box_rows(view, image))
             if self._everything:
-                self._write_frames(view, picture)
+                self._write_frames(view, image)
 
     def close(self) -> None:
         """Finish the files."""
@@ -67,10 +67,10 @@ class FileRecorder:
         for file in self._files:
             file.close()
 
-    def _write_frames(self, view: View, picture: Picture) -> None:
-        layers = {'rgb': picture.bgr, 'segmentation': picture.segmentation, 'depth': picture.depth_mm, 'thermal': None}
-        if picture.thermal is not None:
-            layers['thermal'] = (picture.thermal + 273.15) * 100.0
+    def _write_frames(self, view: View, image: RenderedImage) -> None:
+        layers = {'rgb': image.bgr, 'segmentation': image.segmentation, 'depth': image.depth_mm, 'thermal': None}
+        if image.thermal is not None:
+            layers['thermal'] = (image.thermal + 273.15) * 100.0
         for name, layer in layers.items():
             if layer is not None:
                 kind = np.uint8 if name in ('rgb', 'segmentation') else np.uint16
@@ -87,20 +87,20 @@ def _undate(wav: Path) -> None:
             file.write(bytes(4))
 
 
-def _truth_row(moment: Moment) -> list[float]:
-    rig = moment.rig
+def _truth_row(sample: TruthSample) -> list[float]:
+    rig = sample.rig
     forward = rig.rotation[:, 0]
-    row = [moment.time, *rig.position, np.arctan2(forward[1], forward[0]), rig.rate_flu[2]]
-    for target, bearing in zip(moment.targets, moment.bearings, strict=True):
+    row = [sample.time, *rig.position, np.arctan2(forward[1], forward[0]), rig.rate_flu[2]]
+    for target, bearing in zip(sample.targets, sample.bearings, strict=True):
         row += [*target.position, *target.velocity, bearing.azimuth, bearing.elevation, bearing.distance]
     return row
 
 
-def _box_rows(view: View, picture: Picture) -> list[list]:
-    reported = {box.target_id: box.score for box in picture.boxes}
+def _box_rows(view: View, image: RenderedImage) -> list[list]:
+    reported = {box.target_id: box.score for box in image.boxes}
     return [[f'{view.time:.6f}', view.index, truth.target_id - FIRST_TARGET_ID, *(truth.box or [''] * 4),
              *_rounded([truth.visible_fraction, truth.transmission, reported.get(truth.target_id, 0.0)])]
-            for truth in picture.truth]
+            for truth in image.truth]
 
 
 def _rounded(values: list[float]) -> list[str]:

@@ -1,4 +1,4 @@
-"""One picture to look at before a long run: what is to be heard, where everything flies, what is to be seen."""
+"""An overview figure of a scenario, to look at before a long run: images, trajectories, visibility and spectrogram."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ FRAMES = 8
 
 
 def preview(world: World, duration: float, file: Path) -> None:
-    """Write a picture of the first `duration` s: frames, top view, distance and sight, spectrogram of one microphone."""
+    """Write a figure of the first `duration` s: images, top view, azimuth and transmission, spectrogram of one microphone."""
     every = duration / FRAMES
     sound, frames, truth, shown = [], [], [], 0
     for step in steps(world, duration, image_rate=1.0 / every, truth_rate=10.0):
         sound.append(step.sound[:, 0])
         truth += step.truth
-        frames += step.pictures
-        shown += len(step.pictures)
+        frames += step.images
+        shown += len(step.images)
     figure = Figure(figsize=(16, 11), layout='constrained')
     rows = figure.subfigures(2, 1, height_ratios=[1, 1])
-    for axes, (view, picture) in zip(rows[0].subplots(2, FRAMES // 2).flat, frames, strict=False):
-        axes.imshow(picture.bgr[..., ::-1])
-        for box in picture.boxes:
+    for axes, (view, image) in zip(rows[0].subplots(2, FRAMES // 2).flat, frames, strict=False):
+        axes.imshow(image.bgr[..., ::-1])
+        for box in image.boxes:
             axes.add_patch(mpl.patches.Rectangle((box.min_x - 4, box.min_y - 4), box.max_x - box.min_x + 8,
                                                  box.max_y - box.min_y + 8, fill=False, edgecolor='red'))
         axes.set_title(f'{view.time:.0f} s', fontsize=9)
@@ -43,13 +43,13 @@ def preview(world: World, duration: float, file: Path) -> None:
 
 
 def _top_view(axes: Axes, world: World, truth: list) -> None:
-    rig = np.array([moment.rig.position for moment in truth])
+    rig = np.array([sample.rig.position for sample in truth])
     axes.plot(rig[:, 0], rig[:, 1], 'k.-', markersize=2, label='rig')
     forward = truth[0].rig.rotation[:2, 0]
     axes.arrow(*rig[0, :2], *(2.0 * forward), width=0.15, color='k')
     for number, target in enumerate(world.scenario.targets):
-        path = np.array([moment.targets[number].position for moment in truth])
-        points = axes.scatter(path[:, 0], path[:, 1], c=[moment.time for moment in truth], s=6, cmap='viridis')
+        path = np.array([sample.targets[number].position for sample in truth])
+        points = axes.scatter(path[:, 0], path[:, 1], c=[sample.time for sample in truth], s=6, cmap='viridis')
         axes.annotate(target.name, path[0, :2])
     for obstacle in world.scenario.obstacles:
         axes.fill(*np.array(obstacle.footprint).T, color='0.6')
@@ -60,16 +60,16 @@ def _top_view(axes: Axes, world: World, truth: list) -> None:
 
 
 def _sight(axes: Axes, scenario: Scenario, truth: list) -> None:
-    time = np.array([moment.time for moment in truth])
+    time = np.array([sample.time for sample in truth])
     for number, target in enumerate(scenario.targets):
-        azimuth = np.rad2deg(np.unwrap([moment.bearings[number].azimuth for moment in truth]))
+        azimuth = np.rad2deg(np.unwrap([sample.bearings[number].azimuth for sample in truth]))
         axes.plot(time, azimuth, label=f'azimuth of {target.name}')
     axes.set(title='azimuth from the rig, and what the air leaves', xlabel='s', ylabel='deg')
     axes.legend(loc='upper left', fontsize=8)
     share = axes.twinx()
     for number in range(len(scenario.targets)):
-        clear = [scenario.weather.atmosphere(moment.time).transmission(moment.rig.position, moment.targets[number].position)
-                 for moment in truth]
+        clear = [scenario.weather.atmosphere(sample.time).transmission(sample.rig.position, sample.targets[number].position)
+                 for sample in truth]
         share.fill_between(time, clear, alpha=0.15)
     share.set(ylim=(0, 1), ylabel='transmission')
 
@@ -80,6 +80,6 @@ def _spectrogram(axes: Axes, sound: np.ndarray, rate: int) -> None:
 
 
 def preview_scenario(scenario: str | Scenario, file: Path, seed: int | None = None) -> None:
-    """Write a picture of a whole scenario."""
+    """Write a figure of a whole scenario."""
     world = open_world(scenario, seed=seed)
     preview(world, world.scenario.duration, file)

@@ -1,1 +1,1 @@
-"""What a camera sees: scenes, weather, and the renderers that make pictures, depth and truth of them."""
+"""What a camera sees: scenes, weather, and the renderers that make images, depth and truth of them."""

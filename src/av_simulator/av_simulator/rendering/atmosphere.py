@@ -1,4 +1,4 @@
-"""What the air takes from a picture: fog, fog that thins with height, clouds of smoke, rain."""
+"""What the air takes from an image: fog, fog that thins with height, clouds of smoke, rain."""
 
 from __future__ import annotations
 

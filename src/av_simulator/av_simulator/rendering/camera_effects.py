@@ -1,4 +1,4 @@
-"""What the camera itself does to a picture: light and exposure, motion blur, rain before the lens, noise."""
+"""What the camera itself does to an image: light and exposure, motion blur, rain before the lens, noise."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
 
 
 class CameraEffects:
-    """Effects of one camera on pictures (height, width, 3) uint8."""
+    """Effects of one camera on images (height, width, 3) uint8."""
 
     def __init__(self, width: int, height: int, seed: int):
         self._seed = seed
         random = np.random.default_rng([seed, 13])
-        # Noise is drawn once and used again, moved: drawing it anew would cost more than the picture.
+        # Noise is drawn once and used again, moved: drawing it anew would cost more than the image.
         self._noise = random.standard_normal((2 * height, 2 * width)).astype(np.float32)
         self._shape = (height, width)
 
     def apply(self, bgr: NDArray, view: View) -> NDArray:
-        """The picture as the camera delivers it."""
+        """The image as the camera delivers it."""
         bgr = motion_blurred(bgr, view.image_motion)
         if view.atmosphere.rain_mm_h > 0.0:
             bgr = self._rained(bgr, view)
@@ -61,7 +61,7 @@ class CameraEffects:
 
 
 def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: float = SHUTTER_S) -> NDArray:
-    """The picture smeared along the motion (px/s) of what is in its middle while the shutter was open."""
+    """The image smeared along the motion (px/s) of what is in its middle while the shutter was open."""
     x, y = np.multiply(image_motion, shutter_s)
     if np.hypot(x, y) < 1.0:
         return bgr
@@ -74,6 +74,6 @@ def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: f
 
 
 def contrast_left(view: View) -> float:
-    """Share of contrast that light and exposure leave for a detector: less in the dark and where the picture burns out."""
+    """Share of contrast that light and exposure leave for a detector: less in the dark and where the image burns out."""
     light = view.daylight * view.exposure
     return float(min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0))

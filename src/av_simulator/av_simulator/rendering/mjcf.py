@@ -34,7 +34,7 @@ def rotor_joint(number: int, rotor: int) -> str:
 
 def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tuple[float, int]], size: tuple[int, int],
           fovy_deg: float, samples: int, seed: int) -> tuple[str, dict[str, bytes]]:
-    """XML and assets of a model. drones: size in m and number of rotors of each.  size: width and height of pictures.
+    """XML and assets of a model. drones: size in m and number of rotors of each.  size: width and height of images.
 
     Raises ValueError for more drones than can be told apart.
     """

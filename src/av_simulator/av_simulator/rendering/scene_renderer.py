@@ -1,4 +1,4 @@
-"""Pictures, depth and segmentation of a 3D scene, rendered by MuJoCo without a screen, seen through the air."""
+"""Images, depth and segmentation of a 3D scene, rendered by MuJoCo without a screen, seen through the air."""
 
 from __future__ import annotations
 
@@ -17,13 +17,22 @@ from av_simulator.rendering.camera_effects import CameraEffects, contrast_left
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.thermal import DRONE_WARMER_K, GROUND_WARMER_K, thermal_image
-from av_simulator.rendering.view import FIRST_TARGET_ID, Appearance, Drone, Picture, TruthBox, View, appearance, oracle_box
+from av_simulator.rendering.view import (
+    FIRST_TARGET_ID,
+    Appearance,
+    Drone,
+    RenderedImage,
+    TruthBox,
+    View,
+    appearance,
+    oracle_box,
+)
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
 AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # of thick fog by day: blue, green, red
 HORIZON = 1000.0
-Window = tuple[slice, slice]    # rows and columns of a picture
+Window = tuple[slice, slice]    # rows and columns of an image
 _ALL = (slice(None), slice(None))
 SKY_DISTANCE = 3000.0                                     # m, over which fog lies before the sky
 
@@ -33,7 +42,7 @@ class SceneRenderer:
 
     def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
                  obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False):
-        """drones: size in m and rotors of each.  everything: make segmentation and thermal picture of every view.
+        """drones: size in m and rotors of each.  everything: make segmentation and thermal image of every view.
 
         Raises RuntimeError where there is no way to render without a screen.
         """
@@ -72,8 +81,8 @@ class SceneRenderer:
         self._target.free()
         self._context.free()
 
-    def render(self, view: View) -> Picture:
-        """The picture of one view, with depth, the oracle's boxes and the truth."""
+    def render(self, view: View) -> RenderedImage:
+        """The image of one view, with depth, the oracle's boxes and the truth."""
         self._place(view)
         rgb, zbuffer = self._draw(self._lens.whole)
         depth = self._lens.bend(self._to_metres(zbuffer), nearest=True)
@@ -90,7 +99,7 @@ class SceneRenderer:
                 boxes.append(box)
         segmentation = None if identities is None else self._owner[identities]
         thermal = self._thermal(view, depth, identities, optical_depth) if self._everything else None
-        return Picture(bgr, boxes, truth, depth, segmentation, thermal)
+        return RenderedImage(bgr, boxes, truth, depth, segmentation, thermal)
 
     def _place(self, view: View) -> None:
         data, model = self._data, self._model
@@ -106,7 +115,7 @@ class SceneRenderer:
 
     def _draw(self, crop: Crop, groups: NDArray | None = None, identities: bool = False) \
             -> tuple[NDArray, NDArray | None]:
-        """Colours and depth buffer, or identities as colours, of a part of the rendered picture, top row first."""
+        """Colours and depth buffer, or identities as colours, of a part of the rendered image, top row first."""
         mujoco = self._mujoco
         self._options.geomgroup[:] = self._all_groups if groups is None else groups
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
@@ -123,7 +132,7 @@ class SceneRenderer:
         return rgb[::-1], None if zbuffer is None else zbuffer[::-1]
 
     def _narrow(self, eye: object, crop: Crop) -> None:
-        """Let an eye's frustum be that of a part of the picture, pixel by pixel."""
+        """Let an eye's frustum be that of a part of the image, pixel by pixel."""
         width, height = self._lens.size
         pixel = (eye.frustum_top - eye.frustum_bottom) / height
         eye.frustum_center += pixel * (crop.left + crop.width / 2 - width / 2)
@@ -131,7 +140,7 @@ class SceneRenderer:
         eye.frustum_top -= pixel * crop.top
 
     def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
-        """Number of the thing at each pixel of a window of the picture, -1 for the sky."""
+        """Number of the thing at each pixel of a window of the image, -1 for the sky."""
         places, crop = self._lens.places(window)
         rgb, _ = self._draw(crop, groups, identities=True)
         red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
@@ -199,7 +208,7 @@ class SceneRenderer:
 
 @dataclass(frozen=True)
 class Crop:
-    """A part of the rendered picture, in its pixels."""
+    """A part of the rendered image, in its pixels."""
 
     left: int
     top: int
@@ -208,7 +217,7 @@ class Crop:
 
 
 class _Lens:
-    """The pinhole picture that has to be rendered so that the distorted camera's one can be cut out of it."""
+    """The pinhole image that has to be rendered so that the distorted camera's one can be cut out of it."""
 
     def __init__(self, camera: PinholeCamera):
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -228,24 +237,24 @@ class _Lens:
 
     @property
     def whole(self) -> Crop:
-        """All of the rendered picture."""
+        """All of the rendered image."""
         return Crop(0, 0, *self.size)
 
     def places(self, window: Window) -> tuple[NDArray, Crop]:
-        """Where the pixels of a window lie in the rendered picture: column and row (h, w, 2) in a part of it."""
+        """Where the pixels of a window lie in the rendered image: column and row (h, w, 2) in a part of it."""
         places = self._nearest[0][window]
         low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
         width, height = (high - low + 1).tolist()
         return places - low, Crop(int(low[0]), int(low[1]), width, height)
 
     def bend(self, image: NDArray, nearest: bool = False) -> NDArray:
-        """The camera's picture out of the rendered one."""
+        """The camera's image out of the rendered one."""
         interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
         return cv2.remap(np.ascontiguousarray(image), *(self._nearest if nearest else self._map), interpolation)
 
 
 def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
-    """The picture behind air: I = J t + A (1 - t) with t = exp(-optical depth) (Koschmieder)."""
+    """The image behind air: I = J t + A (1 - t) with t = exp(-optical depth) (Koschmieder)."""
     if not optical_depth.any():
         return bgr
     clear = cv2.exp(-np.minimum(optical_depth, np.float32(50.0)))

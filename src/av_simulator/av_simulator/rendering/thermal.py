@@ -1,4 +1,4 @@
-"""A picture of temperatures, from a simple model: every thing has one, and fog veils it with that of the air."""
+"""An image of temperatures, from a simple model: every thing has one, and fog veils it with that of the air."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOG_SHARE = 0.7          # extinction of fog in the thermal infrared over that i
 
 
 def thermal_image(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_depth: NDArray, air_c: float) -> NDArray:
-    """Apparent temperatures in degrees Celsius, float32 of the picture's shape.
+    """Apparent temperatures in degrees Celsius, float32 of the image's shape.
 
     warmer_k: how much warmer than the air each pixel's thing is.  sky: where there is none.  upward: z of each pixel's
     ray in ENU.  optical_depth: of the visible fog before it.

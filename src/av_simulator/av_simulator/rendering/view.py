@@ -1,4 +1,4 @@
-"""One instant before a camera, the picture made of it, and the truth about what is in it."""
+"""One instant before a camera, the image made of it, and the truth about what is in it."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Drone:
 class View:
     """One instant as a camera at `position` (3,) with `rotation` (3, 3) from its optical frame to ENU has it before it.
 
-    index: number of the picture, which also seeds its noise.  daylight: 1 at noon, 0.005 at night.  exposure: gain of
-    the picture, 1 being right at noon.  image_motion: px/s (2,) of what stands still in the middle of the picture.
+    index: number of the image, which also seeds its noise.  daylight: 1 at noon, 0.005 at night.  exposure: gain of
+    the image, 1 being right at noon.  image_motion: px/s (2,) of what stands still in the middle of the image.
     """
 
     index: int
@@ -72,7 +72,7 @@ class TruthBox:
 
 
 @dataclass(frozen=True)
-class Picture:
+class RenderedImage:
     """bgr: (height, width, 3) uint8.  boxes: what the visual oracle reports.  truth: one entry for each drone.
 
     depth: (height, width) float32, m along the optical axis, inf for the sky.  segmentation: (height, width) int32,
@@ -95,10 +95,10 @@ class Picture:
 
 
 class Renderer(Protocol):
-    """Makes pictures of views."""
+    """Makes images of views."""
 
-    def render(self, view: View) -> Picture:
-        """The picture of one view; the same view gives the same picture."""
+    def render(self, view: View) -> RenderedImage:
+        """The image of one view; the same view gives the same image."""
 
     def close(self) -> None:
         """Give back what it holds."""
@@ -126,7 +126,7 @@ def outline(drone: Drone) -> NDArray:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Where a drone's outline falls in the picture: its box cut at the edges, its uncut width, the share inside."""
+    """Where a drone's outline falls in the image: its box cut at the edges, its uncut width, the share inside."""
 
     box: tuple[float, float, float, float]
     width_px: float
@@ -142,7 +142,7 @@ class Appearance:
 def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | None:
     """Where a drone appears, None where it is out of view."""
     points = view.to_optical(outline(drone))
-    # Far outside, a distortion polynomial can fold points back into the picture; there the angle decides.
+    # Far outside, a distortion polynomial can fold points back into the image; there the angle decides.
     if (points[:, 2] <= 0.05).any() or np.abs(np.arctan2(points[:, 0], points[:, 2])).min() > camera.horizontal_fov_rad:
         return None
     pixels = camera.project(points)

@@ -1,4 +1,4 @@
-"""What microphones hear of moving sources: propagation, voices and noise. See docs/simulated_sound.md."""
+"""What microphones hear of moving sources: propagation, signals and noise. See docs/simulated_sound.md."""
 
 from av_simulator.sound.attenuation import Attenuation
 from av_simulator.sound.directivity import CardioidDirectivity, RotorDirectivity
@@ -9,10 +9,10 @@ from av_simulator.sound.noise import Noise, Snr, Wind
 from av_simulator.sound.obstacles import Box, Trunk
 from av_simulator.sound.profiles import load_profile
 from av_simulator.sound.reverberation import ReverbZone
-from av_simulator.sound.rotor import RotorVoice
+from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source import Source
+from av_simulator.sound.source_signals import FormulaSignal, RecordedSignal, SourceSignal, ToneSignal
 from av_simulator.sound.surroundings import Room, Surroundings
-from av_simulator.sound.voices import FormulaVoice, RecordingVoice, ToneVoice, Voice
 from av_simulator.sound.world import SoundWorld
 
 __all__ = [
@@ -20,22 +20,22 @@ __all__ = [
     'Box',
     'CardioidDirectivity',
     'EgoRotors',
-    'FormulaVoice',
+    'FormulaSignal',
     'Ground',
     'Medium',
     'Noise',
-    'RecordingVoice',
+    'RecordedSignal',
     'ReverbZone',
     'Room',
     'RotorDirectivity',
-    'RotorVoice',
+    'RotorSignal',
     'Snr',
     'SoundWorld',
     'Source',
+    'SourceSignal',
     'Surroundings',
-    'ToneVoice',
+    'ToneSignal',
     'Trunk',
-    'Voice',
     'Wind',
     'load_profile',
 ]

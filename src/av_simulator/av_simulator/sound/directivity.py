@@ -1,4 +1,4 @@
-"""How much of its voice a source sends which way."""
+"""How much of its signal a source sends which way."""
 
 from __future__ import annotations
 

@@ -4,58 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate
-from av_simulator.sound.rotor import RotorVoice
+from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.stream import CHUNK, Stream
 
 
 @dataclass(frozen=True)
 class EgoRotors:
-    """Rotor hubs (rotors, 3) and microphones (m, 3) in m in one body frame, and the voice of the whole vehicle.
+    """Rotor hubs (rotors, 3) and microphones (m, 3) in m in one body frame, and the signal of the whole vehicle.
 
     The body is rigid, so that every rotor keeps its distance and delay to every microphone wherever the rig flies.
     """
 
-    voice: RotorVoice
+    RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
+
+    signal: RotorSignal
     rotors: Sequence[Sequence[float]]
     microphones: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
-        if np.shape(self.rotors) != (len(self.voice.rotor_hz), 3):
-            raise ValueError(f'own rotors have shape {np.shape(self.rotors)}, expected ({len(self.voice.rotor_hz)}, 3), '
+        if np.shape(self.rotors) != (len(self.signal.rotor_hz), 3):
+            raise ValueError(f'ego rotors have shape {np.shape(self.rotors)}, expected ({len(self.signal.rotor_hz)}, 3), '
                              'one for each speed in rotor_hz')
 
     def stream(self, sample_rate: int, microphones: int, speed_of_sound: float, key: Sequence[int]) -> Stream:
         """(m, CHUNK) in Pa: each rotor at 1/r, r not below 5 cm."""
         if np.shape(self.microphones) != (microphones, 3):
-            raise ValueError(f'own rotors name microphones of shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
+            raise ValueError(f'ego rotors name microphones of shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
         away = np.asarray(self.rotors, float)[:, None] - np.asarray(self.microphones, float)
         distance = np.maximum(np.linalg.norm(away, axis=-1), 0.05)[..., None]  # (rotors, m, 1)
-        voices = [self._voice_of(number).stream(sample_rate, [*key, number], _at_rest) for number in range(len(self.rotors))]
+        signals = [self._signal_of(number).stream(sample_rate, [*key, number], _at_rest) for number in range(len(self.rotors))]
         delay = distance * (sample_rate / speed_of_sound)
         reach = int(delay.max()) + BEFORE + 2
         places = np.arange(CHUNK) + reach - delay
-        rows = np.broadcast_to(np.arange(len(voices))[:, None, None], places.shape)
+        rows = np.broadcast_to(np.arange(len(signals))[:, None, None], places.shape)
 
         def make(index: int) -> NDArray:
-            turned = [voice.read(index * CHUNK - reach, (index + 1) * CHUNK + AFTER + 2) for voice in voices]
+            turned = [signal.read(index * CHUNK - reach, (index + 1) * CHUNK + AFTER + 2) for signal in signals]
             return (interpolate(np.array(turned), rows, places) / distance).sum(axis=0)
 
         return Stream(make)
 
-    def _voice_of(self, rotor: int) -> RotorVoice:
+    def _signal_of(self, rotor: int) -> RotorSignal:
         """One rotor alone, with its share of the vehicle's power."""
         share_db = 10.0 * np.log10(len(self.rotors))
 
         def speed(times: NDArray) -> NDArray:
-            return np.broadcast_to(self.voice.speed(times), (len(times), len(self.rotors)))[:, [rotor]]
+            return np.broadcast_to(self.signal.speed(times), (len(times), len(self.rotors)))[:, [rotor]]
 
-        return replace(self.voice, rotor_hz=(self.voice.rotor_hz[rotor],), speed=speed if self.voice.speed else None,
-                       tone_db_spl=self.voice.tone_db_spl - share_db, broadband_db_spl=self.voice.broadband_db_spl - share_db)
+        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],), speed=speed if self.signal.speed else None,
+                       tone_db_spl=self.signal.tone_db_spl - share_db, broadband_db_spl=self.signal.broadband_db_spl - share_db)
 
 
 def _at_rest(times: NDArray) -> NDArray:

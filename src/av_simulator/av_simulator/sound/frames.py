@@ -29,8 +29,8 @@ class Frame:
 class FrameMaker:
     """Filters by finite impulse responses, cross-faded from the previous frame's to this frame's while the frame lasts."""
 
-    def __init__(self, sample_rate: int, voices: Sequence[Stream]):
-        self._voices = list(voices)
+    def __init__(self, sample_rate: int, signals: Sequence[Stream]):
+        self._signals = list(signals)
         self.samples = 2 ** round(np.log2(_FRAME_S * sample_rate))
         self._half = self.samples // 4
         self._taper = tukey(2 * self._half, 0.5, sym=False)
@@ -71,7 +71,7 @@ class FrameMaker:
         return rfft(taps, size)
 
     def _read(self, number: int, begins: NDArray, length: int) -> NDArray:
-        """The voice of a source from several samples on: (len(begins), length)."""
+        """The signal of a source from several samples on: (len(begins), length)."""
         low = int(begins.min())
-        samples = self._voices[number].read(low, int(begins.max()) + length)
+        samples = self._signals[number].read(low, int(begins.max()) + length)
         return samples[(begins - low)[:, None] + np.arange(length)]

@@ -25,12 +25,12 @@ class Propagation:
     edges, directivity) is computed for the array's centre at the beginning of each frame of about 20 ms.
     """
 
-    def __init__(self, sample_rate: int, clock_ratio: float, sources: Sequence[Source], voices: Sequence[Stream],
+    def __init__(self, sample_rate: int, clock_ratio: float, sources: Sequence[Source], signals: Sequence[Stream],
                  medium: Medium, surroundings: Surroundings):
         """`clock_ratio` is the true interval between the microphones' samples over the nominal one."""
         self._rate, self._ratio = sample_rate, clock_ratio
         self._sources, self._medium = list(sources), medium
-        self._maker = FrameMaker(sample_rate, voices)
+        self._maker = FrameMaker(sample_rate, signals)
         frequency = self._maker.frequency_hz
         self._air = medium.absorption_db_per_m(frequency) if medium.absorption else np.zeros(len(frequency))
         self._rays = rays_of(surroundings, frequency, medium.speed_of_sound)

@@ -75,9 +75,9 @@ class Reverberation:
     """
 
     def __init__(self, zones: Sequence[ReverbZone], sample_rate: int, clock_ratio: float, sources: Sequence[Source],
-                 voices: Sequence[Stream], medium: Medium, layout: NDArray, key: Sequence[int]):
+                 signals: Sequence[Stream], medium: Medium, layout: NDArray, key: Sequence[int]):
         self._zones, self._rate, self._ratio = list(zones), sample_rate, clock_ratio
-        self._sources, self._voices, self._medium = list(sources), list(voices), medium
+        self._sources, self._signals, self._medium = list(sources), list(signals), medium
         block = 2 ** round(np.log2(_PRE_DELAY_S / 2.0 * sample_rate))
         answers = [Answer.of(zone, sample_rate, medium, layout, block, [*key, number]) for number, zone in enumerate(zones)]
         self._convolutions = [[MovingConvolution(answer) for answer in answers] for _ in self._sources]
@@ -90,12 +90,12 @@ class Reverberation:
         microphones = along_block(positions, start, samples, grid.instants)
         times = (grid.instants * (self._ratio / self._rate)).ravel()
         pressure = np.zeros((len(microphones), samples))
-        for source, voice, convolutions in zip(self._sources, self._voices, self._convolutions, strict=True):
+        for source, signal, convolutions in zip(self._sources, self._signals, self._convolutions, strict=True):
             delay = retarded_delay(source.position, listener.reshape(-1, 3), times, self._medium.speed_of_sound)
             place = source.position(times - delay).reshape(listener.shape)
             sent_at = grid.samples * self._ratio - grid.to_samples(delay.reshape(listener.shape[:-1])) * self._rate
             first = int(np.floor(sent_at.min())) - BEFORE - 1
-            sent = voice.read(first, int(sent_at.max()) + AFTER + 3)
+            sent = signal.read(first, int(sent_at.max()) + AFTER + 3)
             heard = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
             ways = np.moveaxis(np.concatenate([place[None], microphones / np.sqrt(len(microphones))]), -1, 1)
             where = grid.to_samples(ways.reshape(-1, *listener.shape[:-1]))

@@ -1,4 +1,4 @@
-"""The voice of a multirotor: harmonics of each rotor's blade passing, and the broadband noise of its blades."""
+"""The signal of a multirotor: harmonics of each rotor's blade passing, and the broadband noise of its blades."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.signal import firwin
 
 from av_simulator.sound.delays import Position
 from av_simulator.sound.levels import db_to_ratio, spl_to_pascal
-from av_simulator.sound.stream import CHUNK, VOICE_CHUNKS, Stream, filtered, white_noise
+from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, filtered, white_noise
 from av_simulator.sound.wander import Wander
 
 _TABLE = 8192  # points of one turn of a rotor
@@ -47,7 +47,7 @@ def _hover(times: NDArray) -> NDArray:
 
 
 @dataclass(frozen=True)
-class RotorVoice:
+class RotorSignal:
     """Several rotors. Levels are those of the whole vehicle at 1 m.
 
     A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first
@@ -83,7 +83,7 @@ class RotorVoice:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """See Voice."""
+        """See SourceSignal."""
         speed = self.speed or (thrust_speed(position) if self.follow else _hover)
         turns = _Turns(self, speed, sample_rate, key)
         waveforms = self._waveforms(sample_rate, np.random.default_rng([*key, 1]))
@@ -100,7 +100,7 @@ class RotorVoice:
             swell = 1.0 + self.modulation * np.cos(2 * np.pi * self.blades * fraction).mean(axis=0)
             return tone + gain * swell * hiss.read(index * CHUNK, (index + 1) * CHUNK)
 
-        return Stream(make, VOICE_CHUNKS)
+        return Stream(make, SIGNAL_CHUNKS)
 
     def _waveforms(self, sample_rate: int, random: np.random.Generator) -> NDArray:
         """One turn of each rotor, (rotors, _TABLE), in Pa at 1 m; the phases of the harmonics are drawn at random."""
@@ -126,10 +126,10 @@ def _look_up(wave: NDArray, places: NDArray) -> NDArray:
 class _Turns:
     """How often each rotor has turned: the integral of its speed from time zero, both ways, whatever is asked first."""
 
-    def __init__(self, voice: RotorVoice, speed: Speed, sample_rate: int, key: Sequence[int]):
-        rotors = len(voice.rotor_hz)
-        self._voice, self._rate, self._speed_given = voice, sample_rate, speed
-        self._turbulence = Wander([*key, 0], voice.jitter_hz, rotors)
+    def __init__(self, signal: RotorSignal, speed: Speed, sample_rate: int, key: Sequence[int]):
+        rotors = len(signal.rotor_hz)
+        self._signal, self._rate, self._speed_given = signal, sample_rate, speed
+        self._turbulence = Wander([*key, 0], signal.jitter_hz, rotors)
         self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
 
     def chunk(self, index: int) -> NDArray:
@@ -155,12 +155,12 @@ class _Turns:
         for passed in range(known, index, way):
             turned = self._integrate(min(passed, passed + way))[2][-1]
             self._at_start[passed + way] = self._at_start[passed] + way * turned
-            forgotten = passed - way * VOICE_CHUNKS
+            forgotten = passed - way * SIGNAL_CHUNKS
             if forgotten % _MILESTONE:
                 self._at_start.pop(forgotten, None)
         return self._at_start[index]
 
     def _speed(self, times: NDArray) -> NDArray:
         """Turns per second of each rotor at times (k,): (k, rotors)."""
-        wander = 1.0 + self._voice.jitter * self._turbulence(times)
-        return np.asarray(self._voice.rotor_hz) * wander * self._speed_given(times)
+        wander = 1.0 + self._signal.jitter * self._turbulence(times)
+        return np.asarray(self._signal.rotor_hz) * wander * self._speed_given(times)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from av_simulator.sound.delays import Position
 from av_simulator.sound.directivity import Directivity
-from av_simulator.sound.voices import Voice
+from av_simulator.sound.source_signals import SourceSignal
 
 
 @dataclass(frozen=True)
@@ -14,6 +14,6 @@ class Source:
     """A point that sounds. `position` gives world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well."""
 
     position: Position
-    voice: Voice
+    signal: SourceSignal
     gain_db: float = 0.0
     directivity: Directivity | None = None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
 CHUNK = 4096
-VOICE_CHUNKS = 64  # kept of a voice, 5 s at 48 kHz: more than sound needs from 1.5 km
+SIGNAL_CHUNKS = 64  # kept of a signal, 5 s at 48 kHz: more than sound needs from 1.5 km
 
 
 class Stream:

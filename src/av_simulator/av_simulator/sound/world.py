@@ -35,10 +35,10 @@ class SoundWorld:
         self._medium = medium or Medium()
         self._noise, self._seed, self._full_scale_pa = noise or Noise(), seed, full_scale_pa
         self._clock_rate = sample_rate * (1.0 + clock_ppm * 1e-6)
-        self._voices = [source.voice.stream(sample_rate, [seed, 1, number], source.position)
+        self._signals = [source.signal.stream(sample_rate, [seed, 1, number], source.position)
                         for number, source in enumerate(self._sources)]
         surroundings = surroundings or Surroundings()
-        self._propagation = Propagation(sample_rate, sample_rate / self._clock_rate, self._sources, self._voices, self._medium,
+        self._propagation = Propagation(sample_rate, sample_rate / self._clock_rate, self._sources, self._signals, self._medium,
                                         surroundings)
         self._zones = surroundings.zones
         self._reverberation: Reverberation | None = None
@@ -83,7 +83,7 @@ class SoundWorld:
         self._noise_stream = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
         if self._zones:
             self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources,
-                                                self._voices, self._medium, layout, [self._seed, 2])
+                                                self._signals, self._medium, layout, [self._seed, 2])
         snr = self._noise.snr
         if snr is not None:
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
@@ -97,7 +97,7 @@ class SoundWorld:
             return 0.0
         if not 0 <= snr.source < len(self._sources):
             raise ValueError(f'snr source is {snr.source}, expected 0 to {len(self._sources) - 1}')
-        power = band_power(self._voices[snr.source], self._rate, snr.band_hz)
+        power = band_power(self._signals[snr.source], self._rate, snr.band_hz)
         if power == 0.0:
             raise ValueError(f'snr source is {snr.source}, which is silent in its first seconds; '
                              'leave snr out and state the noise in dB SPL')

@@ -17,10 +17,10 @@ from av_simulator.sound.benchmark.fly_by import PAIR, RATE, FlyBy, deviation
 from av_simulator.sound.ground import Ground
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise, Snr
-from av_simulator.sound.rotor import RotorVoice
+from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.source import Source
+from av_simulator.sound.source_signals import FormulaSignal
 from av_simulator.sound.surroundings import Room, Surroundings
-from av_simulator.sound.voices import FormulaVoice
 from av_simulator.sound.world import SoundWorld
 
 CLIMATES = ((20.0, 50.0), (0.0, 30.0), (35.0, 80.0), (20.0, 10.0))  # degrees Celsius, % humidity
@@ -65,8 +65,8 @@ def moving_rig(block: int = 1600) -> Iterator[Figure]:
         centre = np.stack([10.0 * (times - 1.0), 0 * times, 0 * times + 1.5], axis=1)
         return np.stack([centre + half, centre - half], axis=1)
 
-    voice = FormulaVoice(lambda t: np.sin(2 * np.pi * 1000.0 * t))
-    world = SoundWorld(RATE, [Source(lambda t: np.broadcast_to(source, (len(t), 3)), voice)], noise=Noise(None))
+    signal = FormulaSignal(lambda t: np.sin(2 * np.pi * 1000.0 * t))
+    world = SoundWorld(RATE, [Source(lambda t: np.broadcast_to(source, (len(t), 3)), signal)], noise=Noise(None))
     heard = np.concatenate([world.render(block, microphones((start + np.arange(0, block + 1, 160)) / RATE))
                             for start in range(0, samples, block)])
     times = np.arange(samples) / RATE
@@ -90,19 +90,19 @@ def air() -> Iterator[Figure]:
             worst = max(worst, float(np.abs(ours[frequency >= 50] / known[frequency >= 50] - 1.0).max()))
         yield Figure('ISO 9613-1 against pyroadacoustics, four climates, to 10 kHz', 100 * worst, '%', most=1.0)
     tones = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
-    voice = FormulaVoice(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in tones))
+    signal = FormulaSignal(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in tones))
     for distance in (10.0, 50.0, 100.0):
         worst = 0.0
         for temperature, humidity in CLIMATES:
-            lost = _amplitudes(voice, tones, distance, Medium(temperature, humidity)) / _amplitudes(
-                voice, tones, distance, Medium(temperature, humidity, absorption=True))
+            lost = _amplitudes(signal, tones, distance, Medium(temperature, humidity)) / _amplitudes(
+                signal, tones, distance, Medium(temperature, humidity, absorption=True))
             formula = absorption_db_per_m(tones, temperature, humidity) * distance
             worst = max(worst, float(np.abs(20 * np.log10(lost) - formula).max()))
         yield Figure(f'rendered absorption over {distance:.0f} m, 50 Hz to 10 kHz, greatest', worst, 'dB', most=0.5)
 
 
-def _amplitudes(voice: FormulaVoice, tones: NDArray, distance: float, medium: Medium) -> NDArray:
-    source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), voice)
+def _amplitudes(signal: FormulaSignal, tones: NDArray, distance: float, medium: Medium) -> NDArray:
+    source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), signal)
     heard = SoundWorld(RATE, [source], medium, 1, Noise(None)).render(RATE + RATE // 2, np.zeros((2, 1, 3)))
     return np.abs(np.fft.rfft(heard[RATE // 2:, 0]))[tones]
 
@@ -115,8 +115,8 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
 
     size, place, pair, absorption = [6.0, 5.0, 3.0], [2.0, 3.1, 1.4], np.array([[4.1, 1.9, 1.2], [4.1, 2.1, 1.2]]), 0.45
     pulse = firwin(255, [100.0, 7000.0], pass_zero=False, fs=rate)
-    voice = FormulaVoice(lambda t: np.interp(t - 0.05, (np.arange(255) - 127) / rate, pulse, left=0.0, right=0.0))
-    source = Source(lambda t: np.broadcast_to(place, (len(t), 3)), voice)
+    signal = FormulaSignal(lambda t: np.interp(t - 0.05, (np.arange(255) - 127) / rate, pulse, left=0.0, right=0.0))
+    source = Source(lambda t: np.broadcast_to(place, (len(t), 3)), signal)
     walls = Surroundings(room=Room([0.0, 0.0, 0.0], size, (absorption,), order=order))
     heard = SoundWorld(rate, [source], noise=Noise(None), surroundings=walls).render(rate // 2, np.array([pair, pair]))
     pra.constants.set('c', Medium().speed_of_sound)
@@ -126,7 +126,7 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
     theirs.add_microphone_array(pair.T)
     theirs.compute_rir()
     late = pra.constants.get('frac_delay_length') // 2
-    sent = voice.stream(rate, [0], source.position).read(0, rate // 2)
+    sent = signal.stream(rate, [0], source.position).read(0, rate // 2)
     known = np.array([np.convolve(sent, responses[0])[late:late + rate // 2] for responses in theirs.rir]).T
     alike = min(np.corrcoef(heard[:, channel], known[:, channel])[0, 1] for channel in range(2))
     yield Figure(f'room of order {order}, correlation with pyroomacoustics', float(alike), least=0.99)
@@ -148,7 +148,7 @@ def speed() -> Iterator[Figure]:
     for block in (480, 1600):
         full = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
         yield Figure(f'drone, ground, absorption and noise, blocks of {block}', full, 's', most=0.2)
-    tone, open_air = FormulaVoice(lambda t: np.sin(2 * np.pi * 1000.0 * t)), Surroundings()
+    tone, open_air = FormulaSignal(lambda t: np.sin(2 * np.pi * 1000.0 * t)), Surroundings()
     direct = _work(lambda: _tone(scene, tone, Medium(), open_air), 960)
     ground = _work(lambda: _tone(scene, tone, Medium(absorption=True), Surroundings(ground=Ground())), 960)
     yield Figure('a tone, direct sound', direct, 's')
@@ -178,12 +178,12 @@ def peers_fly_by() -> Iterator[Figure]:
 
 
 def _drone(medium: Medium, surroundings: Surroundings, noise: Noise) -> SoundWorld:
-    return SoundWorld(RATE, [Source(FlyBy(start=(-20.0, 10.0, 8.0)).position, RotorVoice())], medium, noise=noise,
+    return SoundWorld(RATE, [Source(FlyBy(start=(-20.0, 10.0, 8.0)).position, RotorSignal())], medium, noise=noise,
                       surroundings=surroundings)
 
 
-def _tone(scene: FlyBy, voice: FormulaVoice, medium: Medium, surroundings: Surroundings) -> SoundWorld:
-    return SoundWorld(RATE, [Source(scene.position, voice)], medium, noise=Noise(None), surroundings=surroundings)
+def _tone(scene: FlyBy, signal: FormulaSignal, medium: Medium, surroundings: Surroundings) -> SoundWorld:
+    return SoundWorld(RATE, [Source(scene.position, signal)], medium, noise=Noise(None), surroundings=surroundings)
 
 
 def _work(make: Callable[[], SoundWorld], block: int, repeats: int = 5) -> float:

@@ -11,7 +11,7 @@ from scipy.signal import hilbert
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise
 from av_simulator.sound.source import Source
-from av_simulator.sound.voices import FormulaVoice
+from av_simulator.sound.source_signals import FormulaSignal
 from av_simulator.sound.world import SoundWorld
 
 RATE = 48000
@@ -60,8 +60,8 @@ class FlyBy:
 
     def render(self, block: int = 1600) -> NDArray:
         """The same (n, m) from SoundWorld."""
-        voice = FormulaVoice(lambda t: np.sin(2 * np.pi * self.tone_hz * t))
-        world = SoundWorld(RATE, [Source(self.position, voice)], self.medium, noise=Noise(None))
+        signal = FormulaSignal(lambda t: np.sin(2 * np.pi * self.tone_hz * t))
+        world = SoundWorld(RATE, [Source(self.position, signal)], self.medium, noise=Noise(None))
         still = np.stack([PAIR, PAIR])
         return np.concatenate([world.render(block, still) for _ in range(len(self.times) // block)])
 

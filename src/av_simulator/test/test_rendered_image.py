@@ -1,4 +1,4 @@
-"""Rendered pictures against geometry and Beer-Lambert: what is where, how far, how clear, and how much of it."""
+"""Rendered images against geometry and Beer-Lambert: what is where, how far, how clear, and how much of it."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.camera_effects import CameraEffects, motion_blurred
-from av_simulator.rendering.painter import Painter
+from av_simulator.rendering.flat_renderer import FlatRenderer
 from av_simulator.rendering.scene_renderer import AIRLIGHT, SceneRenderer
 from av_simulator.rendering.scenes import SCENES, Solid, Woodland
 from av_simulator.rendering.view import Drone, View, outline
@@ -29,7 +29,7 @@ def renderer(obstacles=(), drones=((0.6, 4),), scene=EMPTY, **options):
         pytest.skip(str(error))
 
 
-def picture(view, *args, **options):
+def image(view, *args, **options):
     made = renderer(*args, **options)
     try:
         return made.render(view)
@@ -48,7 +48,7 @@ def wall(distance):
 @pytest.mark.parametrize('fog', [0.02, 0.1, 0.3])
 @pytest.mark.parametrize('distance', [4.0, 8.0])
 def test_fog_follows_beer_lambert_within_2_percent(fog, distance):
-    """Transmission from the pictures alone: (fogged - airlight) / (clear - airlight) of a black wall, pixel by pixel."""
+    """Transmission from the images alone: (fogged - airlight) / (clear - airlight) of a black wall, pixel by pixel."""
     made = renderer([wall(distance)])
     clear = made.render(view(drones=[])).bgr.astype(float)
     fogged = np.mean([made.render(view(drones=[], index=n, atmosphere=Atmosphere(fog))).bgr for n in range(12)], axis=0)
@@ -59,7 +59,7 @@ def test_fog_follows_beer_lambert_within_2_percent(fog, distance):
 
 
 def test_depth_is_the_distance_along_the_axis():
-    depth = picture(view(drones=[]), [wall(7.0)]).depth
+    depth = image(view(drones=[]), [wall(7.0)]).depth
     assert depth[240, 320] == pytest.approx(7.0, abs=0.01)
     assert np.isinf(depth[5, 320])
     row = 400       # ground: rays of the camera model meet the plane z = 0
@@ -72,7 +72,7 @@ def test_depth_is_the_distance_along_the_axis():
 @pytest.mark.parametrize('position', [(6.0, 1.0, 2.5), (5.0, -2.6, 1.2), (12.0, 5.0, 3.0)])
 def test_boxes_lie_where_the_distorted_camera_projects_the_drone(position):
     drone = dataclasses.replace(DRONE, position=np.array(position))
-    truth = picture(view(drones=[drone])).truth[0]
+    truth = image(view(drones=[drone])).truth[0]
     pixels = CAMERA.model.project((outline(drone) - EYE) @ LEVEL)
     assert truth.visible_fraction == 1.0
     assert truth.box[0] == pytest.approx(pixels[:, 0].min(), abs=0.12 * np.ptp(pixels[:, 0]) + 1.5)
@@ -95,7 +95,7 @@ def test_what_stands_before_a_drone_hides_that_share_of_it():
 
 def test_segmentation_names_each_drone():
     drones = [DRONE, Drone(3, np.array([5.0, -1.0, 1.6]), np.eye(3), 0.6, 6, np.zeros(6))]
-    made = picture(view(drones=drones), drones=[(0.6, 4), (0.6, 6)], everything=True)
+    made = image(view(drones=drones), drones=[(0.6, 4), (0.6, 6)], everything=True)
     assert set(np.unique(made.segmentation)) == {0, 2, 3}
     for truth in made.truth:
         columns = np.flatnonzero((made.segmentation == truth.target_id).any(axis=0))
@@ -103,23 +103,23 @@ def test_segmentation_names_each_drone():
 
 
 def test_the_oracle_reports_what_can_be_seen():
-    assert [box.target_id for box in picture(view()).boxes] == [2]
-    assert picture(view(atmosphere=Atmosphere(1.0))).boxes == []
-    assert picture(view(daylight=0.001)).boxes == []
-    assert picture(view(rotation=np.diag([-1.0, -1.0, 1.0]) @ LEVEL)).boxes == []
+    assert [box.target_id for box in image(view()).boxes] == [2]
+    assert image(view(atmosphere=Atmosphere(1.0))).boxes == []
+    assert image(view(daylight=0.001)).boxes == []
+    assert image(view(rotation=np.diag([-1.0, -1.0, 1.0]) @ LEVEL)).boxes == []
 
 
 def test_the_same_view_gives_the_same_bytes():
     foggy = view(atmosphere=Atmosphere(0.1, 5.0, 3.0, (Cloud(np.array([4.0, 0.0, 1.0]), 1.0, 0.5),)))
     scene = Woodland(trees=30)
-    first, second = picture(foggy, scene=scene), picture(foggy, scene=scene)
+    first, second = image(foggy, scene=scene), image(foggy, scene=scene)
     np.testing.assert_array_equal(first.bgr, second.bgr)
-    assert (picture(dataclasses.replace(foggy, index=2), scene=scene).bgr != first.bgr).any()
+    assert (image(dataclasses.replace(foggy, index=2), scene=scene).bgr != first.bgr).any()
 
 
 @pytest.mark.parametrize('kind', SCENES)
 def test_every_scene_renders(kind):
-    made = picture(view(), scene=SCENES[kind](), everything=True)
+    made = image(view(), scene=SCENES[kind](), everything=True)
     assert made.bgr.shape == (480, 640, 3)
     assert made.bgr.std() > 10
     assert made.thermal.shape == (480, 640)
@@ -159,7 +159,7 @@ def test_optical_depth_is_the_integral_of_the_extinction(rng, atmosphere):
     Atmosphere(0.02, None, 12.0, (Cloud(np.array([4.0, 0.0, 1.0]), 2.0, 0.7),)), Atmosphere(0.0, 3.0),
     Atmosphere(0.02, 3.0, 5.0), Atmosphere(clouds=(Cloud(np.array([4.0, 0.0, 1.0]), np.float64(2.0), 0.7),))])
 def test_every_kind_of_air_can_be_rendered(rng, atmosphere):
-    made = picture(view(atmosphere=atmosphere), everything=True)
+    made = image(view(atmosphere=atmosphere), everything=True)
     assert made.bgr.shape == (480, 640, 3) and made.thermal.dtype == np.float32
     directions = rng.standard_normal((9, 3)).astype(np.float32)
     assert atmosphere.optical_depth(EYE.astype(np.float32), directions, np.ones(9)).dtype == np.float32
@@ -192,8 +192,8 @@ def test_credibility_rises_with_size_contrast_and_visible_part():
     assert min(value for value in values if value > 0) >= LEAST
 
 
-def test_the_painter_puts_the_drone_where_the_camera_model_does():
-    made = Painter(CAMERA.model, EMPTY, 1).render(view())
+def test_the_flat_renderer_puts_the_drone_where_the_camera_model_does():
+    made = FlatRenderer(CAMERA.model, EMPTY, 1).render(view())
     centre = CAMERA.model.project([(DRONE.position - EYE) @ LEVEL])[0]
     dark = made.bgr[..., 1] < 60
     assert np.flatnonzero(dark.any(axis=0)).mean() == pytest.approx(centre[0], abs=2.0)
@@ -201,10 +201,10 @@ def test_the_painter_puts_the_drone_where_the_camera_model_does():
 
 
 @pytest.mark.parametrize(('shift', 'fraction'), [(0.0, 0.0), (0.2, 0.5), (0.6, 1.0)])
-def test_the_painter_hides_a_drone_behind_what_stands_before_it(shift, fraction):
+def test_the_flat_renderer_hides_a_drone_behind_what_stands_before_it(shift, fraction):
     """A wall at half the distance, moved aside by no, half and more than half a drone's width, as seen there."""
     board = Solid('box', (3.0, -shift, 2.0), (0.02, 0.5, 1.0), (0.9, 0.9, 0.9))
     drone = dataclasses.replace(DRONE, position=np.array([6.0, 0.6, 2.5]))
-    made = Painter(CAMERA.model, EMPTY, 1, [board]).render(view(drones=[drone]))
+    made = FlatRenderer(CAMERA.model, EMPTY, 1, [board]).render(view(drones=[drone]))
     assert made.truth[0].visible_fraction == pytest.approx(fraction, abs=0.15)
     assert bool(made.boxes) == (fraction > 0.0)

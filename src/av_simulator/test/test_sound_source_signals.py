@@ -1,10 +1,10 @@
-"""Voices: rotors and recordings."""
+"""Signals: rotors and recordings."""
 
 import numpy as np
 import pytest
 import soundfile
 
-from av_simulator.sound import RecordingVoice, RotorVoice
+from av_simulator.sound import RecordedSignal, RotorSignal
 
 RATE = 48000
 
@@ -18,8 +18,8 @@ def spl(samples):
 
 
 def test_rotor_harmonics_stand_at_multiples_of_the_blade_passing():
-    voice = RotorVoice(rotor_hz=(80.0,), blades=3, jitter=0.0, broadband_db_spl=-100.0, imbalance_db=-200.0, tone_db_spl=70.0)
-    samples = voice.stream(RATE, [1], nowhere).read(0, RATE)
+    signal = RotorSignal(rotor_hz=(80.0,), blades=3, jitter=0.0, broadband_db_spl=-100.0, imbalance_db=-200.0, tone_db_spl=70.0)
+    samples = signal.stream(RATE, [1], nowhere).read(0, RATE)
     spectrum = np.abs(np.fft.rfft(samples))
     strongest = np.sort(np.argsort(spectrum)[-6:])
     np.testing.assert_array_equal(strongest, 240 * np.arange(1, 7))
@@ -28,9 +28,9 @@ def test_rotor_harmonics_stand_at_multiples_of_the_blade_passing():
 
 
 def test_rotor_speed_wanders_by_the_stated_jitter():
-    voice = RotorVoice(rotor_hz=(100.0,), blades=2, jitter=0.01, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
+    signal = RotorSignal(rotor_hz=(100.0,), blades=2, jitter=0.01, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
                        imbalance_db=-200.0)
-    samples = voice.stream(RATE, [4], nowhere).read(0, 10 * RATE)
+    samples = signal.stream(RATE, [4], nowhere).read(0, 10 * RATE)
     crossings = np.flatnonzero((samples[:-1] < 0) & (samples[1:] >= 0))
     exact = crossings + samples[crossings] / (samples[crossings] - samples[crossings + 1])
     frequency = RATE / np.diff(exact)
@@ -39,7 +39,7 @@ def test_rotor_speed_wanders_by_the_stated_jitter():
 
 
 def test_rotor_pitch_follows_the_given_speed():
-    faster = RotorVoice(rotor_hz=(100.0,), blades=1, jitter=0.0, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
+    faster = RotorSignal(rotor_hz=(100.0,), blades=1, jitter=0.0, broadband_db_spl=-100.0, harmonics=1, harmonics_db=(0.0,),
                         speed=lambda t: np.where(t < 2.0, 1.0, 1.2)[:, None])
     stream = faster.stream(RATE, [1], nowhere)
     for second, wanted in ((0, 100), (3, 120), (-2, 100)):
@@ -48,7 +48,7 @@ def test_rotor_pitch_follows_the_given_speed():
 
 
 def test_reading_order_does_not_matter():
-    ordered, jumped = (RotorVoice().stream(RATE, [2], nowhere) for _ in range(2))
+    ordered, jumped = (RotorSignal().stream(RATE, [2], nowhere) for _ in range(2))
     jumped.read(200000, 210000)
     jumped.read(-30000, -20000)
     assert np.array_equal(ordered.read(-5000, 20000), jumped.read(-5000, 20000))
@@ -58,7 +58,7 @@ def test_reading_order_does_not_matter():
 def test_recording_of_any_rate_keeps_its_frequency_and_level(tmp_path, rate, suffix):
     file = tmp_path / f'tone.{suffix}'
     soundfile.write(file, np.stack([0.1 * np.sin(2 * np.pi * 1000 * np.arange(rate) / rate), np.zeros(rate)], axis=1), rate)
-    samples = RecordingVoice(file, level_db_spl=80.0, channel=0).stream(RATE, [0], nowhere).read(-RATE // 2, RATE // 2)
+    samples = RecordedSignal(file, level_db_spl=80.0, channel=0).stream(RATE, [0], nowhere).read(-RATE // 2, RATE // 2)
     assert np.argmax(np.abs(np.fft.rfft(samples))) == pytest.approx(1000, abs=1)
     assert spl(samples) == pytest.approx(80.0, abs=0.3)
 
@@ -66,17 +66,17 @@ def test_recording_of_any_rate_keeps_its_frequency_and_level(tmp_path, rate, suf
 def test_loop_has_no_seam_and_one_shot_ends(tmp_path):
     file = tmp_path / 'noise.wav'
     soundfile.write(file, np.random.default_rng(0).uniform(-0.5, 0.5, 48000) + 0.2, 48000)
-    once = RecordingVoice(file, loop=False, start_s=0.5).stream(RATE, [0], nowhere)
+    once = RecordedSignal(file, loop=False, start_s=0.5).stream(RATE, [0], nowhere)
     assert not once.read(0, 24000).any() and once.read(24000, 72000).any() and not once.read(72000, 90000).any()
-    looped = RecordingVoice(file).stream(RATE, [0], nowhere).read(0, 4 * RATE)
+    looped = RecordedSignal(file).stream(RATE, [0], nowhere).read(0, 4 * RATE)
     seconds = looped[:45600 * 4].reshape(4, -1)
     np.testing.assert_array_equal(seconds[0], seconds[1])
 
 
 def test_missing_or_unreadable_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match='nothing.wav'):
-        RecordingVoice(tmp_path / 'nothing.wav')
+        RecordedSignal(tmp_path / 'nothing.wav')
     text = tmp_path / 'text.wav'
     text.write_text('no sound')
     with pytest.raises(ValueError, match='text.wav'):
-        RecordingVoice(text).stream(RATE, [0], nowhere)
+        RecordedSignal(text).stream(RATE, [0], nowhere)

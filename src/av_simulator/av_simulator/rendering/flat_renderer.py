@@ -1,4 +1,4 @@
-"""Pictures painted with OpenCV, for machines that cannot render: sky, ground, solids and drones in even fog."""
+"""Images of flat shapes drawn with OpenCV, for machines without OpenGL: sky, ground, solids and drones in even fog."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from av_common.camera import PinholeCamera
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.view import Drone, Picture, TruthBox, View, appearance, oracle_box, rotor_hubs
+from av_simulator.rendering.view import Drone, RenderedImage, TruthBox, View, appearance, oracle_box, rotor_hubs
 
 # Colours are blue, green, red in 0..255.
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
@@ -20,18 +20,25 @@ _GROUND = np.array([60.0, 95.0, 85.0])
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
 _FOG = np.array([205.0, 205.0, 203.0])
 _SKY_DISTANCE = 1500.0
-_COARSE = 2            # sky and ground are smooth: painted at half the resolution
+_COARSE = 2            # sky and ground are smooth: drawn at half the resolution
 _NOISES = 8
 _SUBPIXEL = 4          # bits
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
-class Painter:
-    """Paints what one camera sees of one scene. The same seed and view give the same picture."""
+class FlatRenderer:
+    """Draws what one camera sees of one scene. The same seed and view give the same image.
+
+    Parameters:
+        camera: pinhole model of the camera.
+        scene: what stands in the scene, and its ground and sky.
+        seed: of texture and noise.
+        obstacles: solids beside those of the scene.
+        noise (grey levels): standard deviation of the sensor's noise.
+    """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (),
                  noise: float = 2.5):
-        """noise: standard deviation of the sensor's noise in grey levels."""
         self._camera = camera
         random = np.random.default_rng([seed, 11])
         width, height = camera.width // _COARSE, camera.height // _COARSE
@@ -45,8 +52,8 @@ class Painter:
         self._solids = [*scene.solids(np.random.default_rng([seed, 11])), *obstacles]
         self._places = np.array([solid.centre for solid in self._solids]).reshape(-1, 3)
 
-    def render(self, view: View) -> Picture:
-        """The picture of one view, with the oracle's boxes."""
+    def render(self, view: View) -> RenderedImage:
+        """The image of one view, with the oracle's boxes."""
         bgr = self._background(view)
         solids = self._visible(view)
         drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
@@ -66,13 +73,13 @@ class Painter:
                                   view.atmosphere.transmission(view.position, drone.position), distance))
             if visible and (box := oracle_box(seen, truth[-1])) is not None:
                 boxes.append(box)
-        return Picture(bgr, boxes, truth)
+        return RenderedImage(bgr, boxes, truth)
 
     def close(self) -> None:
         """Nothing to give back."""
 
     def _visible_share(self, view: View, drone: Drone, nearer: list[Solid]) -> float:
-        """Share of the drone's pixels that no nearer solid is painted over."""
+        """Share of the drone's pixels that no nearer solid covers."""
         if not nearer:
             return 1.0
         mask = np.zeros((self._camera.height, self._camera.width), np.uint8)

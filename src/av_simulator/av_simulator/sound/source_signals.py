@@ -1,8 +1,8 @@
-"""What sources sound like: recordings, tones and formulas; rotors are in rotor.py.
+"""Signals that sources emit: recordings, tones and formulas; rotors are in rotor.py.
 
-A voice is a plain description; `voice.stream(sample_rate, key, position)` makes its signal: the sound pressure in Pa at
-1 m against time of emission, sample 0 at time 0. `key` names its random numbers, `position` is its source's, for voices
-that follow it.
+A source signal is a plain description; its method `stream(sample_rate, key, position)` makes the samples: the sound
+pressure in Pa at 1 m against time of emission, sample 0 at time 0. `key` seeds its random numbers; `position` is that of
+its source, for signals that depend on the flight.
 """
 
 from __future__ import annotations
@@ -20,46 +20,46 @@ from scipy.signal import resample_poly
 
 from av_simulator.sound.delays import Position
 from av_simulator.sound.levels import spl_to_pascal
-from av_simulator.sound.stream import CHUNK, VOICE_CHUNKS, Stream
+from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream
 
 
-class Voice(Protocol):
-    """What a source needs of its voice."""
+class SourceSignal(Protocol):
+    """Describes what a source emits."""
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """The signal of one source."""
+        """Sound pressure (Pa) at 1 m of one source, sample by sample."""
 
 
 @dataclass(frozen=True)
-class FormulaVoice:
+class FormulaSignal:
     """Pressure in Pa at 1 m as a function of time in s: (k,) -> (k,)."""
 
     pressure: Callable[[NDArray], NDArray]
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """See Voice."""
-        return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate), VOICE_CHUNKS)
+        """See SourceSignal."""
+        return Stream(lambda index: self.pressure(np.arange(index * CHUNK, (index + 1) * CHUNK) / sample_rate), SIGNAL_CHUNKS)
 
 
 @dataclass(frozen=True)
-class ToneVoice:
+class ToneSignal:
     """A sine of one frequency."""
 
     frequency_hz: float = 1000.0
     level_db_spl: float = 74.0
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """See Voice."""
+        """See SourceSignal."""
         amplitude = np.sqrt(2.0) * spl_to_pascal(self.level_db_spl)
-        return FormulaVoice(lambda t: amplitude * np.sin(2 * np.pi * self.frequency_hz * t)).stream(sample_rate, key, position)
+        return FormulaSignal(lambda t: amplitude * np.sin(2 * np.pi * self.frequency_hz * t)).stream(sample_rate, key, position)
 
 
 @dataclass(frozen=True)
-class RecordingVoice:
+class RecordedSignal:
     """A sound file of any format and rate that libsndfile reads; channels are averaged unless one is chosen.
 
     The level is that of the whole file at 1 m. `pitch` above 1 plays it faster and higher. A loop is joined by a
-    cross-fade of `fade_s`; one shot begins at `start_s` and is followed by silence.
+    cross-fade of `fade_s`; without a loop it begins at `start_s` and is followed by silence.
     """
 
     file: str | Path
@@ -72,12 +72,12 @@ class RecordingVoice:
 
     def __post_init__(self) -> None:
         if not Path(self.file).is_file():
-            raise FileNotFoundError(f'voice file is {str(self.file)!r}, which does not exist')
+            raise FileNotFoundError(f'recording: {str(self.file)!r} does not exist')
         if not 0.1 <= self.pitch <= 10.0:
-            raise ValueError(f'voice pitch is {self.pitch}, expected 0.1 to 10')
+            raise ValueError(f'recording: pitch is {self.pitch}, expected 0.1 to 10')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """See Voice."""
+        """See SourceSignal."""
         samples = self._load(sample_rate)
         if self.loop:
             samples = _join_ends(samples, int(self.fade_s * sample_rate))
@@ -90,22 +90,22 @@ class RecordingVoice:
             inside = (place >= 0) & (place < len(samples))
             return np.where(inside, samples[np.clip(place, 0, len(samples) - 1)], 0.0)
 
-        return Stream(make, VOICE_CHUNKS)
+        return Stream(make, SIGNAL_CHUNKS)
 
     def _load(self, sample_rate: int) -> NDArray:
         try:
             recorded, rate = soundfile.read(self.file, always_2d=True)
         except RuntimeError as error:
-            raise ValueError(f'voice file {str(self.file)!r} cannot be read: {error}') from error
+            raise ValueError(f'recording: {str(self.file)!r} cannot be read: {error}') from error
         if self.channel is not None and not 0 <= self.channel < recorded.shape[1]:
-            raise ValueError(f'voice channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
+            raise ValueError(f'recording: channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
                              f'{recorded.shape[1] - 1}')
         mono = recorded.mean(axis=1) if self.channel is None else recorded[:, self.channel]
         ratio = Fraction(sample_rate / (rate * self.pitch)).limit_denominator(1000)
         samples = resample_poly(mono, ratio.numerator, ratio.denominator)
         rms = np.sqrt(np.mean(samples**2))
         if len(samples) == 0 or rms == 0.0:
-            raise ValueError(f'voice file {str(self.file)!r} is empty or silent')
+            raise ValueError(f'recording: {str(self.file)!r} is empty or silent')
         return samples * spl_to_pascal(self.level_db_spl) / rms
 
 
