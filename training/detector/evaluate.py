@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from clips import HEIGHT, NO_PADDING, WIDTH, Frames, build_cache, clips_of, film, scaled
 from material import CROWD
-from measure import extent, detect_all, match, measure
+from measure import detect_all, extent, match, measure
 from numpy.typing import NDArray
 from pasting import crowd, paste
 from simulated import boxes_of
