@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from av_audio.clock import SampleClock
 from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
+from av_common.clock import SampleClock
 
 # Without a block for this long the device counts as gone.
 LOST_AFTER_S = 1.5
@@ -70,7 +70,7 @@ class DeviceSource:
 
     def time_of(self, sample: int) -> float:
         """Capture time in s of a sample, on the clock `now`."""
-        return self.clock.time_of(sample)
+        return self.clock.to_ros(sample)
 
     def _open(self) -> subprocess.Popen:
         process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -112,7 +112,7 @@ class DeviceSource:
         begin = self._now() - age
         self.overflows += overflowed
         if (overflowed or self.lost) and self._next_sample:
-            missing = round((begin - self.clock.time_of(self._next_sample)) * self.sample_rate)
+            missing = round((begin - self.clock.to_ros(self._next_sample)) * self.sample_rate)
             self._next_sample += max(0, missing)
         self.lost = False
         self.clock.observe(self._next_sample, begin)

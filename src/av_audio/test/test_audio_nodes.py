@@ -19,12 +19,12 @@ from std_msgs.msg import Float32MultiArray, Header
 
 from av_audio.benchmark.ego_noise import scene
 from av_audio.benchmark.signals import RATE, flat
-from av_audio.clock import SampleCounter
 from av_audio.device_process import load_sounddevice
 from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
 from av_common.acoustics import speed_of_sound
+from av_common.clock import SampleCounter
 from av_common.qos import RESULT, STREAM
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray

@@ -15,7 +15,7 @@ from av_bags.definitions import learn, rig_types
 from av_bags.errors import BagError
 from av_bags.reader import Bag
 from av_common.angles import wrap
-from av_common.clock import SampleClock
+from av_common.clock import SenderClock
 from av_common.frames import yaw_of
 from av_common.stamps import to_seconds, to_stamp
 from av_vision.image import encoding_of, image_from_message
@@ -63,7 +63,7 @@ class AudioBytes:
 
     def __init__(self, layout: AudioLayout) -> None:
         self._layout = layout
-        self._clock = SampleClock(layout.sample_rate)
+        self._clock = SenderClock()
         self._rest = b''
         self._next = 0
         self._origin: float | None = None
@@ -79,8 +79,11 @@ class AudioBytes:
             stamp = to_seconds(message.header.stamp)
             self._skip_gap(stamp)
         else:  # the last sample was taken just before the message came
-            self._clock.observe(self._next + len(samples), 1e-9 * time_ns)
-            stamp = self._clock.to_ros(self._next)
+            end = self._clock.date((self._next + len(samples)) / self._layout.sample_rate, 1e-9 * time_ns)
+            if end is None:  # far from when the samples before it came: left out, as a gap
+                self._next += len(samples)
+                return []
+            stamp = end - len(samples) / self._layout.sample_rate
         frame = self._types['av_interfaces/msg/AudioFrame'](
             make_header(stamp, (message.header.frame_id if stamped else '') or ARRAY_FRAME), self._layout.sample_rate,
             self._layout.channels, self._next, samples.reshape(-1))

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from av_common.clock import SampleClock, SenderClock
+from av_common.clock import SenderClock
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
 
 
 def test_the_least_delay_sets_the_offset(rng):
@@ -59,13 +64,35 @@ def test_a_sender_that_falls_behind_is_late(rng):
     assert clock.lateness == pytest.approx(0.2, abs=2e-3)
 
 
-def test_samples_are_placed_by_the_lower_envelope(rng):
-    clock = SampleClock(48_000)
+def test_unstamped_blocks_are_placed_by_the_lower_envelope(rng):
+    clock = SenderClock()
     for n in range(1, 300):
-        clock.observe(1600 * n, 10.0 + n / 30 + 0.001 + rng.exponential(0.008))
-    assert clock.to_ros(48_000) == pytest.approx(11.001, abs=1e-3)
+        clock.observe(1600 * n / 48_000, 10.0 + n / 30 + 0.001 + rng.exponential(0.008))
+    assert clock.to_ros(1.0) == pytest.approx(11.001, abs=1e-3)
 
 
 def test_an_unheard_sender_has_no_time():
     with pytest.raises(RuntimeError, match='not been heard'):
         SenderClock().to_ros(1.0)
+
+
+def test_a_device_clock_that_drifts_is_followed():
+    rng = np.random.default_rng(0)
+    dated, clock = [], SenderClock()
+    true = np.arange(0.0, 60.0, 1 / 30)
+    for moment in true:
+        stamp = 500.0 + moment * (1 + 3e-5)
+        dated.append(clock.date(stamp, moment + 0.004 + rng.exponential(0.01)))
+    error = np.array(dated) - true
+    assert np.abs(error[60:] - 0.004).max() < 0.004
+    assert clock.date(7.0, 100.0) == 100.0  # the device was started again
+
+
+def test_what_is_refused_is_not_dated():
+    clock = SenderClock()
+    assert clock.date(0.0, 100.0) == 100.0
+    assert clock.date(5.0, 100.1) is None    # from the future
+    assert clock.date(-0.7, 100.1) is None   # too late to set the clock by ...
+    assert clock.date_late(-0.7, 100.1, latest=10.0) == pytest.approx(99.3)   # ... but a time all the same
+    assert clock.date_late(5.0, 100.1, latest=10.0) is None and clock.date_late(-20.0, 100.1, latest=10.0) is None
+    assert clock.to_ros(0.0) == 100.0

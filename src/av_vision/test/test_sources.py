@@ -1,4 +1,4 @@
-"""Files as cameras, devices that vanish, and stamps of a device's own clock."""
+"""Files as cameras, and devices that vanish."""
 
 import time
 
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from av_vision.sources import Capture, Picture, SourceError
-from av_vision.sources.clock_map import ClockMap
 from av_vision.sources.files import FileSource, Recording
 from av_vision.sources.v4l2 import DeviceSource
 
@@ -155,15 +154,3 @@ def test_unplugging_is_survived():
     capture.stop()
     assert len(pictures) >= 6
     assert capture.reconnections >= 3
-
-
-def test_a_device_clock_that_drifts_is_followed():
-    rng = np.random.default_rng(0)
-    mapped, clock = [], ClockMap()
-    true = np.arange(0.0, 60.0, 1 / 30)
-    for moment in true:
-        stamp = 500.0 + moment * (1 + 3e-5)
-        mapped.append(clock.map(stamp, moment + 0.004 + rng.exponential(0.01)))
-    error = np.array(mapped) - true
-    assert np.abs(error[60:] - 0.004).max() < 0.004
-    assert clock.map(7.0, 100.0) == 100.0  # the device began anew

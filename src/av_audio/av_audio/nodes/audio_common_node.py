@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 
 from av_audio import pcm
-from av_audio.clock import SampleCounter
 from av_audio.nodes.audio_common_node_parameters import audio_common_node as parameters
+from av_common.clock import SampleCounter
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, STREAM
 from av_common.stamps import to_seconds

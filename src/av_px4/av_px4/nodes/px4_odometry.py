@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 
 from av_common.clock import SenderClock
+from av_common.node import RigNode
 from av_common.qos import RESULT
 from av_px4.continuity import ContinuousPose
 from av_px4.frames import Pose
@@ -15,7 +15,7 @@ from av_px4.nodes.px4_messages import odometry_message
 class OdometryRelay:
     """Publishes the topic `odometry`, in a frame that never jumps."""
 
-    def __init__(self, node: Node, odom_frame: str, base_frame: str) -> None:
+    def __init__(self, node: RigNode, odom_frame: str, base_frame: str) -> None:
         self._node, self._frames = node, (odom_frame, base_frame)
         self._pose, self._px4_time = ContinuousPose(), SenderClock()
         self._publisher = node.create_publisher(Odometry, 'odometry', RESULT)
@@ -31,8 +31,9 @@ class OdometryRelay:
         PX4's clock is another one, and lags when it is synchronised: a sample is as old as the quickest ones tell.
         """
         time = 1e-6 * microseconds
-        self._px4_time.observe(time, self._node.get_clock().now().nanoseconds * 1e-9)
-        stamp = self._px4_time.to_ros(time)
+        stamp = self._px4_time.date(time, self._node.now())
+        if stamp is None:  # PX4 was synchronised or started again: half a second later its clock is followed again
+            return
         pose = self._pose.add(time, pose, counter)
         self._publisher.publish(odometry_message(stamp, *self._frames, pose))
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import SampleClock, SenderClock
+from av_common.clock import SenderClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import WireError
@@ -47,7 +47,7 @@ class AudioStream:
         self.ring = ring
         self.foreign = 0
         self._sender_clock = clock
-        self._sample_clock = SampleClock(layout.sample_rate)
+        self._sample_clock = SenderClock()    # of samples without stamps
         self._rate = layout.sample_rate
         self._sender: Sender | None = None
         self._received = 0.0
@@ -65,7 +65,7 @@ class AudioStream:
         self._sender, self._received = sender, arrival
         if self.decoder.counts.restarts != self._restarts:
             self._restarts = self.decoder.counts.restarts
-            self._sample_clock = SampleClock(self._rate)
+            self._sample_clock = SenderClock()
         for block in blocks:
             self._place(block)
             self.ring.write(block.samples, block.first_sample)
@@ -76,13 +76,11 @@ class AudioStream:
         return time + (sample - known) / self._rate
 
     def _place(self, block: AudioBlock) -> None:
-        end = block.first_sample + len(block.samples)
-        if block.time is not None:
-            self._sender_clock.observe(block.time + len(block.samples) / self._rate, block.arrival)
-            self._anchor = (block.first_sample, self._sender_clock.to_ros(block.time))
-        else:
-            self._sample_clock.observe(end, block.arrival)
-            self._anchor = (block.first_sample, self._sample_clock.to_ros(block.first_sample))
+        duration = len(block.samples) / self._rate
+        clock, begin = self._sender_clock, block.time
+        if begin is None:
+            clock, begin = self._sample_clock, block.first_sample / self._rate
+        self._anchor = (block.first_sample, _date(clock, begin + duration, block.arrival, 'audio') - duration)
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ class ImageStream:
             boxes = decode_oracle(datagram)
             return None if self._newest is None else OracleReport(boxes, self._newest)
         fragment = decode_fragment(datagram)
-        _observe(self._clock, fragment.time, arrival, 'image')
+        _date(self._clock, fragment.time, arrival, 'image')
         self._newest = self._stamps.of(fragment.time)
         image = self.assembler.add(fragment)
         return None if image is None else StampedImage(image, self._newest)
@@ -164,8 +162,8 @@ class TruthStream:
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedState:
         """The state in one datagram. Raises WireError."""
         truth = decode_truth(datagram)
-        _observe(self._clock, truth.time, arrival, 'truth')
-        return StampedState(truth.copter_id, from_truth(truth), self._clock.to_ros(truth.time))
+        stamp = _date(self._clock, truth.time, arrival, 'truth')
+        return StampedState(truth.copter_id, from_truth(truth), stamp)
 
 
 class ImuStream:
@@ -179,11 +177,11 @@ class ImuStream:
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> tuple[ImuSample, float]:
         """The sample in one datagram and its ROS time in s. Raises WireError."""
         sample = decode_imu(datagram)
-        _observe(self._clock, sample.time, arrival, 'imu')
+        stamp = _date(self._clock, sample.time, arrival, 'imu')
         if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
             self.lost += sample.sequence - self._expected
         self._expected = sample.sequence + 1
-        return sample, self._clock.to_ros(sample.time)
+        return sample, stamp
 
 
 class TimeSyncStream:
@@ -197,7 +195,9 @@ class TimeSyncStream:
         self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
 
 
-def _observe(clock: SenderClock, stamp: float, arrival: float, name: str) -> None:
-    """Take a stamp; an image that took long is late and welcome, one from the future or from long ago is not."""
-    if not clock.observe(stamp, arrival) and not -clock.restart < arrival - clock.to_ros(stamp) < LATEST:
+def _date(clock: SenderClock, stamp: float, arrival: float, name: str) -> float:
+    """ROS time in s of a stamp; an image that took long is late and welcome. Raises WireError for any other time."""
+    time = clock.date_late(stamp, arrival, LATEST)
+    if time is None:
         raise WireError(f'{name}: time {stamp:g} s is out of step with the other stamps')
+    return time

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from av_common.camera import PinholeCamera
+from av_common.clock import SenderClock
 from av_vision.sources.capture import Picture, SourceError
-from av_vision.sources.clock_map import ClockMap
 
 TIMEOUT_MS = 2000
 Motion = Callable[[float, tuple[float, float, float], tuple[float, float, float]], None]
@@ -63,8 +63,11 @@ class RealSenseSource:
                 frames = self._queue.wait_for_frames(TIMEOUT_MS)
             except RuntimeError as error:
                 raise SourceError(f'RealSense {self.serial or self.recording} gives no more frames: {error}') from error
-            if frames.get_color_frame() and (frames.get_depth_frame() or not self.depth):
-                return self._picture(frames)
+            if not frames.get_color_frame() or (self.depth and not frames.get_depth_frame()):
+                continue
+            taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
+            if taken is not None:  # an image that cannot be dated is left out
+                return self._picture(frames, taken)
 
     def close(self) -> None:
         """Stop the streams; harmless when they are stopped or the device is gone."""
@@ -80,7 +83,7 @@ class RealSenseSource:
         rs = self._rs
         device = self.device or self._find()
         self._queue, self._align = rs.syncer(), rs.align(rs.stream.color)
-        self._clock, self._motion_clock = ClockMap(), ClockMap()
+        self._clock, self._motion_clock = SenderClock(), SenderClock()
         self._depth_unit = 1e-3
         for sensor in device.query_sensors():
             wanted = [profile for profile in sensor.get_stream_profiles() if self._wants(profile)]
@@ -121,12 +124,10 @@ class RealSenseSource:
         mine = self.recording or (video.width(), video.height(), video.fps()) == (self.width, self.height, int(self.rate or 30))
         return bool(right_form and mine)
 
-    def _picture(self, frames: Any) -> Picture:
-        arrival = self.now()
+    def _picture(self, frames: Any, taken: float) -> Picture:
         if self.depth:
             frames = self._align.process(frames)
         colour = frames.get_color_frame()
-        taken = self._clock.map(1e-3 * colour.get_timestamp(), arrival)
         depth = None
         if self.depth and frames.get_depth_frame():
             raw = np.asanyarray(frames.get_depth_frame().get_data())
@@ -145,4 +146,6 @@ class RealSenseSource:
         if frame.get_profile().stream_type() == self._rs.stream.accel:
             self._acceleration = value
         elif hasattr(self, '_acceleration'):
-            self.on_motion(self._motion_clock.map(1e-3 * frame.get_timestamp(), self.now()), value, self._acceleration)
+            taken = self._motion_clock.date(1e-3 * frame.get_timestamp(), self.now())
+            if taken is not None:
+                self.on_motion(taken, value, self._acceleration)

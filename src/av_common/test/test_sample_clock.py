@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_audio.clock import SampleClock, SampleCounter
+from av_common.clock import SampleClock, SampleCounter
 
 RATE, BLOCK = 48_000, 1600
 
@@ -16,7 +16,7 @@ def run(clock, seconds, ppm, jitter_s, seed=0, start=1.7e9):
         sample = k * BLOCK
         true_time = start + sample / RATE * (1.0 + 1e-6 * ppm)
         clock.observe(sample, true_time + rng.exponential(jitter_s))
-        stamps.append(clock.time_of(sample))
+        stamps.append(clock.to_ros(sample))
         truth.append(true_time)
     return np.array(stamps), np.array(truth)
 
@@ -45,14 +45,14 @@ def test_a_step_begins_anew():
     run(clock, 5.0, 0.0, 0.0)
     run(clock, 15.0, 0.0, 0.0, start=1.7e9 + 60.0)
     assert clock.restarts == 1
-    assert clock.time_of(6 * RATE) == pytest.approx(1.7e9 + 66.0, abs=1e-5)
+    assert clock.to_ros(6 * RATE) == pytest.approx(1.7e9 + 66.0, abs=1e-5)
 
 
 def test_a_first_block_that_came_late_is_forgotten():
     clock = SampleClock(RATE)
     for k in range(1, 50):
         clock.observe(k * BLOCK, 1.7e9 + k * BLOCK / RATE + (0.2 if k == 1 else 0.0))
-    assert clock.time_of(50 * BLOCK) == pytest.approx(1.7e9 + 50 * BLOCK / RATE, abs=1e-5)
+    assert clock.to_ros(50 * BLOCK) == pytest.approx(1.7e9 + 50 * BLOCK / RATE, abs=1e-5)
 
 
 def test_late_blocks_do_not_move_the_clock():
@@ -60,12 +60,12 @@ def test_late_blocks_do_not_move_the_clock():
     for k in range(1, 600):
         sample = k * BLOCK
         clock.observe(sample, 1.7e9 + sample / RATE + (0.4 if 300 <= k < 312 else 0.0))
-        assert clock.time_of(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
+        assert clock.to_ros(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
 
 
 def test_nothing_is_known_before_the_first_block():
-    with pytest.raises(ValueError, match='no block'):
-        SampleClock(RATE).time_of(0)
+    with pytest.raises(RuntimeError, match='no block'):
+        SampleClock(RATE).to_ros(0)
 
 
 def test_blocks_with_stamps_only_are_counted_and_gaps_show():
