@@ -33,8 +33,6 @@ IMPLICIT = {
 TESTED_TOGETHER = {
     ('av_bags', 'av_evaluation'),    # until bags are tested without a replay
     ('av_common', 'av_vision'),      # until the camera's calibration is read in one place
-    ('av_fusion', 'av_bags'),        # until readings are tested without a bag
-    ('av_fusion', 'av_evaluation'),  # until then, too
 }
 PARAMETERS = 'generate_parameter_library_py'
 
