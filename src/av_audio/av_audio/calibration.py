@@ -1,4 +1,4 @@
-"""What a body between two microphones does to their delay, learnt from a source at known azimuths."""
+"""Calibration of a pair of microphones, with a body between them, from a source at known azimuths."""
 
 from __future__ import annotations
 
@@ -14,21 +14,25 @@ from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 
-# Degree of the polynomial in the angle's cosine; the angle itself is one more term, which is what a sphere adds
+# Degree of the polynomial in the cosine of the angle. One further term is the angle itself, as a sphere requires
 # (Woodworth, 1938).
 DEGREE = 3
-STIFFNESS = 0.02  # keeps terms small that the data do not determine
-LEAST_ANGLES = 10
-# A body may make the delay longer than the straight line; the search has to reach that far.
+STIFFNESS = 0.02  # regularises terms that the data do not determine
+MIN_ANGLES = 10
+# A body may lengthen the delay beyond that of the straight line; the search covers this factor.
 SEARCH_STRETCH = 1.5
-LEAST_CONFIDENCE = 0.9
+MIN_CONFIDENCE = 0.9
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """The array with fitted positions and delay curve, and what the fit left over.
+    """Result of a calibration.
 
-    residuals: (n,) rad of the angle to the axis; baseline in m; axis_offset in rad, counter-clockwise.
+    Parameters:
+        array: array with fitted positions and delay curve.
+        baseline (m): fitted distance of the microphones.
+        axis_offset (rad): rotation of the axis, counter-clockwise.
+        residuals (n,) (rad): errors of the angle to the axis.
     """
 
     array: MicrophoneArray
@@ -37,7 +41,7 @@ class Calibration:
     residuals: NDArray
 
     def report(self) -> str:
-        """A few lines for people."""
+        """Summary in three lines."""
         residuals = np.degrees(np.abs(self.residuals))
         return (f'baseline      {1e3 * self.baseline:.1f} mm\n'
                 f'axis offset   {np.degrees(self.axis_offset):+.2f} deg\n'
@@ -46,33 +50,41 @@ class Calibration:
 
 
 def search_array(array: MicrophoneArray) -> MicrophoneArray:
-    """The array with which to measure delays for `calibrate`: straight, and long enough to find bent delays."""
-    return MicrophoneArray(_turned(array, SEARCH_STRETCH, 0.0), array.name)
+    """The array with which delays for `calibrate` are measured: no delay curve, and long enough for the longest delays."""
+    return MicrophoneArray(_stretched_and_rotated(array, SEARCH_STRETCH, 0.0), array.name)
 
 
 def measured_path(array: MicrophoneArray, estimates: Iterable[DoaEstimate]) -> tuple[NDArray, NDArray]:
-    """Times (n,) in s and path differences c tau (n,) in m of the confident estimates made with `search_array`."""
+    """Times (n,) in s and path differences c tau (n,) in m of confident estimates that were made with `search_array(array)`.
+
+    Raises ValueError when no estimate is confident.
+    """
     kept = [(estimate.time, estimate.q[0]) for estimate in estimates
-            if len(estimate.confidence) and estimate.confidence[0] >= LEAST_CONFIDENCE]
+            if len(estimate.confidence) and estimate.confidence[0] >= MIN_CONFIDENCE]
     if not kept:
-        raise ValueError(f'no estimate reaches a confidence of {LEAST_CONFIDENCE}: the recording is too quiet or noisy')
+        raise ValueError(f'no estimate reaches a confidence of {MIN_CONFIDENCE}: the recording is too quiet or too noisy')
     times, cosines = np.array(kept).T
     return times, cosines * search_array(array).aperture
 
 
 def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> Calibration:
-    """Fit baseline, axis and delay curve to path differences c tau (n,) in m measured at azimuths (n,) in rad.
+    """Fit baseline, axis and delay curve of a pair.
 
-    Raises ValueError when the array is not a pair or the azimuths cannot determine the fit.
+    Parameters:
+        array: the pair with its nominal positions.
+        azimuths (n,) (rad): true azimuths of the source in the array's frame.
+        paths (n,) (m): measured path differences c tau, as of `measured_path`.
+
+    Raises ValueError when the array is not a pair or the azimuths do not determine the fit.
     """
     if array.channels != 2:
-        raise ValueError(f'calibration is for two microphones, {array.name} has {array.channels}')
+        raise ValueError(f'calibration needs two microphones, {array.name} has {array.channels}')
     azimuths, paths = np.asarray(azimuths, dtype=float), np.asarray(paths, dtype=float)
     axis = np.arctan2(array.basis[1, 0], array.basis[0, 0])
     spread = np.ptp(np.cos(azimuths - axis))
-    if azimuths.size < LEAST_ANGLES or spread < 1.2:
+    if azimuths.size < MIN_ANGLES or spread < 1.2:
         raise ValueError(f'{azimuths.size} angles that span {spread:.1f} of the 2.0 between both ends of the axis; '
-                         f'at least {LEAST_ANGLES} that span 1.2 are needed')
+                         f'at least {MIN_ANGLES} that span 1.2 are needed')
 
     def misfit(parameters: NDArray) -> NDArray:
         offset, *coefficients = parameters
@@ -81,26 +93,27 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
 
     start = np.zeros(DEGREE + 3)
     start[2] = 1.0
-    # robust, as single wrong peaks happen in a recording
+    # a robust loss, as recordings contain single wrong peaks
     offset, *coefficients = least_squares(misfit, start, loss='soft_l1', f_scale=0.02).x
     grid = -np.cos(np.linspace(0.0, np.pi, 61))
     grid[[0, -1]] = -1.0, 1.0
     measured = _terms(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
-    fitted = MicrophoneArray(_turned(array, stretch, offset), array.name, DelayCurve(grid, measured / stretch))
-    angles = np.arccos(np.clip(fitted.delay_curve.true_cosine(paths / fitted.aperture), -1.0, 1.0))
+    delay_curve = DelayCurve(grid, measured / stretch)
+    fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, delay_curve)
+    angles = np.arccos(np.clip(delay_curve.true_cosine(paths / fitted.aperture), -1.0, 1.0))
     residuals = angles - np.abs(wrap(azimuths - axis - offset))
     return Calibration(fitted, fitted.aperture, float(offset), residuals)
 
 
 def _terms(cosines: NDArray) -> NDArray:
-    """The delay curve's terms (n, DEGREE + 2) at cosines (n,) of the angle to the axis."""
+    """Terms (n, DEGREE + 2) of the delay curve at cosines (n,) of the angle to the axis."""
     return np.column_stack([chebyshev.chebvander(cosines, DEGREE), np.arcsin(cosines)])
 
 
-def _turned(array: MicrophoneArray, stretch: float, turn: float) -> NDArray:
-    """Positions stretched about their centre and turned counter-clockwise seen from above."""
+def _stretched_and_rotated(array: MicrophoneArray, stretch: float, rotation: float) -> NDArray:
+    """Positions (m, 3) stretched about their centre and rotated (rad) counter-clockwise as seen from above."""
     centre = array.positions.mean(axis=0)
-    cosine, sine = np.cos(turn), np.sin(turn)
-    rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return centre + stretch * (array.positions - centre) @ rotation.T
+    cosine, sine = np.cos(rotation), np.sin(rotation)
+    matrix = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return centre + stretch * (array.positions - centre) @ matrix.T

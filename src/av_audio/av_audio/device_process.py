@@ -1,8 +1,8 @@
-"""Capture from a PortAudio device in a process of its own: `python3 -m av_audio.device_process DEVICE RATE BLOCK CHANNEL...`.
+"""Capture from a PortAudio device in a separate process: `python3 -m av_audio.device_process DEVICE RATE BLOCK CHANNEL...`.
 
-PortAudio lists devices only when it is initialised, and may wait for ever for one that was unplugged. A process can be
-ended and begun anew without harm. It writes to its standard output: READY, then for every block a HEADER and the
-samples as float32, interleaved. When it cannot capture it says why on standard error and ends with 1.
+PortAudio lists devices only when it is initialised, and may block for ever after one is unplugged; a process can be
+killed and restarted safely. It writes to its standard output: READY, then for every block a HEADER and the samples as
+interleaved float32. When it cannot capture, it prints the reason on standard error and exits with 1.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from av_audio.capture import pick_channels
+from av_audio.file_source import pick_channels
 
 READY = b'ready\n'
-HEADER = struct.Struct('<d?')  # age of the block's first sample in s when it is written, and whether samples were lost before
+HEADER = struct.Struct('<d?')  # age in s of the first sample when the block is written; whether samples were lost before it
 COMMON_RATES = (8000, 16_000, 22_050, 32_000, 44_100, 48_000, 96_000, 192_000)
 
 
 def load_sounddevice() -> Any:
-    """The sounddevice module. Raises ImportError that says what to install."""
+    """The module sounddevice. Raises ImportError that names what to install."""
     try:
         import sounddevice
     except (ImportError, OSError) as error:
@@ -33,9 +33,9 @@ def load_sounddevice() -> Any:
 
 
 def find_device(choice: str) -> int:
-    """Index of a capture device by index, name or part of a name; the default one for ''.
+    """Index of the capture device with an index, name or part of a name; the default device for ''.
 
-    Raises ValueError that lists the devices when none or more than one fits.
+    Raises ValueError that lists the devices when none or several match.
     """
     sounddevice = load_sounddevice()
     inputs = {device['index']: device for device in sounddevice.query_devices() if device['max_input_channels'] > 0}
@@ -50,15 +50,15 @@ def find_device(choice: str) -> int:
         if int(choice) not in inputs:
             raise ValueError(f'device={choice} is not a capture device; devices: {listing}')
         return int(choice)
-    fitting = ([index for index, device in inputs.items() if device['name'] == choice]
+    matching = ([index for index, device in inputs.items() if device['name'] == choice]
                or [index for index, device in inputs.items() if choice.lower() in device['name'].lower()])
-    if len(fitting) != 1:
-        raise ValueError(f'device={choice!r} fits {len(fitting)} capture devices; devices: {listing}')
-    return fitting[0]
+    if len(matching) != 1:
+        raise ValueError(f'device={choice!r} matches {len(matching)} capture devices; devices: {listing}')
+    return matching[0]
 
 
 def check_device(device: int, channels: int, sample_rate: int) -> None:
-    """Raises ValueError that says what the device can do when it cannot capture like this."""
+    """Check that a device can capture `channels` channels at `sample_rate` in Hz. Raises ValueError that names what it can."""
     sounddevice = load_sounddevice()
     information = sounddevice.query_devices(device)
 
@@ -79,7 +79,16 @@ def check_device(device: int, channels: int, sample_rate: int) -> None:
 
 
 def capture(choice: str, sample_rate: int, block: int, channels: Sequence[int]) -> None:
-    """Write blocks to standard output until it is closed. Raises ValueError or ImportError when that cannot be."""
+    """Write blocks to standard output until it is closed.
+
+    Parameters:
+        choice: index, name or part of a name of the device; empty for the default.
+        sample_rate (Hz): sample rate.
+        block: samples per block.
+        channels: channels of the device in the order of the microphones.
+
+    Raises ValueError or ImportError when the device cannot capture like this.
+    """
     sounddevice = load_sounddevice()
     device = find_device(choice)
     picked = pick_channels(sounddevice.query_devices(device)['max_input_channels'], channels, f'device {device}')
@@ -97,7 +106,7 @@ def capture(choice: str, sample_rate: int, block: int, channels: Sequence[int]) 
 
 def main() -> None:
     """Entry point."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent terminates this process
     choice, sample_rate, block, *channels = sys.argv[1:]
     try:
         capture(choice, int(sample_rate), int(block), [int(channel) for channel in channels])

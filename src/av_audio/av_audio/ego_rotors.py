@@ -1,4 +1,4 @@
-"""The rig's own rotors: which bins of a spectrum their harmonics fill."""
+"""Notches at the harmonics of the rig's own rotors, and estimation of their blade-pass frequencies."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
-# Half-width of a notch: the taper's main lobe, and how far a speed may be off or wander within a window.
+# Half-width of a notch: the main lobe of the taper, plus a share of the frequency for errors and changes of the speed.
 NOTCH_HZ = 4.0
 NOTCH_SHARE = 0.004
 # Blade-pass frequencies of small multirotors.
@@ -16,7 +16,7 @@ LINE_OVER_FLOOR_HZ = 50.0
 
 
 def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
-    """Which bins (k,) at frequencies (k,) are free of the harmonics of the blade-pass frequencies (r,)."""
+    """Which bins (k,) at frequencies (k,) in Hz are free of harmonics of the blade-pass frequencies (r,) in Hz."""
     free = np.ones(len(frequencies), bool)
     for fundamental in np.asarray(blade_pass_hz, dtype=float):
         if fundamental > 0.0:
@@ -27,10 +27,15 @@ def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
 
 
 def find_blade_pass(frequencies: NDArray, power: NDArray, count: int) -> NDArray:
-    """Blade-pass frequencies (count,) of the strongest rotors in a power spectrum (k,).
+    """Blade-pass frequencies (count,) in Hz of the strongest rotors in a power spectrum.
 
-    Each is the fundamental whose harmonics stand out most from the floor, summed in dB per harmonic; the bins of one
-    are left out before the next is looked for. For own rotors, which are nearer than any target and so the loudest.
+    Each is the fundamental whose harmonics exceed the noise floor most, summed over their logarithms; its bins are notched
+    before the search for the next. Meant for the rig's own rotors, which are closer than any target and thus louder.
+
+    Parameters:
+        frequencies (k,) (Hz): evenly spaced frequencies of the bins.
+        power (k,): power of the bins.
+        count: number of rotors.
     """
     bin_hz = frequencies[1] - frequencies[0]
     floor = median_filter(power, 2 * round(LINE_OVER_FLOOR_HZ / bin_hz) + 1, mode='nearest')
@@ -43,7 +48,7 @@ def find_blade_pass(frequencies: NDArray, power: NDArray, count: int) -> NDArray
     bins = np.clip(bins, 0, len(frequencies) - 1)
     found = []
     for _ in range(count):
-        # the root of the number of harmonics keeps half of a fundamental from winning over it
+        # division by the root of the number of harmonics prevents that half of the fundamental has the higher score
         score = np.sum(prominence[bins] * inside, axis=1) / np.sqrt(inside.sum(axis=1))
         found.append(candidates[np.argmax(score)])
         prominence = prominence * notch(frequencies, found[-1:])

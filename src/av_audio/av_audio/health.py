@@ -1,4 +1,4 @@
-"""What is wrong with the sound of a microphone array, told from the sound itself."""
+"""Faults of the channels of a microphone array, detected in their samples."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from av_audio.localizer import FULL_SCALE, DoaEstimate
 
 DEAD_DBFS = -100.0
-# A channel this much quieter than the loudest is as good as dead beside it.
+# A channel this much quieter than the loudest one is reported.
 QUIET_DB = 40.0
 CLIPPED_SHARE = 1e-3
 OFFSET = 0.05
-# An angle cosine that jumps from one steady value to its negative, with nothing in between, belongs to no moving source.
-LEAST_SWAP = 0.3
+# A cosine that jumps from one steady value to its negative, without values between them, is not due to a moving source.
+MIN_SWAP_COSINE = 0.3
 SWAP_TOLERANCE = 0.05
 SWAP_WITHIN_S = 2.5
 STEADY = 3
@@ -23,9 +23,12 @@ CONFIDENT = 0.9
 
 
 class ChannelHealth:
-    """Watches blocks of samples and says which channels clip, are dead, have an offset or are copies of each other.
+    """Detects channels that clip, are dead, have a constant offset or are copies of each other.
 
-    Figures cover the time since the last `problems`, so that a fault disappears from them when it is mended.
+    The statistics cover the time since the last call of `problems`, so that a fault disappears once it is repaired.
+
+    Parameters:
+        channels: number of channels.
     """
 
     def __init__(self, channels: int) -> None:
@@ -33,7 +36,7 @@ class ChannelHealth:
         self._reset()
 
     def update(self, samples: NDArray) -> None:
-        """Take note of samples (n, m)."""
+        """Add samples (n, channels) to the statistics."""
         if not len(samples):
             return
         self._count += len(samples)
@@ -43,7 +46,7 @@ class ChannelHealth:
         self._differs |= np.any(samples != samples[:, :1], axis=0)
 
     def levels_dbfs(self) -> NDArray:
-        """Level (m,) of each channel without its offset in dB relative to full scale, -inf for none."""
+        """Level (channels,) of each channel without its offset in dB relative to full scale, -inf for silence."""
         if not self._count:
             return np.full(self._channels, -np.inf)
         power = self._squares / self._count - (self._sum / self._count) ** 2
@@ -51,7 +54,7 @@ class ChannelHealth:
             return 10.0 * np.log10(np.maximum(power, 0.0))
 
     def problems(self) -> list[str]:
-        """What was wrong since the last call, in words; begins anew."""
+        """Descriptions of the faults since the last call; resets the statistics."""
         if not self._count:
             return []
         levels = self.levels_dbfs()
@@ -81,17 +84,17 @@ class ChannelHealth:
 
 
 class SwapDetector:
-    """Notices that two channels changed places while the stream ran, as a lost sample of an interleaved stream does.
+    """Detects that two channels change places in a running stream, for instance after a lost sample of interleaved data.
 
-    That swap mirrors the direction from one moment to the next, while a source, or a rig that turns, passes through the
-    directions between. (Channels that were swapped from the beginning cannot be told from a source on the other side.)
+    The swap mirrors the direction at once, while a moving source or a rotating rig passes through the directions between.
+    Channels that are swapped from the beginning cannot be distinguished from a source on the other side.
     """
 
     def __init__(self) -> None:
         self._history: deque[tuple[float, float]] = deque()
 
     def update(self, estimate: DoaEstimate) -> bool:
-        """Whether the estimates of a pair have stayed at one direction and now stay at its mirror image."""
+        """Whether the estimates of a pair were steady at one direction and are now steady at its mirror image."""
         if not len(estimate.confidence) or estimate.confidence[0] < CONFIDENT:
             return False
         while self._history and self._history[0][0] < estimate.time - SWAP_WITHIN_S:
@@ -99,7 +102,7 @@ class SwapDetector:
         self._history.append((estimate.time, float(estimate.q[0])))
         cosines = np.array([cosine for _, cosine in self._history])
         before, after = np.abs(cosines + cosines[-1]) < SWAP_TOLERANCE, np.abs(cosines - cosines[-1]) < SWAP_TOLERANCE
-        swapped = bool(abs(cosines[-1]) > LEAST_SWAP and np.all(before | after)
+        swapped = bool(abs(cosines[-1]) > MIN_SWAP_COSINE and np.all(before | after)
                        and before[:STEADY].sum() == STEADY and after[-STEADY:].sum() == STEADY)
         if swapped:
             self._history.clear()

@@ -1,4 +1,4 @@
-"""Samples as bytes, in the formats that audio_common and GStreamer name."""
+"""Conversion between samples and bytes, in the formats that audio_common and GStreamer name."""
 
 from __future__ import annotations
 
@@ -9,15 +9,23 @@ FORMATS = {'S16LE': ('<i2', 32768.0), 'S32LE': ('<i4', 2147483648.0), 'F32LE': (
 
 
 def decode(data: bytes, sample_format: str, channels: int) -> NDArray:
-    """Samples (n, m) in float32, full scale 1, of interleaved bytes. Raises ValueError when they do not fit."""
+    """Samples (n, channels) in float32, full scale 1, of interleaved bytes.
+
+    Parameters:
+        data: whole samples of all channels.
+        sample_format: one of FORMATS.
+        channels: number of channels.
+
+    Raises ValueError for an unknown format or an incomplete sample.
+    """
     kind, full_scale = _format(sample_format)
     if channels < 1 or len(data) % (channels * np.dtype(kind).itemsize):
-        raise ValueError(f'{len(data)} bytes are no whole number of samples of {channels} channels in {sample_format}')
+        raise ValueError(f'{len(data)} bytes are not a whole number of samples of {channels} channels in {sample_format}')
     return (np.frombuffer(data, kind).reshape(-1, channels) / full_scale).astype(np.float32)
 
 
 def encode(samples: NDArray, sample_format: str) -> bytes:
-    """Interleaved bytes of samples (n, m) with full scale 1; louder ones are clipped in integer formats."""
+    """Interleaved bytes of samples (n, channels) with full scale 1; integer formats clip larger ones."""
     kind, full_scale = _format(sample_format)
     if np.dtype(kind).kind == 'f':
         return samples.astype(kind).tobytes()

@@ -1,4 +1,4 @@
-"""Sound between one writing and one reading thread."""
+"""Buffer of samples between one writing and one reading thread."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
 class RingBuffer:
-    """Holds the newest samples of a multichannel stream in at most `capacity_bytes`.
+    """Holds the newest samples of a multichannel stream.
 
-    One thread writes and never waits: what the reader is too slow for is overwritten, oldest first, and counted. The
-    reader gets contiguous blocks with the index of their first sample, so that every gap, be it from the source or
-    from overwriting, shows as a jump of the index. Samples are copied without a lock: the writer announces a region
-    before it touches it, and the reader checks after copying that its region was not announced meanwhile.
+    One thread writes and never waits: when the reader is too slow, the oldest samples are overwritten and counted. The
+    reader gets contiguous blocks with the index of their first sample, so that every gap, whether of the source or by
+    overwriting, appears as a jump of the index. Samples are copied without a lock: the writer announces a region before
+    it writes there, and the reader checks after copying that its region was not announced in the meantime.
+
+    Parameters:
+        channels: number of channels.
+        capacity_bytes: size of the buffer.
+        dtype: type of the samples.
+
+    Raises ValueError when the buffer does not hold one sample of every channel.
     """
 
     def __init__(self, channels: int, capacity_bytes: int = 200_000, dtype: DTypeLike = np.float32) -> None:
@@ -25,7 +32,7 @@ class RingBuffer:
             raise ValueError(f'capacity_bytes={capacity_bytes} does not hold one sample of {channels} channels '
                              f'of {dtype}')
         self._data = np.zeros((frames, channels), dtype)
-        self._announced = 0  # frames that the writer has written or begun to write
+        self._announced = 0  # frames that the writer has written or started to write
         self._written = 0
         self._read = 0
         self._index_shifts: deque[tuple[int, int]] = deque([(0, 0)])  # from this frame on, index = frame + shift
@@ -39,11 +46,16 @@ class RingBuffer:
 
     @property
     def available(self) -> int:
-        """Number of frames that wait for the reader."""
+        """Number of frames not yet read."""
         return min(self._written - self._read, self.capacity)
 
     def write(self, samples: ArrayLike, first_sample: int | None = None) -> None:
-        """Append samples (n, channels); without `first_sample` they continue the stream. For the writing thread."""
+        """Append samples (n, channels), from the writing thread. Raises ValueError for another shape.
+
+        Parameters:
+            samples (n, channels): the next samples.
+            first_sample: index of the first of them; None continues the stream.
+        """
         samples = np.asarray(samples, self._data.dtype)
         if samples.ndim != 2 or samples.shape[1] != self._data.shape[1]:
             raise ValueError(f'samples of shape {samples.shape}, expected (n, {self._data.shape[1]})')
@@ -61,9 +73,9 @@ class RingBuffer:
         self._arrived.set()
 
     def read(self, max_frames: int | None = None) -> tuple[int, NDArray]:
-        """Oldest contiguous block: index of its first sample and samples (n, channels), n = 0 when there are none.
+        """Oldest contiguous block, from the reading thread: index of its first sample and samples (n, channels).
 
-        A block ends before a gap. For the reading thread; never waits.
+        A block ends before a gap. Does not wait: n = 0 when there are no samples.
         """
         self._arrived.clear()
         while True:
@@ -80,11 +92,11 @@ class RingBuffer:
                 return oldest + shift, samples
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until samples arrived since the last `read`; False after `timeout` seconds. For the reading thread."""
+        """Wait, in the reading thread, for samples after the last `read`; False after `timeout` seconds."""
         return self._written > self._read or self._arrived.wait(timeout)
 
     def _contiguous(self, start: int, written: int) -> tuple[int, int]:
-        """Shift from frame to sample index that holds at `start`, and the frame at which it changes."""
+        """Shift from frame to sample index at frame `start`, and the frame at which it changes, at most `written`."""
         while len(self._index_shifts) > 1 and self._index_shifts[1][0] <= start:
             self._index_shifts.popleft()
         end = self._index_shifts[1][0] if len(self._index_shifts) > 1 else written

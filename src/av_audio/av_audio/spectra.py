@@ -1,4 +1,4 @@
-"""From a window of sound to the spectra that every estimator works on."""
+"""Spectra of an analysis window inside a band-pass filter."""
 
 from __future__ import annotations
 
@@ -6,20 +6,28 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, signal
 
-# Bins where the band-pass lets through less than this share of the power carry nothing.
+# Bins in which the band-pass filter passes less than this share of the power are not used.
 LEAST_RESPONSE = 0.1
-# A taper of a quarter keeps most of the window's energy (a Hann window would cost 1.4 times the error) and still
-# keeps strong sounds outside of the band, such as wind, from leaking into it.
+# A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
+# prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25
-# Transforms of up to so many interleaved parts of a window are put together: more cost more than they save.
-MOST_PARTS = 8
+# Maximum number of interleaved parts into which a window is decimated; more of them cost more than they save.
+MAX_PARTS = 8
 
 
 class SpectrumAnalyzer:
-    """Tapered spectra of a window inside a Butterworth band-pass.
+    """Tapered spectra of a window inside a Butterworth band-pass filter.
 
-    The band-pass of the given order acts as |H(f)|^2 on the cross-spectra, which is the filter run forwards over the
-    signals without its group delay and without a state that could carry sound from one window into the next.
+    The filter acts as |H(f)|^2 on the cross-spectra: as if it were applied to both signals, without group delay and
+    without a state that would carry sound from one window into the next.
+
+    Parameters:
+        sample_rate (Hz): sample rate.
+        window_samples: length of the window.
+        band_hz (Hz): lower and upper edge of the band.
+        order: order of the filter.
+
+    Raises ValueError when the band does not fit the sample rate or the window is too short for it.
     """
 
     def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], order: int = 4) -> None:
@@ -36,26 +44,26 @@ class SpectrumAnalyzer:
             raise ValueError(f'{len(used)} frequency bins in {low:g}..{high:g} Hz; the window of '
                              f'{window_samples / sample_rate:g} s is too short')
         self._bins = slice(used[0], used[-1] + 1)
-        # Of a window's bins only the lowest are needed: those that each of the interleaved parts has by itself.
-        self._parts = max(count for count in range(1, MOST_PARTS + 1)
+        # Only the lowest bins of a window are needed, which each of its interleaved parts has as well (decimation in time).
+        self._parts = max(count for count in range(1, MAX_PARTS + 1)
                           if count == 1 or (window_samples % count == 0 and 2 * count * used[-1] <= window_samples))
         turns = np.outer(np.arange(self._parts), frequencies[self._bins] / sample_rate)
-        self._turns = np.exp(-2j * np.pi * turns).astype(np.complex64)  # (parts, k): each part is a sample later
+        self._turns = np.exp(-2j * np.pi * turns).astype(np.complex64)  # (parts, k): each part starts a sample later
         self._taper = signal.windows.tukey(window_samples, TAPER).astype(np.float32)
         leakage = fft.rfft(self._taper)
-        self._leakage = leakage[self._bins] / leakage[0].real  # of a constant offset that the taper weighs as 1
+        self._leakage = leakage[self._bins] / leakage[0].real  # of a constant offset, relative to bin 0
         self.frequencies = frequencies[self._bins]
         self.response = response[self._bins]
         self._power_scale = 2.0 / (window_samples * np.sum(self._taper**2))
 
     def spectra(self, window: NDArray) -> NDArray:
-        """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass."""
+        """Complex spectra (m, k) at `frequencies` (k,) of a window (m, n) of samples, before the band-pass filter."""
         parts = (window * self._taper).reshape(len(window), -1, self._parts).swapaxes(1, 2)
         transforms = fft.rfft(parts)
         offset = np.sum(transforms[..., :1], axis=1)
         return np.sum(transforms[..., self._bins] * self._turns, axis=1) - offset * self._leakage
 
     def level_dbfs(self, spectra: NDArray) -> float:
-        """Mean power of the channels after the band-pass in dB, 0 dB for a full-scale square wave; -inf for silence."""
+        """Mean power of spectra (m, k) after the filter in dB, 0 dB for a full-scale square wave; -inf for silence."""
         power = self._power_scale * np.sum(self.response * np.abs(spectra) ** 2) / len(spectra)
         return float(10.0 * np.log10(power)) if power > 0.0 else -np.inf

@@ -1,4 +1,4 @@
-"""How much each frequency of a cross-spectrum says about the delay."""
+"""Weights of the frequencies of a cross-spectrum in the estimation of a delay."""
 
 from __future__ import annotations
 
@@ -10,27 +10,29 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 # Widths of the running means over frequency in Hz: of the signal's power, of the coherence, and of the noise, which is
-# smooth. Narrower ones follow a rotor's lines, but also what is chance in them.
+# smooth. Narrower means follow the spectral lines of a rotor, but have a larger random error.
 LINE_HZ = 40.0
 COHERENCE_HZ = 40.0
 NOISE_HZ = 260.0
-# Nothing outdoors is more alike at two microphones than this leaves.
+# Smallest incoherent share of the power: no outdoor sound is more coherent between two microphones.
 MISMATCH = 0.002
-# Share of a source's power that arrives by other ways than the straight one, everywhere and, more, where microphones
-# hear the diffuse sound of a room alike.
+# Ratio of reflected to direct power of a source: at all frequencies, and in addition where diffuse sound is coherent.
 REFLECTED = 0.1
 DIFFUSE = 1.0
-# Where so much less is incoherent than coherent, there is no room.
-MOST_REFLECTED = 5.0
-# The band-pass counts where a source stands less than this over the noise.
+# Upper limit of the ratio of reflections to incoherent noise: with less incoherent power there is no reverberation.
+MAX_REFLECTED = 5.0
+# The band-pass filter applies where the source exceeds the noise by less than this factor.
 WEAK = 1.3
 
 
 @dataclass(frozen=True)
 class Band:
-    """What weightings may know of the bins: their distance, the band-pass, and how alike diffuse sound is in a pair.
+    """Properties of the bins for all windows.
 
-    response: |H|^2 of the band-pass (k,); diffuse: squared coherence of diffuse sound (p, k).
+    Parameters:
+        bin_hz (Hz): distance of the bins.
+        response (k,): |H|^2 of the band-pass filter.
+        diffuse (p, k): squared coherence of diffuse sound for each pair of microphones.
     """
 
     bin_hz: float
@@ -39,7 +41,14 @@ class Band:
 
     @classmethod
     def of(cls, frequencies: NDArray, response: NDArray, distances: NDArray, speed_of_sound: float) -> Band:
-        """For bins at `frequencies` (k,) and pairs of microphones `distances` (p,) in m apart (Cook et al., 1955)."""
+        """Band of bins, with the coherence of diffuse sound by Cook et al. (1955).
+
+        Parameters:
+            frequencies (k,) (Hz): frequencies of the bins.
+            response (k,): |H|^2 of the band-pass filter.
+            distances (p,) (m): distances of the microphones of each pair.
+            speed_of_sound (m/s): speed of sound.
+        """
         coherence = np.sinc(2.0 * np.outer(distances, frequencies) / speed_of_sound)
         return cls(float(frequencies[1] - frequencies[0]), response.astype(np.float32), (coherence**2).astype(np.float32))
 
@@ -53,7 +62,7 @@ def cross_spectra(spectra: NDArray, pairs: NDArray) -> NDArray:
 
 
 def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:
-    """Phase transform: every bin of the band counts alike (Knapp and Carter, 1976). Real weights (p, k)."""
+    """Phase transform: all bins of the band have equal weight (Knapp and Carter, 1976). Real weights (p, k)."""
     magnitude = np.abs(cross)
     return band.response / np.maximum(magnitude, np.finfo(magnitude.dtype).tiny)
 
@@ -67,25 +76,27 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
     """Weights (p, k) of the maximum-likelihood delay for a source in noise and reflections.
 
     For source power S and noise N the likelihood's weight of a cross-spectrum is S / (N (2 S + N)) (Knapp and Carter,
-    1976, eq. 51). Reflections are noise that follows the source, so N becomes N + r S (Zhang, Florencio and Zhang,
-    ICASSP 2008): lines far above the noise then count alike, as with PHAT, and empty bins hardly count. r is larger at
-    low frequencies, where the diffuse sound of a room is coherent and passes for a source in front, and r S at most a few
-    N, as reflections make sound incoherent. S and N come from the window itself: what is incoherent between the
-    microphones is noise. Where S stands above N the likelihood does not care what the band-pass lets through; where it
-    does not, the band-pass keeps noise at the band's edges out.
+    1976, eq. 51). Reflections are noise proportional to the source, so N becomes N + r S (Zhang, Florencio and Zhang,
+    ICASSP 2008): lines far above the noise then have equal weight, as with PHAT, and bins without signal hardly any. r is
+    larger at low frequencies, where the diffuse sound of a room is coherent and resembles a source at broadside; r S is
+    limited to a few N, as reflections also make sound incoherent. S and N are estimated from the window: noise is what is
+    incoherent between the microphones. The band-pass filter applies only where S does not exceed N clearly.
 
-    cross: (p, k), power: sqrt(P_i P_j) (p, k) of the same pairs.
+    Parameters:
+        cross (p, k): cross-spectra of the pairs.
+        power (p, k): sqrt(P_i P_j) of the same pairs.
+        band: properties of the bins.
     """
     noise = noise_power(cross, power, band.bin_hz)
     source = np.maximum(_smooth(power, LINE_HZ / band.bin_hz) - noise, 0.05 * noise)
-    disturbed = noise + np.minimum((REFLECTED + DIFFUSE * band.diffuse) * source, MOST_REFLECTED * noise)
+    disturbed = noise + np.minimum((REFLECTED + DIFFUSE * band.diffuse) * source, MAX_REFLECTED * noise)
     strength = np.square(np.square(np.minimum(source / (WEAK * noise), 100.0)))
     passed = 1.0 - (1.0 - band.response) / (1.0 + strength)
     return passed * source / (disturbed * (2.0 * source + disturbed))
 
 
 def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
-    """Power (p, k) of what is incoherent between the microphones of each pair."""
+    """Incoherent power (p, k) between the microphones of each pair; parameters as of `maximum_likelihood`."""
     smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
     coherent = np.sqrt(real**2 + imaginary**2)
     noise = _smooth(np.maximum(smooth_power - coherent, MISMATCH * smooth_power), NOISE_HZ / bin_hz)

@@ -179,7 +179,7 @@ def test_ego_rotors_are_left_out_at_the_speeds_of_a_topic(rig, array_file):
         azimuths.append(np.degrees(rig.heard['doa'][-1].hypotheses[0].azimuth))
         turns = 2.0 * np.pi * blade_pass / 3.0  # rad/s; one motor turns the other way, one stands, one has no sensor
         speeds.publish(Float32MultiArray(data=[-turns[0], *turns[1:], 0.0, float('nan')]))
-        rig.spin(lambda: len(rig.nodes[0]._blade_pass_hz))
+        rig.spin(lambda: len(rig.nodes[0]._stage.blade_pass_hz))
     assert abs(azimuths[0] - 10.0) > 10.0
     assert azimuths[1] == pytest.approx(10.0, abs=3.0)
 
@@ -208,7 +208,7 @@ def test_an_absent_device_is_said_and_waited_for(rig):
     except ImportError as error:
         pytest.skip(str(error))
     rig.add(AudioNode, source='device', device='no such thing')
-    rig.says("device='no such thing' fits 0 capture devices", DiagnosticStatus.ERROR)
+    rig.says("device='no such thing' matches 0 capture devices", DiagnosticStatus.ERROR)
 
 
 def test_a_buffer_that_holds_no_two_blocks_is_refused(rig, tmp_path):
@@ -265,9 +265,9 @@ def adapter(rig):
     node = AudioCommonNode(parameter_overrides=[Parameter('autostart', value=False)])
     rig.nodes.append(node)
     node._messages = SimpleNamespace(AudioInfo=AudioInfo, AudioDataStamped=AudioDataStamped)
-    node._incoming, node._format, node._info, node._problem_with_sound = True, 'S16LE', None, ''
+    node._incoming, node._format, node._info, node._problem_with_audio = True, 'S16LE', None, ''
     node._counter = SampleCounter()
-    node._frames, node._infos, node._sounds = Sent(), Sent(), Sent()
+    node._frames, node._infos, node._data = Sent(), Sent(), Sent()
     return node
 
 
@@ -277,11 +277,11 @@ def test_frames_become_audio_common_and_back(adapter):
         adapter._on_frame(frame(samples[1600 * k:1600 * (k + 1)], 1600 * k, stamp=100.0 + 1600 * k / RATE))
     assert adapter._infos == [AudioInfo(2, RATE, 'S16LE', 0, 'WAVE')]
     expected = np.clip(np.round(samples[:1600].ravel() * 32768.0), -32768, 32767).astype('<i2')
-    assert bytes(adapter._sounds[0].audio.data) == expected.tobytes()
-    for message in adapter._sounds:
-        adapter._on_sound(message)
+    assert bytes(adapter._data[0].audio.data) == expected.tobytes()
+    for message in adapter._data:
+        adapter._on_data(message)
     assert [message.first_sample for message in adapter._frames] == [0, 1600, 6400]
-    assert adapter._frames[2].header == adapter._sounds[2].header
+    assert adapter._frames[2].header == adapter._data[2].header
     np.testing.assert_allclose(adapter._frames[2].samples, samples[6400:8000].ravel(), atol=2.0**-15)
 
 
@@ -290,7 +290,7 @@ def test_the_adapter_reports_sound_that_it_cannot_read(adapter):
     adapter.diagnose(status)
     assert 'no audio_info' in status.message
     adapter._on_info(AudioInfo(2, RATE, 'mp3', 0, 'mp3'))
-    adapter._on_sound(AudioDataStamped(Header(), SimpleNamespace(data=b'1234')))
+    adapter._on_data(AudioDataStamped(Header(), SimpleNamespace(data=b'1234')))
     adapter.diagnose(status)
     assert "sample format 'mp3'" in status.message
     assert adapter._frames == []

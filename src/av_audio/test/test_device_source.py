@@ -3,7 +3,7 @@
 import numpy as np
 
 from av_audio.device_process import HEADER
-from av_audio.devices import DeviceSource
+from av_audio.device_source import DeviceSource
 from av_audio.ring_buffer import RingBuffer
 
 RATE, BLOCK = 48_000, 1600

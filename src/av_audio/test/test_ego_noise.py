@@ -89,7 +89,7 @@ def test_a_loud_target_is_heard_no_worse_for_it(recording):
     (np.zeros((48_000, 1)), RATE, r'my.wav has samples of shape \(48000, 1\), expected \(n, 2\)'),
     (np.zeros((48_000, 2)), 48_000, 'my.wav was recorded at 48000 Hz, expected 16000 Hz'),
     (np.zeros((1600, 2)), RATE, 'my.wav lasts 0.1 s, expected 2 s or more'),
-    (np.full((48_000, 2), np.nan), RATE, 'my.wav has samples that are no numbers'),
+    (np.full((48_000, 2), np.nan), RATE, 'my.wav has samples that are not finite'),
     (np.ones((48_000, 2)) * [1.0, 0.0], RATE, 'my.wav has a silent channel'),
 ])
 def test_a_recording_that_does_not_fit_is_refused(samples, rate, complaint):
@@ -105,8 +105,8 @@ def test_localize_takes_a_file_of_the_rig_alone(recording, tmp_path, capsys):
         soundfile.write(tmp_path / f'{name}.wav', 0.1 * sound, RATE)
     (tmp_path / 'array.yaml').write_text('microphones: [[0, 0.1, 0], [0, -0.1, 0]]\n')
     localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--json',
-                   '--own-noise', str(tmp_path / 'alone.wav')])
+                   '--ego-noise', str(tmp_path / 'alone.wav')])
     azimuths = [record['azimuth_deg'][0] for record in json.loads(capsys.readouterr().out)]
     assert np.median(azimuths) == pytest.approx(50.0, abs=3.0)
     with pytest.raises(SystemExit, match='sound file .*missing.wav does not exist'):
-        localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--own-noise', 'missing.wav'])
+        localize.main([str(tmp_path / 'flight.wav'), '--array', str(tmp_path / 'array.yaml'), '--ego-noise', 'missing.wav'])

@@ -86,7 +86,7 @@ def test_localize_goes_on_after_samples_that_are_no_numbers(from_30_degrees, arr
     localize.main([str(tmp_path / 'broken.wav'), '--array', str(array_file), '--hop', '0.25', '--json'])
     printed = capsys.readouterr()
     records = json.loads(printed.out)
-    assert 'begun anew 1 times' in printed.err
+    assert 'restarted 1 times' in printed.err
     assert all(abs(record['time'] - 30_005 / RATE) > 0.25 for record in records)
     assert records[-1]['time'] > 1.5
     for record in records:
@@ -106,7 +106,7 @@ def test_localize_leaves_ego_rotors_out(array_file, tmp_path, capsys):
     soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)
     errors = []
     for rotors in ('0', '4'):
-        localize.main([str(tmp_path / 'flying.wav'), '--array', str(array_file), '--own-rotors', rotors, '--json'])
+        localize.main([str(tmp_path / 'flying.wav'), '--array', str(array_file), '--ego-rotors', rotors, '--json'])
         errors.append(abs(json.loads(capsys.readouterr().out)[0]['azimuth_deg'][0] - 10.0))
     assert errors[0] > 5.0
     assert errors[1] < 3.0

@@ -5,16 +5,12 @@ import bag_messages as make
 import cv2
 import numpy as np
 import pytest
-import rclpy
-from rclpy.parameter import Parameter
 
-from av_audio.nodes.doa_node import DoaNode
 from av_audio.nodes.doa_node_parameters import doa_node
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_bags.writer import BagWriter
 from av_common.parameters import node_parameters
-from av_evaluation.replay import algorithms
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.nodes.fusion_node_parameters import fusion_node
 from av_pointing.nodes.pointing_node_parameters import pointing_node
@@ -125,21 +121,3 @@ def test_a_picture_that_is_none_is_left_out_and_noted(tmp_path):
         replay.run()
     assert len(replay.log.sight) == 1
     assert any('/camera/image_raw/compressed: 20 bytes of compressed image cannot be decoded' in note for note in replay.notes)
-
-
-@pytest.mark.system
-@pytest.mark.parametrize('changes', [{}, {'window': 0.3, 'band_low': 300.0, 'temperature': 5.0},
-                                     {'ego_rotors': 'estimated', 'ego_rotor_count': 3}])
-def test_hearing_is_that_of_doa_node(changes):
-    array = str(Path(__file__).parents[3] / 'config' / 'arrays' / 'two_microphones.yaml')
-    overrides = [Parameter(name, value=value) for name, value in {**changes, 'array_file': array, 'autostart': False}.items()]
-    context = rclpy.Context()
-    rclpy.init(context=context)
-    node = DoaNode(context=context, parameter_overrides=overrides)
-    try:
-        node.configure()
-        parameters = node_parameters('av_audio', 'doa_node', overrides=changes)
-        assert algorithms.localizer_settings(parameters) == node._localizer_settings
-    finally:
-        node.destroy_node()
-        rclpy.shutdown(context=context)

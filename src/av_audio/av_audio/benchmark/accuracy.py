@@ -12,12 +12,13 @@ from scipy.ndimage import uniform_filter1d
 
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
-from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings, angle_to_axis
+from av_audio.directions import angle_to_axis
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 
-PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'two_microphones')
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 WINDOW_S = 0.5
 GATE = 0.9  # the default confidence above which an estimate counts
 FULL_CIRCLE = (-180.0, 180.0)
@@ -46,14 +47,14 @@ def trials(rng: Generator, source: Source, snr_db: float, count: int, azimuths_d
            method: str = 'ml') -> Trials:
     """Independent windows with azimuths drawn evenly from a range."""
     localizer = Localizer(PAIR, RATE, LocalizerSettings(method=method, window_s=WINDOW_S, hop_s=WINDOW_S))
-    rows = []
+    rows: list[tuple[float, float, float]] = []
     for _ in range(count):
         azimuth = np.radians(rng.uniform(*azimuths_deg))
         delays = -PAIR.positions @ angles_to_direction(azimuth) / speed_of_sound(20.0)
         window = add_noise(rng, source(rng, WINDOW_S, delays), snr_db)
         estimate, = localizer.process(window, len(rows) * len(window))
-        rows.append((azimuth_error(estimate, azimuth), np.degrees(np.sqrt(estimate.azimuth_variance[0])),
-                     estimate.confidence[0]))
+        rows.append((azimuth_error(estimate, azimuth), float(np.degrees(np.sqrt(estimate.azimuth_variance[0]))),
+                     float(estimate.confidence[0])))
     return Trials(*np.array(rows).T)
 
 

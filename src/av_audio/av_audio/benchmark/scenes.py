@@ -22,7 +22,7 @@ from av_common.microphone_array import MicrophoneArray
 SETTINGS = LocalizerSettings(hop_s=0.5)
 # Reflections blur low frequencies: indoors one may listen higher.
 INDOORS = LocalizerSettings(hop_s=0.5, band_hz=(500.0, 8000.0))
-EARS = MicrophoneArray([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]], 'kemar')
+EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
 ROOMS = 60
 ROOM_T60_S = 0.4
 ROOM_DISTANCE_M = 3.0
@@ -37,26 +37,24 @@ def kemar(data: Path) -> Iterator[Figure]:
     if not clips:
         raise FileNotFoundError(f'no drone recordings in {data}')
 
-    def heard(k: int, clip: NDArray, start_s: float) -> NDArray:
+    def at_ears(k: int, clip: NDArray, start_s: float) -> NDArray:
         piece = clip[int(start_s * rate):int((start_s + 2.0) * rate)]
         return np.stack([signal.fftconvolve(piece, response)[:len(piece)] for response in responses[k]], axis=1)
 
-    angles, paths = [], []
+    angles: list[float] = []
+    paths: list[float] = []
     for k in range(0, len(azimuths), 2):
         for clip in clips:
             localizer = Localizer(search_array(EARS), rate, SETTINGS)
-            _, path = measured_path(EARS, localizer.process(heard(k, clip, 0.0), 0))
+            _, path = measured_path(EARS, localizer.process(at_ears(k, clip, 0.0), 0))
             paths.extend(path)
             angles.extend([azimuths[k]] * len(path))
     calibration = calibrate(EARS, angles, paths)
-    truth, errors = [], []
-    for k in range(1, len(azimuths), 2):
-        for clip in clips:
-            for estimate in Localizer(calibration.array, rate, SETTINGS).process(heard(k, clip, 5.0), 0):
-                truth.append(np.degrees(wrap(azimuths[k])))
-                errors.append(azimuth_error(estimate, azimuths[k]))
-    truth, errors = np.array(truth), np.array(errors)
-    yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', errors[np.abs(truth) <= 60.0].mean(), 'deg', 1.5)
+    results = [(np.degrees(wrap(azimuths[k])), azimuth_error(estimate, azimuths[k]))
+               for k in range(1, len(azimuths), 2) for clip in clips
+               for estimate in Localizer(calibration.array, rate, SETTINGS).process(at_ears(k, clip, 5.0), 0)]
+    truth, errors = np.array(results).T
+    yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
     yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
     yield Figure('KEMAR, all azimuths, folded: RMSE', rms(errors), 'deg')
     yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', 100.0 * np.mean(errors > 20.0), '%')

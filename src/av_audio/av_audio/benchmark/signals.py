@@ -14,7 +14,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.capture import read_sound
+from av_audio.file_source import read_sound
 
 RATE = 48_000
 BAND_HZ = (200.0, 4000.0)

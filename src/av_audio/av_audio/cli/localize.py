@@ -8,18 +8,19 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from av_audio.capture import open_sound, pick_channels
 from av_audio.ego_noise import NoiseRecording
+from av_audio.file_source import open_sound, pick_channels
 from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
 from av_common.microphone_array import MicrophoneArray
 
 
 def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
-    """The options that every program with a localizer shares."""
+    """Add the options of the localizer to a parser."""
     defaults = LocalizerSettings()
     parser.add_argument('--array', required=True, metavar='YAML',
                         help='array file, such as config/arrays/two_microphones.yaml')
@@ -27,20 +28,20 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='channels of the file in the order of the microphones (default: all)')
     parser.add_argument('--method', choices=METHODS, default=defaults.method, help='estimator (default: %(default)s)')
     parser.add_argument('--window', type=float, default=defaults.window_s, metavar='S',
-                        help='s of sound per estimate (default: %(default)s)')
+                        help='length of the analysis window in s (default: %(default)s)')
     parser.add_argument('--hop', type=float, default=defaults.hop_s, metavar='S',
-                        help='s between estimates (default: %(default)s)')
+                        help='time between estimates in s (default: %(default)s)')
     parser.add_argument('--band', type=float, nargs=2, default=defaults.band_hz, metavar=('LOW', 'HIGH'),
-                        help='band-pass in Hz (default: %(default)s)')
+                        help='edges of the band-pass filter in Hz (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
-    parser.add_argument('--own-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
-                        help='so many rotors of the rig itself are found in the sound and left out (default: %(default)s)')
-    parser.add_argument('--own-noise', metavar='FILE', help='sound of the rig alone, which is taken off')
+    parser.add_argument('--ego-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
+                        help='number of own rotors whose harmonics are found in the sound and notched (default: %(default)s)')
+    parser.add_argument('--ego-noise', metavar='FILE', help='sound file of the rig alone, whose noise is subtracted')
 
 
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
-    """Settings of the options that `add_localizer_arguments` made."""
+    """Settings from the options of `add_localizer_arguments`. Raises ValueError."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
                              method=arguments.method, temperature_c=arguments.temperature,
                              estimated_rotors=arguments.ego_rotors)
@@ -48,20 +49,27 @@ def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
 
 def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerSettings, channels: Sequence[int] = (),
                   progress: bool = False, ego_noise: str | Path | None = None) -> Iterator[DoaEstimate]:
-    """Estimates for a sound file, read block by block. Raises OSError or ValueError that say what does not fit.
+    """Estimates for a sound file, which is read block by block. Faults of the channels are printed on standard error.
 
-    `ego_noise` is a file of the same microphones with the rig alone.
-    What is wrong with the channels (clipping, dead, identical, ...) is said on standard error at the end.
+    Parameters:
+        path: sound file with one channel per microphone.
+        array: positions of the microphones.
+        settings: settings of the localizer.
+        channels: channels of the file in the order of the microphones; empty for all.
+        progress: print the progress on standard error.
+        ego_noise: sound file of the rig alone, recorded with the same microphones.
+
+    Raises OSError or ValueError that name what does not fit.
     """
     with open_sound(path) as file:
         picked = pick_channels(file.channels, channels, str(path))
         if len(picked) != array.channels:
             raise ValueError(f'{path} gives {len(picked)} channel(s), but the array {array.name} has {array.channels} '
                              f'microphones; choose with --channels')
-        alone = NoiseRecording.load(ego_noise) if ego_noise else None
-        if alone is not None:
-            alone = alone._replace(samples=alone.samples[:, pick_channels(alone.samples.shape[1], channels, alone.name)])
-        localizer = Localizer(array, file.samplerate, settings, alone)
+        noise = NoiseRecording.load(ego_noise) if ego_noise else None
+        if noise is not None:
+            noise = noise._replace(samples=noise.samples[:, pick_channels(noise.samples.shape[1], channels, noise.name)])
+        localizer = Localizer(array, file.samplerate, settings, noise)
         if file.frames < settings.window_s * file.samplerate:
             raise ValueError(f'{path} lasts {file.frames / file.samplerate:.3f} s, less than one window of '
                              f'{settings.window_s:g} s; choose with --window')
@@ -78,11 +86,11 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         for problem in health.problems():
             print(f'{path}: {problem}', file=sys.stderr)
         if localizer.restarts:
-            print(f'{path}: begun anew {localizer.restarts} times after samples that are no numbers', file=sys.stderr)
+            print(f'{path}: restarted {localizer.restarts} times after samples that are not finite', file=sys.stderr)
 
 
-def to_record(estimate: DoaEstimate) -> dict:
-    """An estimate as plain numbers in degrees. `sigma_deg` is that of azimuth, None where there is no direction."""
+def to_record(estimate: DoaEstimate) -> dict[str, Any]:
+    """An estimate as a dictionary of numbers, angles in degrees; `sigma_deg` is that of azimuth, None without a direction."""
     variance = float(np.max(estimate.azimuth_variance, initial=0.0))
     return {
         'time': round(estimate.time, 6),
@@ -93,7 +101,7 @@ def to_record(estimate: DoaEstimate) -> dict:
     }
 
 
-def write_csv(records: list[dict]) -> None:
+def write_csv(records: list[dict[str, Any]]) -> None:
     """One row per window, one pair of columns per hypothesis."""
     count = max((len(record['azimuth_deg']) for record in records), default=0)
     writer = csv.writer(sys.stdout, lineterminator='\n')
@@ -106,8 +114,8 @@ def write_csv(records: list[dict]) -> None:
                          record['confidence']])
 
 
-def write_table(records: list[dict]) -> None:
-    """For the eye: hypotheses side by side, as azimuth and, where it is known, elevation."""
+def write_table(records: list[dict[str, Any]]) -> None:
+    """A table to read: azimuths and elevations of the hypotheses side by side."""
     print(f'{"time s":>8} {"azimuth deg":>22} {"elevation deg":>22} {"sigma":>7} {"confidence":>10}')
     for record in records:
         azimuth = ' or '.join(f'{value:.1f}' for value in record['azimuth_deg']) or 'silent'

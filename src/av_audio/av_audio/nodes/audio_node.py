@@ -1,15 +1,17 @@
-"""Sound of a file or a device as AudioFrame messages."""
+"""Node that publishes the sound of a file or a device as audio frames."""
 
 from __future__ import annotations
 
-import array
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from std_msgs.msg import Header
 
-from av_audio.capture import FileSource
-from av_audio.devices import DeviceSource
+from av_audio.device_source import DeviceSource
+from av_audio.file_source import FileSource
 from av_audio.health import ChannelHealth
+from av_audio.messages import audio_frame
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
 from av_common.node import RigNode, run
@@ -18,30 +20,38 @@ from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
 
-LISTENER_WAIT_S = 10.0
+SUBSCRIBER_WAIT_S = 10.0
 
 
 class AudioNode(RigNode):
     """Publishes `audio/frames`. The capturing thread fills a ring buffer and never waits for the publisher."""
 
-    def __init__(self, **kwargs: object) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('audio_node', parameters, **kwargs)
 
     def configure(self) -> None:
-        """Open the source. Raises ValueError or OSError that says what does not fit."""
+        """Open the source. Raises ValueError or OSError that names the parameter or file."""
         settings = self.settings
         self._frame_id = settings.frame_id
         self._block = settings.block
         self._source = self._open(settings)
         self._buffer_bytes = settings.buffer_bytes
-        least = 2 * 4 * self._block * self._source.channels
-        if self._buffer_bytes < least:
+        minimum = 2 * 4 * self._block * self._source.channels
+        if self._buffer_bytes < minimum:
             self._source.close()
             raise ValueError(f'buffer_bytes={self._buffer_bytes} does not hold two blocks of {self._block} samples of '
-                             f'{self._source.channels} channels, expected at least {least}')
+                             f'{self._source.channels} channels, expected at least {minimum}')
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
+        self._new_stream()
 
-    def _open(self, settings: object) -> FileSource | DeviceSource:
+    def _new_stream(self) -> None:
+        self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
+        self._health = ChannelHealth(self._source.channels)
+        self._since_activation = RateMeter()
+        self._since_activation.tick()
+        self._started = False
+
+    def _open(self, settings: Any) -> FileSource | DeviceSource:
         channels = [] if list(settings.channels) == [-1] else list(settings.channels)
         if settings.source == 'device':
             return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self.now)
@@ -50,19 +60,16 @@ class AudioNode(RigNode):
         return FileSource(settings.file, channels, settings.block, settings.loop, self.now)
 
     def activate(self) -> None:
-        """Begin to capture. Raises ValueError when the device cannot."""
-        self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
-        self._health = ChannelHealth(self._source.channels)
-        self._active_since = RateMeter()
-        self._active_since.tick()
-        self._started = isinstance(self._source, DeviceSource)
-        if self._started:
+        """Start to capture. Raises ValueError when the device cannot."""
+        self._new_stream()
+        if isinstance(self._source, DeviceSource):
             self._source.start(self._buffer)
+            self._started = True
         self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
 
-    def _start_when_heard(self) -> None:
-        """A recording begins when somebody listens, so that its beginning is not lost while the rig starts."""
-        if self._publisher.get_subscription_count() or self._active_since.age > LISTENER_WAIT_S:
+    def _start_file(self) -> None:
+        """Start a file when there is a subscriber, so that its beginning is not lost while other nodes start."""
+        if self._publisher.get_subscription_count() or self._since_activation.age > SUBSCRIBER_WAIT_S:
             self._source.start(self._buffer)
             self._started = True
 
@@ -77,18 +84,15 @@ class AudioNode(RigNode):
 
     def _publish(self) -> None:
         if not self._started:
-            self._start_when_heard()
+            self._start_file()
         while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(self._block)
             self._health.update(samples)
-            message = AudioFrame(sample_rate=self._source.sample_rate, channels=self._source.channels,
-                                 first_sample=first_sample, samples=array.array('f', samples.tobytes()))
-            message.header.stamp = to_stamp(self._source.time_of(first_sample))
-            message.header.frame_id = self._frame_id
-            self._publisher.publish(message)
+            header = Header(stamp=to_stamp(self._source.time_of(first_sample)), frame_id=self._frame_id)
+            self._publisher.publish(audio_frame(samples, first_sample, self._source.sample_rate, header))
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Levels, losses and what is wrong with the channels."""
+        """Levels, losses and faults of the channels."""
         source = self._source
         status.add('sample rate', f'{source.sample_rate} Hz')
         status.add('level', ', '.join(f'{level:.1f}' for level in self._health.levels_dbfs()) + ' dBFS')
@@ -99,7 +103,7 @@ class AudioNode(RigNode):
             status.add('overflows', str(source.overflows))
             status.add('reopened', str(source.reopened))
             if source.lost:
-                status.mergeSummary(DiagnosticStatus.ERROR, 'the device is gone, trying to open it again')
+                status.mergeSummary(DiagnosticStatus.ERROR, 'the device has disappeared, trying to open it again')
         if source.finished:
             problems.append('the file has ended')
         if self._buffer.overwritten:

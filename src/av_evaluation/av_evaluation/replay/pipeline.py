@@ -11,7 +11,7 @@ from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import Hearing, Output, Seeing
+from av_evaluation.replay.stages import DoaReplay, Output, Seeing
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
 from av_pointing.stage import PointingStage
@@ -24,7 +24,7 @@ class Chain:
     expected from the bag. Times must not fall.
     """
 
-    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: Hearing | None, seeing: Seeing | None,
+    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: DoaReplay | None, seeing: Seeing | None,
                  fusing: FusionStage | None, pointing: PointingStage | None, make: MessageMaker,
                  tell: Callable[[str, float, Any], None]) -> None:
         self._converter, self._journal, self._make, self._tell = converter, journal, make, tell
@@ -50,7 +50,7 @@ class Chain:
         if name == names.AUDIO and self._hearing is not None:
             self._fuse(self._hearing.take(content, now))
         elif name == names.MOTORS and self._hearing is not None:
-            self._hearing.turn(content)
+            self._hearing.on_motor_speeds(content)
         elif name == names.IMAGE and self._seeing is not None:
             self._fuse(self._seeing.take(content, now))
         elif self._fusing is None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
-from av_audio.ego_noise import NoiseRecording
+from av_audio.stage import make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
@@ -29,7 +29,7 @@ from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.output_queue import Outbox
 from av_evaluation.replay.pipeline import Chain
 from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import Hearing, Seeing
+from av_evaluation.replay.stages import DoaReplay, Seeing
 from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
@@ -233,15 +233,12 @@ class Replay:
         camera = self._camera(rig)
         self._converter = MeasurementConverter(self._frames.rotation, fusion.target_classes, camera)
         self._hearing = self._seeing = self._fusing = None
-        self._others: dict[str, Hearing] = {}
+        self._others: dict[str, DoaReplay] = {}
         if self.stage == 'raw' and names.AUDIO in self._topics:
             array = MicrophoneArray.load(self._settings.array) if self._settings.array else rig.array.geometry
             p = self._parameters('av_audio', 'doa_node')
-            listening = algorithms.localizer_settings(p)
-            blades = p.ego_rotor_blades if p.ego_rotors == 'topic' else 0
-            ego_noise = NoiseRecording.load(p.ego_noise) if p.ego_noise else None
-            self._hearing = Hearing(array, listening, self._make, blades, ego_noise)
-            self._others = {method: Hearing(array, replace(listening, method=method), self._make, blades, ego_noise)
+            self._hearing = DoaReplay(make_doa_stage(p, array), self._make)
+            self._others = {method: DoaReplay(make_doa_stage(p, array, method=method), self._make)
                             for method in self._estimators}
         if names.IMAGE in self._topics:
             model = self._settings.model if self._settings.model != 'shipped' else ''

@@ -6,14 +6,10 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.doa_messages import doa_array
-from av_audio.ego_noise import NoiseRecording
-from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.stage import DoaStage
 from av_bags import topics as names
-from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
 from av_evaluation.replay.messages import MessageMaker
 from av_vision import visibility
@@ -24,51 +20,26 @@ from av_vision.yolo import Detector
 Output = tuple[str, float, Any]  # the rig's name of the topic, time in s, its bytes or what they are made of
 
 
-class Hearing:
-    """doa_node: audio frames to directions of arrival. `problems` holds what was wrong with frames left out.
+class DoaReplay:
+    """Reports of a DoaStage in the form of outputs; `problems` holds why audio frames were skipped."""
 
-    `blades` of a rotor of the rig's own turn the motors' speeds into the tones to leave out; 0 listens to all. `ego_noise`
-    is what the rig alone sounds like.
-    """
-
-    def __init__(self, array: MicrophoneArray, settings: LocalizerSettings, make: MessageMaker, blades: int = 0,
-                 ego_noise: NoiseRecording | None = None) -> None:
-        self._array, self._settings, self._make, self._blades = array, settings, make, blades
-        self._ego_noise = ego_noise
-        self._blade_pass_hz = np.zeros(0)
-        self._localizer: Localizer | None = None
+    def __init__(self, stage: DoaStage, make: MessageMaker) -> None:
+        self._stage, self._make = stage, make
         self.problems: set[str] = set()
 
-    def turn(self, motor_speeds: Any) -> None:
-        """The rig's own rotors turn at these speeds (rad/s)."""
-        if self._blades:
-            speeds = np.abs(np.asarray(motor_speeds.data, float))
-            self._blade_pass_hz = self._blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi)
+    def on_motor_speeds(self, message: Any) -> None:
+        """Take the speeds of the rig's motors."""
+        self._stage.on_motor_speeds(message)
 
     def take(self, frame: Any, now: float) -> Iterator[Output]:
         """Directions of the windows that a frame completes."""
         try:
-            estimates = self._process(frame)
+            messages = self._stage.on_audio(frame, now)
         except ValueError as error:
             self.problems.add(f'{names.AUDIO}: {error}')
-            self._localizer = None
             return
-        start = to_seconds(frame.header.stamp)
-        for estimate in estimates:
-            time = max(0.0, start + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
-            message = doa_array(estimate, self._array, time, frame.header.frame_id, self._settings.window_s,
-                                self._settings.method)
+        for message in messages:
             yield names.DOA, now, self._make.serialise(message, names.DOA)
-
-    def _process(self, frame: Any) -> list:
-        channels = self._array.channels
-        if frame.channels != channels:
-            raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {channels} microphones')
-        if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
-            self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
-        self._localizer.blade_pass_hz = self._blade_pass_hz
-        samples = np.asarray(frame.samples, np.float32).reshape(-1, channels)
-        return self._localizer.process(samples, frame.first_sample)
 
 
 class Seeing:

@@ -9,7 +9,7 @@ from pulse import PulseCard
 
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.device_process import load_sounddevice
-from av_audio.devices import DeviceSource
+from av_audio.device_source import DeviceSource
 from av_audio.localizer import Localizer
 from av_audio.ring_buffer import RingBuffer
 from av_common.acoustics import speed_of_sound
@@ -117,7 +117,7 @@ def test_what_a_device_cannot_do_is_said_with_what_it_can(card):
     def start(*arguments):
         DeviceSource(*arguments).start(RingBuffer(2))
 
-    with pytest.raises(ValueError, match=r"device='no such thing' fits 0 capture devices; devices: .*\d+: "):
+    with pytest.raises(ValueError, match=r"device='no such thing' matches 0 capture devices; devices: .*\d+: "):
         start('no such thing', RATE)
     with pytest.raises(ValueError, match=r'device=9999 is not a capture device; devices: .*\d+: '):
         start('9999', RATE)

@@ -1,4 +1,4 @@
-"""Sound of a PortAudio device, through unplugging and back."""
+"""Capture from a PortAudio device that may be unplugged and plugged in again."""
 
 from __future__ import annotations
 
@@ -16,19 +16,26 @@ from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SampleClock
 
-# Without a block for this long the device counts as gone.
+# A device without a block for this long is considered lost.
 LOST_AFTER_S = 1.5
 RETRY_S = 1.0
 OPEN_WITHIN_S = 15.0
-# The first blocks come in bursts and with the converter's transients: they only set the clock.
+# The first blocks arrive in bursts and hold the transients of the converter: they initialise the clock only.
 WARM_UP_S = 0.5
 
 
 class DeviceSource:
     """Captures into a ring buffer; the same interface as FileSource.
 
-    A process of its own captures (see device_process); a thread takes the blocks, notes their times, and begins that
-    process anew when no blocks come. What was lost meanwhile shows as a gap in the sample index.
+    A separate process captures (see device_process). A thread reads its blocks, records the times of their arrival, and
+    restarts the process when no blocks arrive. Lost samples appear as a gap of the sample index.
+
+    Parameters:
+        device: name, part of a name or index of the device; empty for the system's default.
+        sample_rate (Hz): sample rate to capture with.
+        channels: channels of the device in the order of the microphones; empty for 0 and 1.
+        block_samples: samples per block.
+        now: clock of the stamps, in s.
     """
 
     def __init__(self, device: str, sample_rate: int, channels: Sequence[int] = (0, 1), block_samples: int = 1600,
@@ -50,7 +57,7 @@ class DeviceSource:
         self._thread: threading.Thread | None = None
 
     def start(self, buffer: RingBuffer) -> None:
-        """Open the device and begin to write. Raises ValueError that says what the device can do, or what is missing."""
+        """Open the device and start to write. Raises ValueError with the reason and, where known, what the device supports."""
         self._buffer = buffer
         self._stop.clear()
         self._process = self._open()
@@ -58,7 +65,7 @@ class DeviceSource:
         self._thread.start()
 
     def stop(self) -> None:
-        """Close the device. `start` may follow."""
+        """Close the device. `start` may be called again."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -66,7 +73,7 @@ class DeviceSource:
             self._end_process()
 
     def close(self) -> None:
-        """For the interface: `stop` has closed everything."""
+        """Part of the interface; `stop` has closed everything."""
 
     def time_of(self, sample: int) -> float:
         """Capture time in s of a sample, on the clock `now`."""
@@ -79,7 +86,7 @@ class DeviceSource:
             return process
         process.kill()
         _, words = process.communicate()
-        # ALSA writes warnings of its own; the reason is the last line
+        # ALSA prints warnings of its own; the reason is the last line
         reason = words.decode(errors='replace').strip().splitlines() or ['the device does not answer']
         raise ValueError(reason[-1])
 
@@ -92,7 +99,8 @@ class DeviceSource:
                 self._reopen()
 
     def _read(self, process: subprocess.Popen, count: int, timeout_s: float) -> bytes:
-        """So many bytes of the process, or none when it ended, was silent for too long, or we are to stop."""
+        """`count` bytes from the process; none when it ended, did not send for `timeout_s`, or `stop` was called."""
+        assert process.stdout is not None  # a pipe, see _open
         pipe = process.stdout.fileno()
         data = bytearray()
         end = time.monotonic() + timeout_s
@@ -100,10 +108,10 @@ class DeviceSource:
             if self._stop.is_set() or time.monotonic() > end:
                 return b''
             if select.select([pipe], [], [], 0.1)[0]:
-                piece = os.read(pipe, count - len(data))
-                if not piece:
+                received = os.read(pipe, count - len(data))
+                if not received:
                     return b''
-                data += piece
+                data += received
         return bytes(data)
 
     def _take(self, block: bytes) -> None:

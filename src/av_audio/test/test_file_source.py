@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.capture import FileSource, read_sound
+from av_audio.file_source import FileSource, read_sound
 from av_audio.ring_buffer import RingBuffer
 
 

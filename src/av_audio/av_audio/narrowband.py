@@ -1,29 +1,31 @@
-"""MUSIC and MVDR, to compare with: they search by narrow-band covariances, and are judged like the steered response."""
+"""MUSIC and MVDR as baselines: narrow-band search, with variance and confidence of the steered response."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.ego_noise import EgoNoise
 from av_audio.steered_response import SteeredResponse
 from av_audio.weighting import Weighting
 from av_common.microphone_array import MicrophoneArray
 
-# Bins of one band are snapshots of one covariance matrix: many enough to average, close enough to share the delays.
+# The bins of a band of this width are the snapshots of one covariance matrix: enough of them to average, close enough to
+# share phases.
 BAND_HZ = 40.0
 LOADING = 1e-3
 ZOOM_ROUNDS = 6
 
 
 class NarrowbandSearch(SteeredResponse):
-    """Finds q by a cost over narrow bands, on a grid and then on ever smaller grids around its minimum.
+    """Finds q by a cost summed over narrow bands, on a grid and then on successively finer grids around its minimum.
 
-    Variance and confidence are those of the weighted correlation at the q found.
+    Variance and confidence are those of the weighted correlation at the q found. Parameters as of SteeredResponse.
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
-                 weighting: Weighting) -> None:
-        super().__init__(array, frequencies, response, speed_of_sound, weighting)
+                 weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
+        super().__init__(array, frequencies, response, speed_of_sound, weighting, ego_noise)
         bins = max(array.channels, round(BAND_HZ / self._band.bin_hz))
         self._bands = len(frequencies) // bins
         self._used = self._bands * bins
@@ -36,8 +38,8 @@ class NarrowbandSearch(SteeredResponse):
     def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
         bands = spectra[:, :self._used].reshape(len(spectra), self._bands, -1).transpose(1, 0, 2)
         covariances = bands @ bands.conj().swapaxes(1, 2)
-        if self.ego_noise is not None:
-            covariances = self._without_ego_noise(covariances, spectra)
+        if self._ego_noise is not None:
+            covariances = self._without_ego_noise(covariances, self._ego_noise.covariance_in(spectra))
         trace = np.trace(covariances, axis1=1, axis2=2).real
         covariances = covariances / np.maximum(trace, np.finfo(np.float32).tiny)[:, None, None]
         matrices = self._matrices(covariances)
@@ -50,11 +52,11 @@ class NarrowbandSearch(SteeredResponse):
             step /= 4.0
         return q
 
-    def _without_ego_noise(self, covariances: NDArray, spectra: NDArray) -> NDArray:
-        """The same covariances less the ego-noise's, with what that makes negative at 0."""
-        own = self.ego_noise.covariance_in(spectra)[..., :self._used]
-        own = own.reshape(*own.shape[:2], self._bands, -1).sum(axis=-1).transpose(2, 0, 1)
-        values, vectors = np.linalg.eigh(covariances - own)
+    def _without_ego_noise(self, covariances: NDArray, ego_noise: NDArray) -> NDArray:
+        """Covariances (bands, m, m) less those of the ego-noise (m, m, k), negative eigenvalues set to 0."""
+        noise = ego_noise[..., :self._used]
+        noise = noise.reshape(*noise.shape[:2], self._bands, -1).sum(axis=-1).transpose(2, 0, 1)
+        values, vectors = np.linalg.eigh(covariances - noise)
         return (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.conj().swapaxes(1, 2)
 
     def _steering(self, points: NDArray) -> NDArray:
@@ -62,16 +64,16 @@ class NarrowbandSearch(SteeredResponse):
         return np.exp(1j * (self._phase @ points.T)).astype(np.complex64)
 
     def _matrices(self, covariances: NDArray) -> NDArray:
-        """What the cost needs of covariances (bands, m, m)."""
+        """Matrices (bands, m, n) that the cost uses, from covariances (bands, m, m)."""
         raise NotImplementedError
 
     def _cost(self, matrices: NDArray, steering: NDArray) -> NDArray:
-        """Cost (g,), lowest where the source is."""
+        """Cost (g,) of steering vectors (bands, m, g), lowest in the direction of the source."""
         raise NotImplementedError
 
 
 class Music(NarrowbandSearch):
-    """Power of the steering vector inside the noise subspace for one source (Schmidt, 1986), summed over bands."""
+    """MUSIC: power of the steering vector in the noise subspace of one source (Schmidt, 1986), summed over bands."""
 
     def _matrices(self, covariances: NDArray) -> NDArray:
         return np.linalg.eigh(covariances)[1][:, :, -1:]
@@ -82,7 +84,7 @@ class Music(NarrowbandSearch):
 
 
 class Mvdr(NarrowbandSearch):
-    """Power behind the distortionless beam of least noise (Capon, 1969), summed over bands of equal total power."""
+    """MVDR: output power of the minimum-variance distortionless beam (Capon, 1969), over bands scaled to equal power."""
 
     def _matrices(self, covariances: NDArray) -> NDArray:
         return np.linalg.inv(covariances + LOADING * np.eye(covariances.shape[1], dtype=covariances.dtype))

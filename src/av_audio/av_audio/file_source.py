@@ -1,4 +1,4 @@
-"""Sources of sound that write into a ring buffer and know when each sample was captured."""
+"""Reading of sound files, and a source that plays one in real time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,15 @@ from av_audio.ring_buffer import RingBuffer
 
 
 def pick_channels(available: int, channels: Sequence[int], source: str) -> list[int]:
-    """The channels to take, in order; all where `channels` is empty. Raises ValueError for one that is not there or twice."""
+    """Validate a choice of channels.
+
+    Parameters:
+        available: number of channels of the source.
+        channels: wanted channels in order; empty for all.
+        source: name of the source for messages.
+
+    Raises ValueError for a channel that does not exist or is given twice.
+    """
     wrong = [channel for channel in channels if not 0 <= channel < available]
     if wrong:
         raise ValueError(f'channels={list(channels)}: {source} has channels 0..{available - 1}, not {wrong}')
@@ -43,7 +51,14 @@ def open_sound(path: str | Path) -> soundfile.SoundFile:
 
 
 class FileSource:
-    """Plays a sound file into a ring buffer as a device would: each block appears when its last sample has sounded.
+    """Plays a sound file into a ring buffer in real time: a block is written once its last sample is due.
+
+    Parameters:
+        path: file that libsndfile reads.
+        channels: channels of the file in the order of the microphones; empty for all.
+        block_samples: samples per block.
+        loop: continue with the beginning at the end of the file, without a gap.
+        now: clock of the stamps, in s.
 
     Raises OSError or ValueError when the file or the channels cannot be used.
     """
@@ -65,7 +80,7 @@ class FileSource:
             raise ValueError(f'sound file {path} is empty')
 
     def start(self, buffer: RingBuffer) -> None:
-        """Begin to write into the buffer from an own thread."""
+        """Start a thread that writes into the buffer."""
         self._begin = self._now()
         self._stop.clear()
         self.finished = False
@@ -73,7 +88,7 @@ class FileSource:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread. `start` may follow and begins at the beginning."""
+        """Stop the thread. `start` may be called again and starts at the beginning of the file."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -103,7 +118,7 @@ class FileSource:
             sent += len(samples)
 
     def _read_block(self) -> NDArray:
-        """The next block (n, m); shorter at the end of the file, empty after it. A loop joins end and beginning."""
+        """The next block (n, channels); shorter at the end of the file, empty after it. A loop joins end and beginning."""
         blocks = []
         missing = self._block
         while missing:

@@ -1,0 +1,101 @@
+"""From the measured projection of a direction on the array's span to angles, with variances, and to a cosine."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import direction_to_angles, wrap
+from av_common.microphone_array import MicrophoneArray
+
+Array = NDArray[np.float64]
+
+# Within 15 degrees of the axis of a linear array a small error of the delay becomes a large error of the angle.
+END_FIRE_COSINE = float(np.cos(np.radians(15.0)))
+# Points at which the posterior density of an angle is evaluated, as shares of its support.
+POSTERIOR_GRID = np.linspace(0.0, 1.0, 41)
+
+
+class Directions(NamedTuple):
+    """Mirror-image directions of one measurement.
+
+    angles: azimuths and elevations (2, k) in rad in the array's frame.
+    variances: their variances (2, k) in rad^2, inf where the array does not resolve an angle.
+    """
+
+    angles: Array
+    variances: Array
+
+
+def undo_delay_curve(array: MicrophoneArray, q: Array) -> tuple[Array, Array | float]:
+    """Projection q (rank,) with the array's delay curve undone, and the derivative of the result by q."""
+    curve = array.delay_curve
+    if curve is None:
+        return q, 1.0
+    step = 1e-3
+    slope = (curve.true_cosine(q + step) - curve.true_cosine(q - step)) / (2.0 * step)
+    return curve.true_cosine(q), slope
+
+
+def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Directions:
+    """All mirror-image directions of a projection q (rank,) with its covariance (rank, rank).
+
+    The variances come from points one sigma away along the axes of the covariance; of both sides the larger deviation counts.
+    """
+    if not np.all(np.isfinite(covariance)):
+        angles = np.array(direction_to_angles(array.hypotheses(q)))
+        return Directions(angles, np.full_like(angles, np.inf))
+    if array.rank == 1:
+        angle, sigma = angle_to_axis(float(q[0]), math.sqrt(covariance[0, 0]))
+        axis = array.basis[:, 0]
+        if axis[2] == 0.0:  # closed form of the most frequent case
+            turn = math.atan2(axis[1], axis[0])
+            azimuths = math.remainder(turn - angle, math.tau), math.remainder(turn + angle, math.tau)
+            return Directions(np.array([azimuths, (0.0, 0.0)]), np.array([(sigma**2, sigma**2), (np.inf, np.inf)]))
+        points = np.cos([[angle], [min(angle + sigma, np.pi)], [max(angle - sigma, 0.0)]])
+    else:
+        eigenvalues, axes = np.linalg.eigh(covariance)
+        offsets = (axes * np.sqrt(np.maximum(eigenvalues, 0.0))).T
+        points = np.concatenate([q[None], q + offsets, q - offsets])
+    angles, *sides = np.moveaxis(np.array(direction_to_angles(array.hypotheses(points))), 1, 0)
+    deviations = wrap(np.array(sides) - angles) ** 2
+    variances = np.maximum(*np.split(deviations, 2)).sum(axis=0)
+    if array.rank == 1:
+        variances[1] = np.inf
+    return Directions(angles, variances)
+
+
+def is_end_fire(array: MicrophoneArray, q: Array) -> bool:
+    """Whether a projection q (rank,) lies so close to the axis of a linear array that angles are poorly resolved."""
+    return array.rank == 1 and abs(float(q[0])) > END_FIRE_COSINE
+
+
+def within_elevations(array: MicrophoneArray, angles: Array, limits: Array) -> NDArray[np.bool_]:
+    """Which hypotheses (k,) of angles (2, k) lie in a range of elevation (rad), or are the nearest to it.
+
+    Of two that coincide, in the plane of a planar array, the first is kept.
+    """
+    outside = np.maximum(limits[0] - angles[1], angles[1] - limits[1])
+    kept: NDArray[np.bool_] = outside <= max(float(outside.min()), 1e-9)
+    if array.rank == 2 and np.allclose(angles[:, 0], angles[:, 1], atol=1e-6):
+        kept[1] = False
+    return kept
+
+
+def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
+    """Mean and standard deviation in rad of the angle whose cosine was measured with a normal error `sigma`.
+
+    The posterior mean under a uniform prior of the angle. Unlike arccos, it has no bias and no infinite derivative at
+    end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin.
+    """
+    nearest, furthest = (math.acos(max(-1.0, min(1.0, cosine + side * sigma))) for side in (5.0, -5.0))
+    angles = nearest + (furthest - nearest) * POSTERIOR_GRID
+    deviations = ((np.cos(angles) - cosine) / max(sigma, 1e-9)) ** 2
+    likelihood = np.exp(-0.5 * (deviations - deviations.min()))
+    likelihood[[0, -1]] *= 0.5
+    likelihood /= likelihood.sum()
+    mean = float(likelihood @ angles)
+    return mean, float(np.sqrt(likelihood @ (angles - mean) ** 2))

@@ -1,0 +1,73 @@
+"""AudioFrame and DoaArray messages: samples of a frame, frames of samples, and the message of a DOA estimate."""
+
+from __future__ import annotations
+
+import array
+
+import numpy as np
+from geometry_msgs.msg import Vector3
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+
+from av_audio.localizer import DoaEstimate
+from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
+from av_common.stamps import to_stamp
+from av_interfaces.msg import AudioFrame, Doa, DoaArray
+
+
+def samples_of(frame: AudioFrame) -> NDArray[np.float32]:
+    """Samples (n, channels) of a frame, full scale 1. Raises ValueError when their number does not fit the channels."""
+    if frame.channels < 1:
+        raise ValueError('audio frame without channels')
+    if len(frame.samples) % frame.channels:
+        raise ValueError(f'{len(frame.samples)} samples are not a multiple of {frame.channels} channels')
+    return np.asarray(frame.samples, np.float32).reshape(-1, frame.channels)
+
+
+def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: int, header: Header) -> AudioFrame:
+    """The message of a block of samples.
+
+    Parameters:
+        samples (n, channels): full scale 1.
+        first_sample: index of the first sample since the stream began.
+        sample_rate (Hz): sample rate of the stream.
+        header: capture time of the first sample, and the frame of the microphone array.
+    """
+    interleaved = array.array('f', np.ascontiguousarray(samples, np.float32).tobytes())
+    return AudioFrame(header=header, sample_rate=sample_rate, channels=samples.shape[1], first_sample=first_sample,
+                      samples=interleaved)
+
+
+def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
+              method: str) -> DoaArray:
+    """The message of one analysis window.
+
+    A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of that
+    angle as measured, which noise may carry slightly beyond -1..1. The two images of a planar array, one on each side of
+    its plane, are no such cone: the axis is zero and the cosines are NaN.
+
+    Parameters:
+        estimate: directions in the array's frame.
+        microphones: the array with which `estimate` was made.
+        stamp (s): capture time of the window's centre.
+        frame_id: the array's frame.
+        window_s (s): length of the window.
+        method: name of the estimator.
+    """
+    axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
+    message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
+                       level=float(estimate.level_dbfs), axis=_vector(axis))
+    directions = angles_to_direction(estimate.azimuth, estimate.elevation)
+    message.hypotheses = [Doa(
+        direction=_vector(direction), azimuth=float(estimate.azimuth[k]), elevation=float(estimate.elevation[k]),
+        azimuth_variance=float(estimate.azimuth_variance[k]), elevation_variance=float(estimate.elevation_variance[k]),
+        cosine=float(estimate.cosine), cosine_variance=float(estimate.cosine_variance),
+        confidence=float(estimate.confidence[k]), ambiguity_group=int(estimate.group[k]),
+        end_fire=bool(estimate.end_fire[k])) for k, direction in enumerate(directions)]
+    return message
+
+
+def _vector(values: NDArray[np.float64]) -> Vector3:
+    x, y, z = map(float, values)
+    return Vector3(x=x, y=y, z=z)

@@ -1,0 +1,140 @@
+"""Audio frames to directions of arrival: the stage that doa_node, replay and experiments share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Float32MultiArray
+
+from av_audio.ego_noise import NoiseRecording
+from av_audio.health import SwapDetector
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.messages import doa_array, samples_of
+from av_common.microphone_array import MicrophoneArray
+from av_common.stamps import to_seconds
+from av_interfaces.msg import AudioFrame, DoaArray
+
+
+class DoaStage:
+    """Estimates directions of arrival in a stream of audio frames, by one method; several methods are several stages.
+
+    Results depend on the frames and motor speeds only, not on when they arrive.
+
+    Parameters:
+        array: positions of the microphones, one per channel of the frames.
+        settings: window, hop, band and method of the localizer; defaults where None.
+        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+        rotor_blades: blades of each of the rig's own rotors, with which motor speeds become the frequencies that are
+            notched; 0 ignores motor speeds.
+    """
+
+    def __init__(self, array: MicrophoneArray, settings: LocalizerSettings | None = None,
+                 ego_noise: NoiseRecording | None = None, rotor_blades: int = 0) -> None:
+        self._array = array
+        self._settings = settings or LocalizerSettings()
+        self._ego_noise = ego_noise
+        self._rotor_blades = rotor_blades
+        self._blade_pass_hz = np.zeros(0)
+        self._localizer: Localizer | None = None
+        self._swap_detector = SwapDetector() if array.channels == 2 else None
+        self.latest: DoaEstimate | None = None
+        self.restarts = 0  # windows that were restarted by gaps or unusable samples
+        self.swaps = 0  # how often the two channels seem to have changed places
+
+    @property
+    def settings(self) -> LocalizerSettings:
+        """Settings of the localizer; new ones discard the samples of unfinished windows."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: LocalizerSettings) -> None:
+        if settings != self._settings:
+            self._settings = settings
+            self.reset()
+
+    @property
+    def blade_pass_hz(self) -> NDArray[np.float64]:
+        """Blade-pass frequencies (r,) in Hz that the newest motor speeds stand for."""
+        return self._blade_pass_hz
+
+    def reset(self) -> None:
+        """Discard the samples of unfinished windows."""
+        self._localizer = None
+
+    def on_motor_speeds(self, message: Float32MultiArray) -> None:
+        """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
+        if not self._rotor_blades:
+            return
+        speeds = np.abs(np.asarray(message.data, dtype=float))
+        self._blade_pass_hz = self._rotor_blades * speeds[np.isfinite(speeds)] / (2.0 * np.pi)
+
+    def on_audio(self, frame: AudioFrame, arrival: float) -> list[DoaArray]:
+        """Directions for every window that a frame completes.
+
+        Parameters:
+            frame: the block of samples that follows the one before; a gap restarts the window.
+            arrival (s): time of its arrival. Not used: results are stamped by the capture time of the frame.
+
+        Raises ValueError when the frame contradicts itself or does not fit the array or the settings; unfinished windows
+        are then discarded.
+        """
+        try:
+            estimates = self._estimates(frame)
+        except ValueError:
+            self.reset()
+            raise
+        begin = to_seconds(frame.header.stamp)
+        messages = []
+        for estimate in estimates:
+            self.latest = estimate
+            if self._swap_detector is not None:
+                self.swaps += self._swap_detector.update(estimate)
+            stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
+            messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
+                                      self._settings.method))
+        return messages
+
+    def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
+        if frame.channels != self._array.channels:
+            raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {self._array.channels} '
+                             f'microphones')
+        samples = samples_of(frame)
+        if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
+            self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
+        self._localizer.blade_pass_hz = self._blade_pass_hz
+        before = self._localizer.restarts
+        estimates = self._localizer.process(samples, frame.first_sample)
+        self.restarts += self._localizer.restarts - before
+        return estimates
+
+
+def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:
+    """Settings of the parameters of doa_node, with `changes` of fields of LocalizerSettings. Raises ValueError."""
+    given = {
+        'window_s': parameters.window, 'hop_s': parameters.hop, 'band_hz': (parameters.band_low, parameters.band_high),
+        'method': parameters.method, 'temperature_c': parameters.temperature,
+        'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg),
+        'estimated_rotors': parameters.ego_rotor_count if parameters.ego_rotors == 'estimated' else 0}
+    return LocalizerSettings(**{**given, **changes})
+
+
+def make_doa_stage(parameters: Any, array: MicrophoneArray | None = None, **changes: Any) -> DoaStage:
+    """The stage that the parameters of doa_node describe.
+
+    Parameters:
+        parameters: those of doa_node, as its generated struct or of `av_common.parameters.node_parameters`.
+        array: microphones to use instead of those of the parameter `array_file`.
+        changes: fields of LocalizerSettings that differ from the parameters, such as `method`.
+
+    Raises ValueError or OSError that name the parameter or file that cannot be used.
+    """
+    if array is None:
+        if not parameters.array_file:
+            raise ValueError('array_file is empty, expected the path of an array file such as '
+                             'config/arrays/two_microphones.yaml')
+        array = MicrophoneArray.load(parameters.array_file)
+    ego_noise = NoiseRecording.load(parameters.ego_noise) if parameters.ego_noise else None
+    rotor_blades = parameters.ego_rotor_blades if parameters.ego_rotors == 'topic' else 0
+    return DoaStage(array, localizer_settings(parameters, **changes), ego_noise, rotor_blades)

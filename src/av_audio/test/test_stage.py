@@ -1,0 +1,139 @@
+"""The stage that node, replay and experiments share, on message objects."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import soundfile
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Float32MultiArray, Header
+
+from av_audio.benchmark.ego_noise import scene
+from av_audio.benchmark.signals import RATE, flat
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.messages import audio_frame
+from av_audio.stage import DoaStage, localizer_settings, make_doa_stage
+from av_common.acoustics import speed_of_sound
+from av_common.microphone_array import MicrophoneArray
+from av_common.parameters import node_parameters
+from av_common.stamps import to_seconds
+
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'pair')
+BLOCK = 1600
+
+
+def sound(seconds):
+    """From 30 degrees."""
+    samples = flat(np.random.default_rng(1), seconds, np.array([0.0, 0.1 / speed_of_sound(20.0)]))
+    return (0.3 * samples / np.abs(samples).max()).astype(np.float32)
+
+
+def frames(samples, first_sample=0, stamp=100, rate=RATE):
+    """Blocks of samples whose first was captured at a whole second."""
+    for start in range(0, len(samples), BLOCK):
+        nanoseconds = round(1e9 * start / rate)
+        header = Header(stamp=Time(sec=stamp + nanoseconds // 10**9, nanosec=nanoseconds % 10**9), frame_id='microphones')
+        yield audio_frame(samples[start:start + BLOCK], first_sample + start, rate, header)
+
+
+def feed(stage, samples, **options):
+    """All messages; frames arrive late, which must not matter."""
+    return [message for frame in frames(samples, **options)
+            for message in stage.on_audio(frame, to_seconds(frame.header.stamp) + 3.0)]
+
+
+def test_directions_are_stamped_by_the_capture_of_the_window():
+    messages = feed(DoaStage(PAIR), sound(1.0), first_sample=5000)
+    assert [to_seconds(message.header.stamp) for message in messages] == pytest.approx(100.25 + 0.1 * np.arange(6), abs=1e-6)
+    for message in messages:
+        assert (message.header.frame_id, message.method, message.window) == ('microphones', 'ml', 0.5)
+        assert np.degrees([h.azimuth for h in message.hypotheses]) == pytest.approx([30.0, 150.0], abs=0.3)
+        assert message.axis.y == 1.0
+
+
+def test_it_is_the_localizer_on_the_same_samples():
+    samples = sound(1.0)
+    estimates = Localizer(PAIR, RATE, LocalizerSettings(method='phat')).process(samples, 0)
+    messages = feed(DoaStage(PAIR, LocalizerSettings(method='phat')), samples)
+    assert [m.hypotheses[0].azimuth for m in messages] == pytest.approx([e.azimuth[0] for e in estimates], rel=1e-6)
+
+
+def test_messages_of_other_libraries_serve_as_well():
+    """Replay decodes bags without rclpy: the same fields, samples as an array."""
+    frame = next(frames(sound(0.6)))
+    stamp = SimpleNamespace(sec=100, nanosec=0)
+    other = SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id='ears'), sample_rate=RATE, channels=2,
+                            first_sample=0, samples=np.tile(np.asarray(frame.samples, np.float32), 20))
+    message = DoaStage(PAIR).on_audio(other, 0.0)[0]
+    assert message.header.frame_id == 'ears' and to_seconds(message.header.stamp) == 100.25
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'channels': 1}, '1 channels, but the array pair has 2 microphones'),
+    ({'sample_rate': 4000}, 'half of the sample rate')])
+def test_frames_that_do_not_fit_are_refused_and_discard_the_window(changes, words):
+    stage, samples = DoaStage(PAIR), sound(1.0)
+    assert feed(stage, samples[:BLOCK * 14]) == []
+    bad = next(frames(samples))
+    for name, value in changes.items():
+        setattr(bad, name, value)
+    with pytest.raises(ValueError, match=words):
+        stage.on_audio(bad, 0.0)
+    assert len(feed(stage, samples[:BLOCK * 15], first_sample=BLOCK * 14)) == 1
+
+
+def test_gaps_are_counted_as_restarts():
+    stage = DoaStage(PAIR)
+    feed(stage, sound(0.2))
+    feed(stage, sound(0.6), first_sample=RATE)
+    assert stage.restarts == 1 and stage.latest is not None
+
+
+def test_new_settings_apply_from_the_next_frame():
+    stage = DoaStage(PAIR)
+    feed(stage, sound(0.6))
+    stage.settings = LocalizerSettings(temperature_c=-20.0)
+    message = feed(stage, sound(0.6), first_sample=RATE)[0]
+    assert np.degrees(message.hypotheses[0].azimuth) == pytest.approx(27.7, abs=0.3)  # slower sound, the same delay
+
+
+def test_motor_speeds_notch_the_rigs_own_rotors():
+    """Rotors 15 dB louder than the target; of five motors one turns the other way, one stands, one has no sensor."""
+    samples, blade_pass = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
+    speeds = 2.0 * np.pi * blade_pass / 3.0
+    azimuths = []
+    for blades in (0, 3):
+        stage = DoaStage(PAIR, rotor_blades=blades)
+        stage.on_motor_speeds(Float32MultiArray(data=[-speeds[0], *speeds[1:], 0.0, float('nan')]))
+        azimuths.append(np.degrees(feed(stage, samples)[-1].hypotheses[0].azimuth))
+    assert abs(azimuths[0] - 10.0) > 10.0
+    assert azimuths[1] == pytest.approx(10.0, abs=3.0)
+
+
+def test_channels_that_change_places_are_counted():
+    samples = flat(np.random.default_rng(2), 4.0, np.array([0.0, 3e-4]))
+    samples = (samples / np.abs(samples).max()).astype(np.float32)
+    stage = DoaStage(PAIR)
+    feed(stage, np.concatenate([samples[:2 * RATE], samples[2 * RATE:, ::-1]]))
+    assert stage.swaps == 1
+
+
+def test_a_stage_is_made_of_the_parameters_of_doa_node(tmp_path):
+    PAIR.save(tmp_path / 'pair.yaml')
+    soundfile.write(tmp_path / 'alone.wav', sound(3.0), RATE)
+    parameters = node_parameters('av_audio', 'doa_node', overrides={
+        'array_file': str(tmp_path / 'pair.yaml'), 'window': 0.3, 'hop': 0.05, 'band_low': 300.0, 'band_high': 3000.0,
+        'method': 'phat', 'temperature': 5.0, 'elevation_min_deg': -10.0, 'elevation_max_deg': 60.0,
+        'ego_rotors': 'estimated', 'ego_rotor_count': 3, 'ego_noise': str(tmp_path / 'alone.wav')})
+    expected = LocalizerSettings(0.3, 0.05, (300.0, 3000.0), 'phat', 5.0, (-10.0, 60.0), 3)
+    assert localizer_settings(parameters) == expected
+    assert make_doa_stage(parameters).settings == expected
+    assert make_doa_stage(parameters, PAIR, method='ml').settings.method == 'ml'
+    assert len(feed(make_doa_stage(parameters), sound(0.5))) == 5
+
+
+def test_parameters_without_an_array_are_refused():
+    with pytest.raises(ValueError, match='array_file is empty'):
+        make_doa_stage(node_parameters('av_audio', 'doa_node'))
+    with pytest.raises(OSError, match=r'alone\.wav does not exist'):
+        make_doa_stage(node_parameters('av_audio', 'doa_node', overrides={'ego_noise': 'alone.wav'}), PAIR)
