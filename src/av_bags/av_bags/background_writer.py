@@ -1,4 +1,4 @@
-"""Writes a bag in the background, so that a slow disk never holds up who listens."""
+"""Writes a bag in the background, so that a slow disk never holds up a subscriber."""
 
 from __future__ import annotations
 
@@ -7,65 +7,52 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-from av_bags.metadata import DEFAULT_QOS, TopicQos
-from av_bags.writer import BagWriter
+from rosbags.interfaces import Qos
 
-Encoder = Callable[[bytes], bytes | memoryview]
+from av_bags.writer import DEFAULT_QOS, BagWriter
+
+Encoder = Callable[[bytes], bytes]
 # A killed process loses what came since the last write, a loss of power what came since the last sync.
 WRITE_PERIOD_S = 0.25
 SYNC_PERIODS = 4
 
 
-class Recording:
-    """Takes messages from any thread and writes them to a bag of its own thread, several times a second.
+class BackgroundWriter:
+    """Takes messages from any thread and writes them to a bag from a thread of its own, several times a second.
 
-    While the disk is full or slow, up to `queue_bytes` wait in memory; what comes beyond is dropped and counted, and
-    the recording goes on when there is room again. `problem` says what is wrong with the disk now, `complaint` what
-    was wrong with the last message that could not be encoded; both are empty when all is well.
+    While the disk is full or slow, messages wait in memory; what exceeds that is dropped and counted, and writing goes
+    on when there is room again. `problem` says what is wrong with the disk now, `encoding_problem` what was wrong with
+    the last message that could not be encoded; both are empty when all is well. Raises BagError.
+
+    Parameters:
+        path: of the bag, as for BagWriter.
+        compression: of the chunks, as for BagWriter.
+        queue_bytes (bytes): size of the messages that may wait.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4', queue_bytes: int = 64_000_000) -> None:
-        """Create the bag. Raises BagError."""
-        self._bag = BagWriter(path, compression)
+        self.bag = BagWriter(path, compression)
         self._queue_bytes = queue_bytes
         self._queue: deque[tuple[str, int, bytes]] = deque()
         self._queued = 0
         self._encoders: dict[str, Encoder] = {}
         self.dropped = 0
-        self.problem = self.complaint = ''
+        self.problem = self.encoding_problem = ''
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='write bag', daemon=True)
         self._thread.start()
 
-    @property
-    def file(self) -> Path:
-        """Where it goes."""
-        return self._bag.file
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages written of each topic."""
-        return self._bag.counts
-
-    @property
-    def bytes_written(self) -> int:
-        """Size so far."""
-        return self._bag.bytes_written
-
-    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS, encode: Encoder | None = None) -> None:
-        """Announce a topic; `encode` (in the writing thread) turns each message into what is written.
-
-        Raises UnknownTypeError.
-        """
+    def add_topic(self, name: str, kind: str, qos: Qos = DEFAULT_QOS, encode: Encoder | None = None) -> None:
+        """Announce a topic; `encode` is called in the writing thread for each message. Raises UnknownTypeError."""
         with self._lock:
-            self._bag.add_topic(name, kind, qos)
+            self.bag.add_topic(name, kind, qos)
         if encode is not None:
             self._encoders[name] = encode
 
     def put(self, topic: str, time_ns: int, data: bytes) -> None:
         """Take a serialised message; returns at once."""
-        if self._queued + self._bag.waiting + len(data) > self._queue_bytes:
+        if self._queued + self.bag.waiting + len(data) > self._queue_bytes:
             self.dropped += 1
             return
         self._queued += len(data)
@@ -78,7 +65,7 @@ class Recording:
         try:
             self._drain()
         finally:
-            self._bag.close()
+            self.bag.close()
 
     def _run(self) -> None:
         rounds = 0
@@ -87,20 +74,20 @@ class Recording:
             try:
                 self._drain()
                 with self._lock:
-                    self._bag.flush(sync=rounds % SYNC_PERIODS == 0)
+                    self.bag.flush(sync=rounds % SYNC_PERIODS == 0)
                 self.problem = ''
             except OSError as error:
-                self.problem = f'{self.file} cannot be written: {error.strerror}'
+                self.problem = f'{self.bag.file} cannot be written: {error.strerror}'
 
     def _drain(self) -> None:
         for _ in range(len(self._queue)):
             topic, time_ns, data = self._queue.popleft()
             self._queued -= len(data)
             try:
-                written = self._encoders[topic](data) if topic in self._encoders else data
+                encoded = self._encoders[topic](data) if topic in self._encoders else data
             except ValueError as error:
-                self.complaint = f'{topic}: {error}'
+                self.encoding_problem = f'{topic}: {error}'
                 self.dropped += 1
                 continue
             with self._lock:
-                self._bag.write(topic, time_ns, written)
+                self.bag.write(topic, time_ns, encoded)

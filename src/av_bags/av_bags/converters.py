@@ -2,36 +2,44 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from geometry_msgs.msg import Point, Pose, Quaternion
+from nav_msgs.msg import Odometry
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import CompressedImage, Image, Imu
+from std_msgs.msg import Header
 
 from av_audio.pcm import FORMATS, decode
 from av_bags import topics as names
-from av_bags.definitions import learn, rig_types
 from av_bags.errors import BagError
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock
 from av_common.frames import yaw_of
 from av_common.stamps import to_seconds, to_stamp
-from av_vision.image import encoding_of, image_from_message
+from av_interfaces.msg import AudioFrame
+from av_vision.image import encoding_of, fill_message, image_from_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
 # A stamp that far from where the samples so far would put it is a gap in the sound.
 GAP_S = 0.05
-# For sound that does not say where it was heard.
+# For sound that does not say where it was recorded.
 ARRAY_FRAME = 'microphones'
 
 
 @dataclass(frozen=True)
 class AudioLayout:
-    """What bare bytes of sound mean: samples a second, interleaved channels, one of `pcm.FORMATS`.
+    """What bare bytes of sound mean. Raises BagError when out of bounds.
 
-    Raises BagError when out of bounds.
+    Parameters:
+        sample_rate (Hz): samples a second and channel.
+        channels: number of interleaved channels.
+        sample_format: one of `pcm.FORMATS`.
     """
 
     sample_rate: int
@@ -59,7 +67,7 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
 
 
 class AudioBytes:
-    """AudioData and AudioDataStamped (audio_common_msgs), PCM, as AudioFrame; a sample may be cut between messages."""
+    """Makes AudioFrame of AudioData and AudioDataStamped (audio_common_msgs), PCM; a sample may be cut between messages."""
 
     def __init__(self, layout: AudioLayout) -> None:
         self._layout = layout
@@ -67,9 +75,8 @@ class AudioBytes:
         self._rest = b''
         self._next = 0
         self._origin: float | None = None
-        self._types = learn('av_interfaces/msg/AudioFrame').types
 
-    def __call__(self, message: Any, time_ns: int) -> Iterable[Any]:
+    def __call__(self, message: Any, time_ns: int) -> Iterable[AudioFrame]:
         """The frame of a message that was recorded at `time_ns`; none as long as no sample is complete."""
         stamped = hasattr(message, 'header')
         samples = self._samples((message.audio if stamped else message).data)
@@ -84,13 +91,13 @@ class AudioBytes:
                 self._next += len(samples)
                 return []
             stamp = end - len(samples) / self._layout.sample_rate
-        frame = self._types['av_interfaces/msg/AudioFrame'](
-            make_header(stamp, (message.header.frame_id if stamped else '') or ARRAY_FRAME), self._layout.sample_rate,
-            self._layout.channels, self._next, samples.reshape(-1))
-        self._next += len(samples)
-        return [frame]
+        frame = (message.header.frame_id if stamped else '') or ARRAY_FRAME
+        first, self._next = self._next, self._next + len(samples)
+        return [AudioFrame(header=Header(stamp=to_stamp(max(stamp, 0.0)), frame_id=frame), first_sample=first,
+                           sample_rate=self._layout.sample_rate, channels=self._layout.channels,
+                           samples=array('f', samples.tobytes()))]
 
-    def _samples(self, data: NDArray) -> NDArray[np.float32]:
+    def _samples(self, data: ArrayLike) -> NDArray[np.float32]:
         """Samples (n, channels), full scale 1."""
         size = np.dtype(FORMATS[self._layout.sample_format][0]).itemsize * self._layout.channels
         content = self._rest + np.asarray(data, np.uint8).tobytes()
@@ -106,12 +113,12 @@ class AudioBytes:
 
 
 class Poses:
-    """PoseStamped and PoseWithCovarianceStamped as Odometry, which turns as from the pose before."""
+    """Makes Odometry of PoseStamped and PoseWithCovarianceStamped; its yaw rate is that since the pose before."""
 
     def __init__(self) -> None:
         self._before: tuple[float, float] | None = None
 
-    def __call__(self, message: Any, _: int) -> Iterable[Any]:
+    def __call__(self, message: Any, _: int) -> Iterable[Odometry]:
         """The pose as Odometry."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
         q = pose.orientation
@@ -123,37 +130,24 @@ class Poses:
         return [_odometry(message.header, pose.position, q, rate)]
 
 
-def decompressed(message: Any, _: int) -> Iterable[Any]:
-    """A CompressedImage as Image. Raises ValueError when it is no picture."""
-    picture = image_from_message(message)
-    height, width = picture.shape[:2]
-    return [rig_types().types['sensor_msgs/msg/Image'](
-        message.header, height, width, encoding_of(picture), 0, picture.nbytes // height,
-        np.ascontiguousarray(picture).view(np.uint8).reshape(-1))]
+def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
+    """A CompressedImage as Image. Raises ValueError when it is no image."""
+    image = image_from_message(message)
+    return [fill_message(Image(header=message.header), image, encoding_of(image))]
 
 
-def odometry_of_imu(message: Any, _: int) -> Iterable[Any]:
+def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:
     """An Imu with orientation as Odometry at the origin; one without orientation (covariance -1) says nothing."""
     if message.orientation_covariance[0] == -1.0:
         return []
-    origin = rig_types().types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0)
-    return [_odometry(message.header, origin, message.orientation, message.angular_velocity.z)]
+    return [_odometry(message.header, Point(), message.orientation, message.angular_velocity.z)]
 
 
-def make_header(seconds: float, frame: str) -> Any:
-    """A std_msgs/Header."""
-    types, stamp = rig_types().types, to_stamp(max(seconds, 0.0))
-    return types['std_msgs/msg/Header'](types['builtin_interfaces/msg/Time'](stamp.sec, stamp.nanosec), frame)
-
-
-def _odometry(header: Any, position: Any, orientation: Any, yaw_rate: float) -> Any:
-    types = rig_types().types
-    vector, unknown = types['geometry_msgs/msg/Vector3'], np.zeros(36)
-    twist = types['geometry_msgs/msg/Twist'](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, yaw_rate))
-    return types['nav_msgs/msg/Odometry'](
-        header, 'base_link', types['geometry_msgs/msg/PoseWithCovariance'](
-            types['geometry_msgs/msg/Pose'](position, orientation), unknown),
-        types['geometry_msgs/msg/TwistWithCovariance'](twist, unknown))
+def _odometry(header: Header, position: Point, orientation: Quaternion, yaw_rate: float) -> Odometry:
+    message = Odometry(header=header, child_frame_id='base_link')
+    message.pose.pose = Pose(position=position, orientation=orientation)
+    message.twist.twist.angular.z = yaw_rate
+    return message
 
 
 def _described_layout(bag: Bag, topic: str) -> AudioLayout:

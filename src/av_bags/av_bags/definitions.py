@@ -1,19 +1,18 @@
-"""Message definitions, so that bags are written and read without the middleware's type support."""
+"""Definitions of messages, as installed and as bags carry them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from ament_index_python.packages import (
-    PackageNotFoundError,
-    get_package_share_directory,
-)
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
+from av_bags.errors import UnknownTypeError
+
+SEPARATOR = '=' * 80 + '\n'
 # Of a package that bags often hold but few installations have.
 AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                 'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',
@@ -21,50 +20,36 @@ AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                                                    'uint32 bitrate\nstring coding_format\n'}
 
 
-class UnknownTypeError(ValueError):
-    """No definition of a message type is at hand."""
-
-
 @cache
-def rig_types() -> Typestore:
-    """The standard messages of ROS 2; `learn` adds those of installed packages."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register({name: fields for kind, text in AUDIO_COMMON.items()
-                    for name, fields in get_types_from_msg(text, kind).items()})
-    return store
-
-
-def learn(name: str) -> Typestore:
-    """`rig_types()` with the message `name` ('package/msg/Type') and its parts, from the packages' share folders.
+def definition(name: str) -> str:
+    """The installed definition of the message `name` ('package/msg/Type') with all its parts, as ros2msg.
 
     Raises UnknownTypeError naming the package that is not installed or lacks the message.
     """
-    store = rig_types()
-    found: dict = {}
-    wanted = [name]
-    while wanted:
-        name = wanted.pop()
-        if name not in store.fielddefs and name not in found:
-            found.update(get_types_from_msg(_definition_file(name).read_text(encoding='utf-8'), name))
-            wanted += _parts(found[name])
-    if found:
-        store.register(found)
-    return store
+    texts: dict[str, str] = {}
+    waiting = [name]
+    while waiting:
+        kind = waiting.pop(0)
+        if kind not in texts:
+            texts[kind] = _text(kind)
+            waiting += _parts(kind, texts[kind])
+    own, *parts = texts.items()
+    return own[1] + ''.join(f'\n{SEPARATOR}MSG: {kind.replace("/msg/", "/")}\n{text}' for kind, text in parts)
 
 
-def definition(name: str) -> str:
-    """A message's full definition (ros2msg: with the definitions of all parts).
-
-    Raises UnknownTypeError.
-    """
-    store = learn(name)
-    try:
-        return store.generate_msgdef(name, ros_version=2)[0]
-    except TypesysError as error:
-        raise UnknownTypeError(f'the message type {name} has no usable definition: {error}') from error
+def parse(name: str, text: MessageDefinition) -> Typesdict:
+    """Fields of a message and its parts as rosbags has them, by their names. Raises what rosbags raises."""
+    if text.format == MessageDefinitionFormat.MSG:
+        return get_types_from_msg(text.data, name)
+    found: Typesdict = {}
+    for part in filter(str.strip, text.data.split(SEPARATOR)):
+        found.update(get_types_from_idl(part.split('\n', 1)[1] if part.startswith('IDL: ') else part))
+    return found
 
 
-def _definition_file(name: str) -> Path:
+def _text(name: str) -> str:
+    if name in AUDIO_COMMON:
+        return AUDIO_COMMON[name]
     package, *_, kind = name.split('/')
     try:
         file = Path(get_package_share_directory(package), 'msg', f'{kind}.msg')
@@ -72,13 +57,15 @@ def _definition_file(name: str) -> Path:
         raise UnknownTypeError(f'the message type {name} is unknown: package {package!r} is not installed') from error
     if not file.is_file():
         raise UnknownTypeError(f'the message type {name} is unknown: {file} does not exist')
-    return file
+    return file.read_text(encoding='utf-8')
 
 
-def _parts(fields: tuple) -> Iterator[str]:
+def _parts(name: str, text: str) -> list[str]:
     """Names of the messages among a definition's fields."""
-    for _, (node, value) in fields[1]:
+    found = []
+    for _, (node, value) in get_types_from_msg(text, name)[name][1]:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             node, value = value[0]
         if node == Nodetype.NAME:
-            yield value
+            found.append(value)
+    return found

@@ -3,3 +3,7 @@
 
 class BagError(ValueError):
     """A bag cannot be read or written; the message names it and says why."""
+
+
+class UnknownTypeError(BagError):
+    """No definition of a message type is at hand."""

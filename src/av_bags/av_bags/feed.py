@@ -3,102 +3,85 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
-from av_bags.converters import AudioLayout, Converter, converter
-from av_bags.definitions import learn
+from av_bags.converters import AudioLayout, converter
 from av_bags.reader import FOREVER, Bag
 
 SECOND = 10**9
 # As fusion_node: a stamp further from the clock than this is of another clock.
 CLOCK_TOLERANCE_S = 2.0
-
-# So many messages are read at a time.
-LUMP = 1000
 # Whose stamps must agree with the bag's times, or with each other.
 CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
+# There are hundreds a second of these, and rosbags decodes them three times as fast as rclpy.
+FREQUENT = (names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG)
 
 
-class Piece(NamedTuple):
-    """A message as recorded: the rig's name of its topic, the time now in s, when it was recorded in ns, its bytes."""
+class BagRecord(NamedTuple):
+    """A message of a bag.
+
+    name: the rig's name of its topic; arrival: time in s at which it came; message: of the rig's type, None where not
+    asked for; data: the message in CDR as recorded, empty where it was converted from another type.
+    """
 
     name: str
-    now: float
-    time_ns: int
+    arrival: float
+    message: Any
     data: bytes
 
 
-Plain = tuple[str, float, int, bytes]  # a Piece in a tenth of the time
-
-
 class Feed:
-    """Yields the pieces of `topics` (the bag's, by the rig's names) in order of time.
+    """Yields the records of a bag's topics in order of time.
 
-    Now is when a message was recorded; in a bag whose stamps are all of another clock, as of a simulation, it is the
-    newest stamp. `problems` says what could not be read. Raises BagError when bytes of sound come without description.
+    A record's arrival is when it was recorded; in a bag whose stamps are all of another clock, as of a simulation, it is
+    the newest stamp. `problems` says what could not be read. Raises BagError when bytes of sound come without
+    description, or a type was defined otherwise when the bag was recorded.
+
+    Parameters:
+        bag: to read.
+        topics: of the bag, by the rig's names.
+        layout: of sound in bare bytes.
+        start_ns, stop_ns (ns): part of the bag to read.
+        decode: whether messages are wanted; else only converted ones are made.
     """
 
     def __init__(self, bag: Bag, topics: Mapping[str, str], layout: AudioLayout | None = None, start_ns: int = 0,
-                 stop_ns: int = FOREVER) -> None:
+                 stop_ns: int = FOREVER, decode: bool = True) -> None:
         self._bag, self._topics = bag, dict(topics)
         self._names = {topic: name for name, topic in topics.items()}
         self._start_ns, self._stop_ns = start_ns, stop_ns
-        self._converters: dict[str, Converter | None] = {
-            name: converter(bag, name, topic, layout) for name, topic in topics.items()}
+        self._read: dict[str, Callable[[bytes, int], Iterable[tuple[Any, bytes]]]] = {}
+        for name, topic in topics.items():
+            read = partial(bag.decode, topic) if name in FREQUENT else bag.decoder(topic)
+            convert = converter(bag, name, topic, layout)
+            if convert is not None:
+                self._read[name] = partial(_converted, bag.decoder(topic), convert)
+            elif decode:
+                self._read[name] = partial(_as_it_is, read)
         self._first_stamp = self._foreign_clock()
         self.problems: dict[str, None] = {}
 
-    def __iter__(self) -> Iterator[Piece]:
-        for lump in self.lumps():
-            yield from map(Piece._make, lump)
-
-    def lumps(self) -> Iterator[list[Plain]]:
-        """The same as plain tuples, many at a time: there are hundreds in a second of a bag."""
+    def __iter__(self) -> Iterator[BagRecord]:
         now = self._first_stamp or 0.0
-        for rows in self._bag.lumps(self._names, self._start_ns, self._stop_ns, LUMP):
-            lump = []
-            for topic, time_ns, data in rows:
-                name = self._names[topic]
-                time = time_ns / SECOND
-                if self._first_stamp is not None:
-                    time = stamp_of(data) if name in CLOCKED else now
-                now = time if time > now else now
-                lump.append((name, now, time_ns, data))
-            yield lump
-
-    def is_converted(self, name: str) -> bool:
-        """Whether the bag has the topic in another type than the rig's."""
-        return self._converters[name] is not None
-
-    def contents(self, pieces: Iterable[Plain]) -> Iterator[tuple[str, float, int, Any, bytes | memoryview]]:
-        """The messages of pieces, as objects and as CDR of the rig's type."""
-        for name, now, time_ns, data in pieces:
-            for message, converted in self.meaning(name, time_ns, data):
-                yield name, now, time_ns, message, converted
-
-    def meaning(self, name: str, time_ns: int, data: bytes) -> Iterable[tuple[Any, bytes | memoryview]]:
-        """The same of one piece."""
-        try:
-            message = self._bag.decode(self._topics[name], data)
-            convert = self._converters[name]
-            if convert is None:
-                return [(message, data)]
-            messages = convert(message, time_ns)
-        except ValueError as error:
-            self.problems[f'{self._topics[name]}: {error}'] = None
-            return []
-        return [(message, self._serialise(name, message)) for message in messages]
-
-    def serialised(self, piece: Piece) -> Iterable[bytes | memoryview]:
-        """A piece as CDR of the rig's type."""
-        name, _, time_ns, data = piece
-        return [data for _, data in self.meaning(name, time_ns, data)] if self.is_converted(name) else [data]
-
-    def _serialise(self, name: str, message: Any) -> memoryview:
-        kind = names.KINDS[name][0]
-        return learn(kind).serialize_cdr(message, kind)
+        for topic, time_ns, data in self._bag.messages(self._names, self._start_ns, self._stop_ns):
+            name = self._names[topic]
+            time = time_ns / SECOND
+            if self._first_stamp is not None:
+                time = stamp_of(data) if name in CLOCKED else now
+            now = max(now, time)
+            if name not in self._read:
+                yield BagRecord(name, now, None, data)
+                continue
+            try:
+                found = list(self._read[name](data, time_ns))
+            except (ValueError, RuntimeError) as error:
+                self.problems[f'{topic}: {error}'] = None
+                continue
+            for message, original in found:
+                yield BagRecord(name, now, message, original)
 
     def _foreign_clock(self) -> float | None:
         """The first stamp where all stamps are of another clock than the bag's times, else None."""
@@ -118,3 +101,12 @@ def stamp_of(data: bytes) -> float:
         return 0.0
     seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
     return seconds + 1e-9 * nanoseconds
+
+
+def _as_it_is(read: Callable[[bytes], Any], data: bytes, _: int) -> Iterable[tuple[Any, bytes]]:
+    return [(read(data), data)]
+
+
+def _converted(read: Callable[[bytes], Any], convert: Callable[[Any, int], Iterable[Any]], data: bytes,
+               time_ns: int) -> Iterable[tuple[Any, bytes]]:
+    return [(message, b'') for message in convert(read(data), time_ns)]

@@ -6,14 +6,13 @@ import os
 from pathlib import Path
 
 
-class PatientFile:
+class RetryingFile:
     """Collects what is written until `commit`, which can be tried again after a failure without loss or repetition.
 
-    So a full disk leaves a file that ends early, and goes on where it ended as soon as there is room.
+    A full disk leaves a file that ends early, and goes on where it ended as soon as there is room. Raises OSError.
     """
 
     def __init__(self, path: Path) -> None:
-        """Create the file. Raises FileExistsError or another OSError."""
         self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         self._waiting = bytearray()
         self._position = 0
@@ -30,11 +29,11 @@ class PatientFile:
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte will come to stand."""
+        """Position of the next byte in the file."""
         return self._position
 
     def flush(self) -> None:
-        """Nothing: `commit` decides when data go to the file."""
+        """Do nothing: `commit` decides when data go to the file."""
 
     def commit(self) -> None:
         """Hand everything to the operating system. Raises OSError; what was refused keeps waiting."""

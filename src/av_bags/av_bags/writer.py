@@ -2,54 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
+import yaml
+from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v8
+
 from av_bags.definitions import definition
 from av_bags.errors import BagError
-from av_bags.mcap_file import COMPRESSORS, McapFile, Message
-from av_bags.metadata import (
-    DEFAULT_QOS,
-    TopicQos,
-    TopicRecord,
-    write_metadata,
-)
-from av_bags.retrying_file import PatientFile
+from av_bags.retrying_file import RetryingFile
 
+COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
 CHUNK_BYTES = 512 * 1024
+_EVER = QosTime(9223372036, 854775807)
+DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.VOLATILE, _EVER, _EVER,
+                  QosLiveliness.AUTOMATIC, _EVER, False)
+LATCHED = DEFAULT_QOS._replace(durability=QosDurability.TRANSIENT_LOCAL)
 
 
 class BagWriter:
     """One mcap file (https://mcap.dev/spec) of messages in CDR, with their definitions.
 
-    A path that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml. Folders
-    on the way are created; a path that exists is refused with a BagError. Equal messages make equal files.
+    Equal messages make equal files. Raises BagError where the path exists or cannot be made.
+
+    Parameters:
+        path: a name that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml.
+            Folders on the way are created.
+        compression: of the chunks: none, lz4 or zstd.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4') -> None:
         path = Path(path).expanduser()
         if path.exists():
             raise BagError(f'{path} exists already; choose another path or remove it')
-        compression = compression.removeprefix('none')
-        if compression not in COMPRESSORS:
-            raise BagError(f'compression is {compression!r}, expected none, lz4 or zstd')
+        if compression not in COMPRESSIONS:
+            raise BagError(f'compression is {compression!r}, expected {", ".join(COMPRESSIONS)}')
         self._in_folder = path.suffix != '.mcap'
         self.file = path / f'{path.name}_0.mcap' if self._in_folder else path
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
-            self._stream = PatientFile(self.file)
+            self._stream = RetryingFile(self.file)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error
-        self._mcap = McapFile(self._stream, compression, CHUNK_BYTES)
+        self._mcap = Writer(self._stream, CHUNK_BYTES, COMPRESSIONS[compression])
+        self._mcap.start('ros2')
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
-        self._qos: dict[str, tuple[str, TopicQos]] = {}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages written of each topic."""
-        return self._mcap.counts
+        self._topics: dict[str, dict[str, str]] = {}
+        self._span_ns: tuple[int, int] | None = None
+        self.counts: dict[str, int] = {}
 
     @property
     def bytes_written(self) -> int:
@@ -61,37 +64,34 @@ class BagWriter:
         """Bytes that the disk has not taken yet."""
         return self._stream.waiting
 
-    def add_topic(self, name: str, kind: str, qos: TopicQos = DEFAULT_QOS, text: str = '') -> int:
-        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed; returns its number.
+    def add_topic(self, name: str, kind: str, qos: Qos = DEFAULT_QOS, text: str = '') -> None:
+        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed.
 
-        Raises UnknownTypeError when their package is missing.
+        `qos` will be offered when the bag is played. Raises UnknownTypeError when the messages' package is missing.
         """
         if kind not in self._schemas:
-            content = (text or definition(kind)).encode()
-            self._schemas[kind] = self._mcap.add_schema(kind, 'ros2msg', content)
-        metadata = {'offered_qos_profiles': qos.to_yaml()}
-        self._channels[name] = self._mcap.add_channel(name, self._schemas[kind], metadata)
-        self._qos[name] = (kind, qos)
-        return self._channels[name]
+            self._schemas[kind] = self._mcap.register_schema(kind, 'ros2msg', (text or definition(kind)).encode())
+        profile = dump_qos_v8([qos])
+        self._channels[name] = self._mcap.register_channel(name, 'cdr', self._schemas[kind],
+                                                           {'offered_qos_profiles': profile})
+        self._topics[name] = {'name': name, 'type': kind, 'serialization_format': 'cdr', 'offered_qos_profiles': profile}
+        self.counts[name] = 0
 
-    def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
-        """Append a message of an announced topic; it reaches the file with the next `flush` at the latest.
+    def write(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Append a message of an announced topic; it reaches the file with the next `flush` or when a chunk is full.
 
         Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
         """
-        self.write_many([(self._channels[topic], time_ns, data)])
-
-    def write_many(self, messages: Sequence[Message]) -> None:
-        """The same for messages of topics by their numbers, each with its time in ns."""
-        if self._mcap.add_messages(messages):
+        self._mcap.add_message(self._channels[topic], time_ns, data, time_ns, self.counts[topic])
+        self.counts[topic] += 1
+        first, last = self._span_ns or (time_ns, time_ns)
+        self._span_ns = min(first, time_ns), max(last, time_ns)
+        if self._stream.waiting:
             self._stream.commit()
 
     def flush(self, sync: bool = False) -> None:
-        """Bring everything to the file, and with `sync` to the disk.
-
-        Raises OSError; may then be called again, without loss.
-        """
-        self._mcap.end_chunks()
+        """Bring everything to the file, and with `sync` to the disk. Raises OSError; may then be called again."""
+        self._mcap._Writer__finalize_chunk()  # mcap has no public way to end a chunk early
         self._stream.commit()
         if sync:
             self._stream.sync()
@@ -102,10 +102,23 @@ class BagWriter:
             self._mcap.finish()
             self._stream.commit()
             if self._in_folder:
-                records = [TopicRecord(name, *self._qos[name], count) for name, count in self.counts.items()]
-                write_metadata(self.file, records, *self._mcap.span_ns)
+                self._describe()
         finally:
             self._stream.close()
+
+    def _describe(self) -> None:
+        """Write metadata.yaml as every rosbag2 from Humble on reads it."""
+        first, last = self._span_ns or (0, 0)
+        count = sum(self.counts.values())
+        file = {'path': self.file.name, 'starting_time': {'nanoseconds_since_epoch': first},
+                'duration': {'nanoseconds': last - first}, 'message_count': count}
+        content = {'rosbag2_bagfile_information': {
+            'version': 5, 'storage_identifier': 'mcap', 'relative_file_paths': [self.file.name],
+            'starting_time': {'nanoseconds_since_epoch': first}, 'duration': {'nanoseconds': last - first},
+            'message_count': count, 'compression_format': '', 'compression_mode': '', 'files': [file],
+            'topics_with_message_count': [{'topic_metadata': topic, 'message_count': self.counts[name]}
+                                          for name, topic in self._topics.items()]}}
+        self.file.with_name('metadata.yaml').write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
 
     def __enter__(self) -> BagWriter:
         return self

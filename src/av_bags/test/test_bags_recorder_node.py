@@ -51,7 +51,7 @@ class Rig:
             self.spin(0.01)
 
     def recorded(self):
-        return sum(count for topic, count in self.recorder._recording.counts.items() if topic != '/diagnostics')
+        return sum(count for topic, count in self.recorder._writer.bag.counts.items() if topic != '/diagnostics')
 
     def close(self):
         self.recorder.close()
@@ -102,13 +102,13 @@ def test_records_streams_results_and_latched_topics_that_appear_late_or_early(ri
 
 @pytest.mark.parametrize(('images', 'topic'), [('raw', '/rig_1/camera/image_raw'),
                                                ('jpeg', '/rig_1/camera/image_raw/compressed'), ('none', None)])
-def test_pictures_are_recorded_raw_or_small_or_not_at_all(rig, tmp_path, images, topic):
+def test_images_are_recorded_raw_or_small_or_not_at_all(rig, tmp_path, images, topic):
     rig = rig(images=images)
     publisher = rig.sender.create_publisher(Image, 'camera/image_raw', STREAM)
     bearing = rig.sender.create_publisher(Bearing, 'target/bearing', RESULT)
     rows, columns = np.mgrid[0:48, 0:64]
-    picture = np.stack([rows * 4, columns * 3, rows + columns], -1).astype(np.uint8)
-    message = fill_message(Image(header=Header(frame_id='camera_optical_frame')), picture, 'bgr8')
+    image = np.stack([rows * 4, columns * 3, rows + columns], -1).astype(np.uint8)
+    message = fill_message(Image(header=Header(frame_id='camera_optical_frame')), image, 'bgr8')
     if topic:
         rig.publish(publisher, [message] * 3)
     rig.publish(bearing, [Bearing()] * 3)
@@ -120,7 +120,7 @@ def test_pictures_are_recorded_raw_or_small_or_not_at_all(rig, tmp_path, images,
             _, _, data = next(bag.messages([topic]))
             read = bag.decode(topic, data)
             assert read.header.frame_id == 'camera_optical_frame'
-            error = np.abs(image_from_message(read).astype(int) - picture)
+            error = np.abs(image_from_message(read).astype(int) - image)
             assert error.max() <= (0 if images == 'raw' else 12)
 
 

@@ -11,12 +11,11 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from av_bags.background_writer import Recording
-from av_bags.definitions import UnknownTypeError, definition
-from av_bags.errors import BagError
-from av_bags.metadata import TopicQos
+from av_bags.background_writer import BackgroundWriter
+from av_bags.definitions import definition
+from av_bags.errors import BagError, UnknownTypeError
 from av_bags.reader import Bag
-from av_bags.writer import BagWriter
+from av_bags.writer import LATCHED, BagWriter
 
 SECOND = 10**9
 
@@ -55,44 +54,23 @@ def test_mcap_reads_every_message_with_its_definition(tmp_path):
     assert 'MSG: geometry_msgs/Quaternion' in text
 
 
-def test_many_messages_of_several_topics_are_written_at_once(tmp_path):
+def test_many_messages_of_several_topics_fill_several_chunks(tmp_path):
     data = make.cdr(make.odometry(0.0))
     with BagWriter(tmp_path / 'bag.mcap') as bag:
-        numbers = [bag.add_topic(f'/{name}/odometry', make.ODOMETRY) for name in 'abc']
-        written = [(numbers[(k // 7) % 3], k, data[:30 + k % 5]) for k in range(30_000)]
-        for k in range(0, len(written), 9000):
-            bag.write_many(written[k:k + 9000])
+        for name in 'abc':
+            bag.add_topic(f'/{name}/odometry', make.ODOMETRY)
+        written = [(f'/{"abc"[(k // 7) % 3]}/odometry', k, data[:30 + k % 5]) for k in range(20_000)]
+        for message in written:
+            bag.write(*message)
         assert sum(bag.counts.values()) == len(written)
     with (tmp_path / 'bag.mcap').open('rb') as file:
         reader = make_reader(file, validate_crcs=True)
-        rows = [message for _, _, message in reader.iter_messages()]
+        rows = [(channel.topic, message) for _, channel, message in reader.iter_messages()]
         assert len(reader.get_summary().chunk_indexes) > 1
-    assert [(row.channel_id, row.log_time, row.data) for row in rows] == written
-    for number in numbers:
-        sequence = [row.sequence for row in rows if row.channel_id == number]
+    assert [(topic, row.log_time, row.data) for topic, row in rows] == written
+    for name in 'abc':
+        sequence = [row.sequence for topic, row in rows if topic == f'/{name}/odometry']
         assert sequence == list(range(len(sequence)))
-
-
-def test_what_is_bulky_has_chunks_of_its_own(tmp_path):
-    """mcap and rosbags read all in order of time; the chunks of small messages hold no large one."""
-    small, large = make.cdr(make.odometry(0.0)), make.cdr(make.odometry(0.0)) + bytes(20_000)
-    with BagWriter(tmp_path / 'bag.mcap') as bag:
-        numbers = bag.add_topic('/small', make.ODOMETRY), bag.add_topic('/large', make.ODOMETRY)
-        written = [(numbers[k % 3 == 0], k, large if k % 3 == 0 else small) for k in range(600)]
-        for k, message in enumerate(written):
-            bag.write_many([message])
-            if k == 250:
-                bag.flush()
-    with (tmp_path / 'bag.mcap').open('rb') as file:
-        reader = make_reader(file, validate_crcs=True)
-        rows = [(message.channel_id, message.log_time, message.data) for _, _, message in reader.iter_messages()]
-        chunks = [set(chunk.message_index_offsets) for chunk in reader.get_summary().chunk_indexes]
-    assert rows == written
-    assert all(len(channels) == 1 for channels in chunks) and {numbers[0]} in chunks
-    with AnyReader([tmp_path / 'bag.mcap']) as reader:
-        assert [(time_ns, bytes(data)) for _, time_ns, data in reader.messages()] == [row[1:] for row in written]
-    with Bag(tmp_path / 'bag.mcap') as bag:
-        assert [(time_ns, data) for _, time_ns, data in bag.messages()] == [row[1:] for row in written]
 
 
 def test_the_rigs_own_messages_carry_their_definition():
@@ -125,7 +103,7 @@ def test_metadata_describes_the_folder_as_rosbag2_does(tmp_path):
 
 def test_latched_topics_stay_latched(tmp_path):
     with BagWriter(tmp_path / 'bag.mcap') as bag:
-        bag.add_topic('/tf_static', 'tf2_msgs/msg/TFMessage', TopicQos(reliability=1, durability=1))
+        bag.add_topic('/tf_static', 'tf2_msgs/msg/TFMessage', LATCHED)
         bag.write('/tf_static', 0, b'\x00\x01\x00\x00\x00\x00\x00\x00')
     with AnyReader([tmp_path / 'bag.mcap']) as reader:
         qos = reader.connections[0].ext.offered_qos_profiles[0]
@@ -176,13 +154,13 @@ def test_a_disk_that_stays_full_drops_counts_and_leaves_a_readable_bag(tmp_path)
 
 
 def a_full_disk_with_room_later(tmp_path):
-    recording = Recording(tmp_path / 'bag.mcap', 'none')
+    recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none')
     recording.add_topic('/odometry', make.ODOMETRY)
     data = make.cdr(make.odometry(0.0))
     for k in range(100):
         recording.put('/odometry', k, data)
-    wait_for(lambda: recording.counts['/odometry'] == 100)
-    small_disk(recording.file.stat().st_size + 1000)
+    wait_for(lambda: recording.bag.counts['/odometry'] == 100)
+    small_disk(recording.bag.file.stat().st_size + 1000)
     for k in range(100, 200):
         recording.put('/odometry', k, data)
     wait_for(lambda: 'bag.mcap cannot be written: File too large' in recording.problem)
@@ -196,19 +174,20 @@ def a_full_disk_with_room_later(tmp_path):
 
 
 def a_disk_that_stays_full(tmp_path):
-    recording = Recording(tmp_path / 'bag.mcap', 'none', queue_bytes=20_000)
+    recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none', queue_bytes=20_000)
     recording.add_topic('/odometry', make.ODOMETRY)
     data = make.cdr(make.odometry(0.0))
     recording.put('/odometry', 0, data)
-    wait_for(lambda: recording.counts['/odometry'] == 1)
-    wait_for(lambda: recording.file.stat().st_size > 2000)
-    small_disk(recording.file.stat().st_size + 1000)
+    wait_for(lambda: recording.bag.counts['/odometry'] == 1)
+    wait_for(lambda: recording.bag.file.stat().st_size > 2000)
+    small_disk(recording.bag.file.stat().st_size + 1000)
     for k in range(1, 400):
         recording.put('/odometry', k, data)
         time.sleep(0.001)
     assert 0 < recording.dropped < 400
     with pytest.raises(OSError, match='File too large'):
         recording.close()
+    small_disk(None)
     with Bag(tmp_path / 'bag.mcap') as bag:
         assert [time_ns for _, time_ns, _ in bag.messages()] == [0]
         assert 'ends after byte' in bag.problems[0]
@@ -224,8 +203,8 @@ def wait_for(condition, seconds=20.0):
 RECORD_UNTIL_KILLED = '''
 import sys, time
 import bag_messages as make
-from av_bags.background_writer import Recording
-recording = Recording(sys.argv[1])
+from av_bags.background_writer import BackgroundWriter
+recording = BackgroundWriter(sys.argv[1])
 recording.add_topic('/odometry', make.ODOMETRY)
 while True:
     now = time.time_ns()

@@ -6,10 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from av_bags.metadata import DEFAULT_QOS, LATCHED
 from av_bags.reader import Bag
 from av_bags.topics import FRAMES
-from av_bags.writer import BagWriter
+from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,25 +19,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         with Bag(options.bag) as bag, BagWriter(options.out) as out:
-            copy(bag, out)
+            problems = [*copy(bag, out), *bag.problems]
     except (ValueError, OSError) as error:
         print(f'repair_bag: {error}', file=sys.stderr)
         return 1
-    for problem in bag.problems:
+    for problem in problems:
         print(f'  ! {problem}', file=sys.stderr)
     print(f'{sum(out.counts.values())} messages to {options.out}')
     return 0
 
 
-def copy(bag: Bag, out: BagWriter) -> None:
-    """Every message whose type is defined in the bag or here. Raises OSError."""
-    writable = []
+def copy(bag: Bag, out: BagWriter) -> list[str]:
+    """Write every message whose type is defined in the bag or here; returns what is left out and why. Raises OSError."""
+    left_out = []
     for topic in bag.topics.values():
         try:
-            qos = LATCHED if topic.name == FRAMES else DEFAULT_QOS
-            out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
-            writable.append(topic.name)
+            out.add_topic(topic.name, topic.kind, LATCHED if topic.name == FRAMES else DEFAULT_QOS, bag.definition(topic.name))
         except ValueError as error:
-            bag.problems.append(f'{topic.name} is left out: {error}')
-    for name, time_ns, data in bag.messages(writable):
+            left_out.append(f'{topic.name} is left out: {error}')
+    for name, time_ns, data in bag.messages(out.counts):
         out.write(name, time_ns, data)
+    return left_out

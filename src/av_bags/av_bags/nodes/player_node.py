@@ -13,12 +13,12 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from rosidl_runtime_py.utilities import get_message
+from tf2_msgs.msg import TFMessage
 
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
-from av_bags.feed import SECOND, Feed, Piece
-from av_bags.frames import static_frames
+from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.nodes.player_node_parameters import player_node as parameters
 from av_bags.reader import FOREVER, Bag
 from av_bags.topics import STAGES, find_topics, parse_remappings
@@ -55,7 +55,7 @@ class PlayerNode(RigNode):
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
         self._latched = found.topics.pop(names.FRAMES, None)
-        self._feed = Feed(bag, found.topics, layout, start_ns, stop_ns)
+        self._feed = Feed(bag, found.topics, layout, start_ns, stop_ns, decode=False)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
         self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
                          for name in found.topics}
@@ -72,8 +72,8 @@ class PlayerNode(RigNode):
     def activate(self) -> None:
         """Begin to play."""
         if self._latched is not None:
-            self._frames_output = self.create_publisher(get_message(names.KINDS[names.FRAMES][0]), names.FRAMES, LATCHED)
-            self._frames_output.publish(bytes(static_frames(self._bag, self._latched)))
+            self._frames_output = self.create_publisher(TFMessage, names.FRAMES, LATCHED)
+            self._frames_output.publish(self._static_frames(self._latched))
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='play', daemon=True)
         self._thread.start()
@@ -90,41 +90,46 @@ class PlayerNode(RigNode):
             self.destroy_publisher(publisher)
 
     def _run(self) -> None:
-        pieces = iter(self._feed)
-        first = next(pieces, None)
+        records = iter(self._feed)
+        first = next(records, None)
         if first is not None:
-            self._wait_for_listeners(first.now)
-            self._play(chain([first], pieces), first.now)
+            self._wait_for_subscribers(first.arrival)
+            self._play(chain([first], records), first.arrival)
         for problem in (*self._bag.problems, *self._feed.problems):
             self.get_logger().error(problem)
         self.get_logger().info(f'played {self._played} messages, {self._position:.1f} s')
         if not self._stopping.wait(LINGER_S):
             self.finish()
 
-    def _play(self, pieces: Iterable[Piece], first: float) -> None:
+    def _play(self, records: Iterable[BagRecord], first: float) -> None:
         period = 1.0 / self._settings.clock_rate
         began, ticked = time.monotonic(), 0.0
-        for piece in pieces:
-            due = began + (piece.now - first) / self._settings.rate
+        for record in records:
+            due = began + (record.arrival - first) / self._settings.rate
             while True:
                 wall = time.monotonic()
                 if wall - ticked >= period:
                     ticked = wall
-                    self._tick(min(piece.now, first + (wall - began) * self._settings.rate))
+                    self._tick(min(record.arrival, first + (wall - began) * self._settings.rate))
                 if wall >= due:
                     break
                 if self._stopping.wait(min(due - wall, ticked + period - wall)):
                     return
-            for data in self._feed.serialised(piece):
-                self._outputs[piece.name].publish(bytes(data))
-                self._played += 1
-            self._position = piece.now - first
+            self._outputs[record.name].publish(record.data or record.message)
+            self._played += 1
+            self._position = record.arrival - first
         self._tick(first + self._position)
+
+    def _static_frames(self, topic: str) -> TFMessage:
+        """All static transforms of the bag in one message: a latched topic keeps but one."""
+        decode = self._bag.decoder(topic)
+        return TFMessage(transforms=list({transform.child_frame_id: transform for _, _, data in self._bag.messages([topic])
+                                          for transform in decode(data).transforms}.values()))
 
     def _tick(self, now: float) -> None:
         self._clock_output.publish(Clock(clock=to_stamp(now)))
 
-    def _wait_for_listeners(self, first: float) -> None:
+    def _wait_for_subscribers(self, first: float) -> None:
         """Until the nodes to wait for listen to something of the bag; the clock stands at its beginning meanwhile."""
         missing = set(filter(None, self._settings.wait_for))
         deadline = time.monotonic() + self._settings.wait_timeout

@@ -12,15 +12,16 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import QosDurability, QosReliability
 from rosidl_runtime_py.utilities import get_message
 
-from av_bags.background_writer import Recording
-from av_bags.image_compression import COMPRESSED, IMAGE, compress
-from av_bags.metadata import TopicQos
+from av_bags.background_writer import BackgroundWriter
+from av_bags.image_compression import compress
 from av_bags.nodes.recorder_node_parameters import recorder_node as parameters
+from av_bags.writer import DEFAULT_QOS
 from av_common.node import RigNode, run
 
-LOOK_PERIOD_S = 0.2
+DISCOVERY_PERIOD_S = 0.2
 # Deep enough for what arrives while another callback runs.
 QUEUE_DEPTH = 100
 
@@ -41,20 +42,20 @@ class RecorderNode(RigNode):
         """Create the bag and look for topics."""
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
-        self._recording = Recording(datetime.now().strftime(self._settings.path), self._settings.compression,
+        self._writer = BackgroundWriter(datetime.now().strftime(self._settings.path), self._settings.compression,
                                     1_000_000 * self._settings.queue_mb)
-        self.get_logger().info(f'recording to {self._recording.file}')
-        self.while_active(self.create_timer, LOOK_PERIOD_S, self._look_for_topics,
+        self.get_logger().info(f'recording to {self._writer.bag.file}')
+        self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Finish the bag."""
-        self._recording.close()
-        count = sum(self._recording.counts.values())
-        self.get_logger().info(f'recorded {count} messages, {1e-6 * self._recording.bytes_written:.1f} MB, '
-                               f'to {self._recording.file}')
+        self._writer.close()
+        count = sum(self._writer.bag.counts.values())
+        self.get_logger().info(f'recorded {count} messages, {1e-6 * self._writer.bag.bytes_written:.1f} MB, '
+                               f'to {self._writer.bag.file}')
 
-    def _look_for_topics(self) -> None:
+    def _find_topics(self) -> None:
         if not self.get_clock().now().nanoseconds:
             return  # simulated time has not begun: nothing could be dated
         for name in list(self._missing):
@@ -71,41 +72,42 @@ class RecorderNode(RigNode):
         """Raises ValueError, ImportError or AttributeError when the type of the messages is not installed."""
         kind = publishers[0].topic_type
         recorded_as, recorded_kind, encode = name, kind, None
-        if kind == IMAGE and self._settings.images != 'raw':
+        if kind == 'sensor_msgs/msg/Image' and self._settings.images != 'raw':
             if self._settings.images == 'none':
                 return
-            recorded_as, recorded_kind = f'{name}/compressed', COMPRESSED
+            recorded_as, recorded_kind = f'{name}/compressed', 'sensor_msgs/msg/CompressedImage'
             encode = partial(compress, quality=self._settings.jpeg_quality)
         qos = common_qos(publishers)
-        offered = TopicQos(int(qos.reliability), int(qos.durability))
-        self._recording.add_topic(recorded_as, recorded_kind, offered, encode)
-        self.while_active(self.create_subscription, get_message(kind), name, self._writer_of(recorded_as), qos,
+        offered = DEFAULT_QOS._replace(reliability=QosReliability(int(qos.reliability)),
+                                       durability=QosDurability(int(qos.durability)))
+        self._writer.add_topic(recorded_as, recorded_kind, offered, encode)
+        self.while_active(self.create_subscription, get_message(kind), name, self._callback_for(recorded_as), qos,
                           raw=True)
 
-    def _writer_of(self, topic: str) -> Callable[[bytes], None]:
-        put, clock = self._recording.put, self.get_clock()
+    def _callback_for(self, topic: str) -> Callable[[bytes], None]:
+        put, clock = self._writer.put, self.get_clock()
         return lambda data: put(topic, clock.now().nanoseconds, data)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """What is recorded, and what is lost."""
-        recording = self._recording
+        writer = self._writer
         for name, why in self._unusable.items():
             status.mergeSummary(DiagnosticStatus.WARN, f'{name} is not recorded: {why}')
-        if recording.dropped:
-            why = recording.complaint or 'the disk is too slow'
-            status.mergeSummary(DiagnosticStatus.WARN, f'{recording.dropped} messages lost: {why}')
-        if recording.problem:
-            status.mergeSummary(DiagnosticStatus.ERROR, recording.problem)
-        status.add('file', str(recording.file))
-        status.add('size (MB)', f'{1e-6 * recording.bytes_written:.1f}')
-        status.add('lost messages', str(recording.dropped))
+        if writer.dropped:
+            why = writer.encoding_problem or 'the disk is too slow'
+            status.mergeSummary(DiagnosticStatus.WARN, f'{writer.dropped} messages lost: {why}')
+        if writer.problem:
+            status.mergeSummary(DiagnosticStatus.ERROR, writer.problem)
+        status.add('file', str(writer.bag.file))
+        status.add('size (MB)', f'{1e-6 * writer.bag.bytes_written:.1f}')
+        status.add('lost messages', str(writer.dropped))
         status.add('not published so far', ', '.join(self._missing))
-        for topic, count in recording.counts.items():
+        for topic, count in writer.bag.counts.items():
             status.add(f'{topic} messages', str(count))
 
 
 def common_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """What hears all the publishers: as strict as the least strict of them."""
+    """A profile that fits all the publishers: as strict as the least strict of them."""
     reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
     latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
     return QoSProfile(

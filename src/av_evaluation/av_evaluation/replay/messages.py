@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import Stores, get_typestore
 
 from av_bags import topics as names
-from av_bags.definitions import learn
+from av_bags.definitions import definition, parse
 from av_vision.visibility import Visibility
 from av_vision.yolo import Detections
 
@@ -18,8 +20,11 @@ class MessageMaker:
 
     def __init__(self, frame: str = 'base_link') -> None:
         self.frame = frame
-        for name in (names.DOA, names.DETECTIONS, names.VISIBILITY, names.BEARING, names.STATE, names.COMMAND):
-            self._store = learn(names.KINDS[name][0])
+        self._store = get_typestore(Stores.EMPTY)
+        kinds = [names.KINDS[name][0] for name in (names.DOA, names.DETECTIONS, names.VISIBILITY, names.BEARING, names.STATE,
+                                                   names.COMMAND)]
+        self._store.register({name: fields for kind in kinds for name, fields in parse(
+            kind, MessageDefinition(MessageDefinitionFormat.MSG, definition(kind))).items()})
         self._types = types = self._store.types
         self._no_pose = types['geometry_msgs/msg/PoseWithCovariance'](types['geometry_msgs/msg/Pose'](
             types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0), types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)),

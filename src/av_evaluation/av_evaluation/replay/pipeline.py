@@ -40,11 +40,6 @@ class Chain:
         for output in self._fusing.outputs_until(now) if self._fusing is not None else ():
             self._say(output)
 
-    def move(self, odometry: Any, now: float) -> None:
-        """The rig's own motion."""
-        if self._fusing is not None:
-            self._fusing.on_odometry(odometry, now)
-
     def take(self, name: str, content: Any, now: float) -> None:
         """A message, or what it means."""
         if name == names.AUDIO and self._hearing is not None:
@@ -53,6 +48,9 @@ class Chain:
             self._hearing.on_motor_speeds(content)
         elif name == names.IMAGE and self._seeing is not None:
             self._fuse(self._seeing.take(content, now))
+        elif name == names.ODOMETRY:
+            if self._fusing is not None:
+                self._fusing.on_odometry(content, now)
         elif self._fusing is None:
             self._follow(name, content, now)
         elif name == names.VISIBILITY:

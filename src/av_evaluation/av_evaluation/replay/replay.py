@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
+from rclpy.serialization import serialize_message
+
 from av_audio.stage import make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
-from av_bags.feed import CLOCK_TOLERANCE_S, SECOND, Feed, Plain
-from av_bags.frames import SensorFrames
+from av_bags.feed import CLOCK_TOLERANCE_S, SECOND, BagRecord, Feed
 from av_bags.reader import FOREVER, Bag
 from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
@@ -26,9 +26,10 @@ from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay import algorithms
 from av_evaluation.replay.messages import MessageMaker
-from av_evaluation.replay.output_queue import Outbox
+from av_evaluation.replay.output_queue import OutputQueue
 from av_evaluation.replay.pipeline import Chain
 from av_evaluation.replay.run_recorder import Journal
+from av_evaluation.replay.sensor_frames import SensorFrames
 from av_evaluation.replay.stages import DoaReplay, Seeing
 from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.measurement.converter import MeasurementConverter
@@ -99,7 +100,7 @@ class Replay:
         self._recording, self._estimators = recording, estimators
         self._journal, self._make = Journal(recording), MessageMaker()
         self.notes: list[str] = []
-        self._out: Outbox | None = None
+        self._out: OutputQueue | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
@@ -107,9 +108,6 @@ class Replay:
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
         self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
-        self._aside: dict[str, list[Plain]] = {name: [] for name in (*READ_AHEAD, *TRUTHS, names.ODOMETRY)}
-        self._moves: deque[tuple[float, Any]] = deque()  # of the rig, to come: when it comes, its odometry
-        self._start = start_ns / SECOND
         self._chain = self._build(load_rig(settings.rig or find_config('rig')))
 
     @property
@@ -122,78 +120,34 @@ class Replay:
 
         `progress` is called about each second of the bag with the time done, in s since the bag's start.
         """
-        self._out = Outbox(out, self._settings.namespace) if out is not None else None
-        told = 0.0
+        self._out = OutputQueue(out, self._settings.namespace) if out is not None else None
+        first = told = None
         try:
-            for lump in self._feed.lumps():
-                others = self._set_aside(lump)
-                self._read_moves()
-                for name, now, time_ns, content, data in self._feed.contents(others):
-                    done = time_ns / SECOND - self._start
-                    if progress is not None and done - told >= 1.0:
-                        told = done
-                        progress(done)
-                    self._go_on(now)
-                    self._take(name, now, content, data)
-                self._go_on(math.inf)
-                self._settle()
+            for record in self._feed:
+                if first is None:
+                    first = told = record.arrival
+                if progress is not None and record.arrival - told >= 1.0:
+                    told = record.arrival
+                    progress(told - first)
+                self._take(record)
         finally:
-            self._settle()
+            if self._out is not None:
+                self._out.flush()
         self._conclude()
         return self.log
 
-    def _set_aside(self, lump: list[Plain]) -> list[Plain]:
-        """Keep what is read many at a time; returns the others."""
-        others = []
-        for piece in lump:
-            self._aside.get(piece[0], others).append(piece)
-        return others
-
-    def _read_moves(self) -> None:
-        """Read how the rig moves."""
-        rows = list(self._feed.contents(self._aside[names.ODOMETRY]))
-        self._aside[names.ODOMETRY].clear()
-        if self._fusing is not None:
-            self._moves.extend((now, message) for _, now, _, message, _ in rows)
-        if self._out is not None and rows:
-            self._out.put_all(names.ODOMETRY, [(now, data) for _, now, _, _, data in rows])
-
-    def _go_on(self, now: float) -> None:
-        """What comes until `now` by itself: the rig moves, and says something when it has heard and seen nothing for long."""
-        chain, moves = self._chain, self._moves
-        due = chain.due
-        while moves and moves[0][0] <= now:
-            came, message = moves.popleft()
-            if came >= due:
-                chain.wait(came)
-                due = chain.due
-            chain.move(message, came)
-        if due <= now < math.inf:
-            chain.wait(now)
-
-    def _take(self, name: str, now: float, content: Any, data: bytes | memoryview) -> None:
-        """One message after the other: what it means, and its bytes."""
+    def _take(self, record: BagRecord) -> None:
+        name, now, message, data = record
         if self._out is not None and name not in (names.AUDIO, names.IMAGE):
-            self._out.put(name, now, data)
+            self._out.put(name, now, data or serialize_message(message))
         if self._others and name == names.AUDIO:
-            self._compare(content, now)
-        self._chain.take(name, content, now)
-
-    def _settle(self) -> None:
-        """Deal with what was set aside, and write."""
-        for name, pieces in self._aside.items():
-            if pieces and name in TRUTHS:
-                rows = list(self._feed.contents(pieces))
-                nows, messages = [row[1] for row in rows], [row[4] for row in rows]
-                for _, _, _, message, _ in rows:
-                    self._journal.know(name, message)
-            else:
-                nows, messages = [now for _, now, _, _ in pieces], [data for _, _, _, data in pieces]
-            if self._out is not None and messages:
-                self._out.put_all(name, zip(nows, messages, strict=True))
-            pieces.clear()
-        if self._out is not None:
-            self._out.flush()
+            self._compare(message, now)
+        if name in TRUTHS:
+            self._journal.know(name, message)
+        elif name not in READ_AHEAD:
+            if now >= self._chain.due:
+                self._chain.wait(now)
+            self._chain.take(name, message, now)
 
     def _compare(self, content: Any, now: float) -> None:
         """What the other estimators hear in the same sound."""

@@ -10,14 +10,6 @@ from av_bags.reader import Bag
 from av_common.rig import Rig
 
 
-def static_frames(bag: Bag, topic: str) -> memoryview:
-    """All static transforms of a bag as one serialised TFMessage: a latched topic keeps but one."""
-    kind = 'tf2_msgs/msg/TFMessage'
-    transforms = {transform.child_frame_id: transform for _, _, data in bag.messages([topic])
-                  for transform in bag.decode(topic, data).transforms}
-    return bag.types.serialize_cdr(bag.types.types[kind](list(transforms.values())), kind)
-
-
 class SensorFrames:
     """Rotations (3, 3) of sensor frames into the body's, by name; `unknown` names frames that were asked for in vain."""
 
