@@ -20,7 +20,7 @@ class Profile:
 
     def __call__(self, time: ArrayLike) -> NDArray | float:
         """Value at a time in s."""
-        return np.interp(time, self.times, self.values)
+        return np.interp(np.asarray(time, float), self.times, self.values)
 
     @classmethod
     def from_yaml(cls, content: object, key: str) -> Profile:

@@ -41,8 +41,8 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Programme:
-    """The rig on its scenario's path, turning about the vertical."""
+class PlannedMotion:
+    """Motion along the scenario's trajectory, with a turn about the vertical."""
 
     path: Position
     turn: Turn
@@ -63,7 +63,7 @@ class Programme:
 
 
 @dataclass(frozen=True)
-class Passage:
+class FollowedMotion:
     """The rig on its way from one given pose to the next, evenly."""
 
     begin: float
@@ -104,40 +104,41 @@ class RigDynamics:
     def __init__(self, motion: RigMotion):
         self._limit = np.deg2rad(motion.max_yaw_rate_deg)
         self._acceleration = np.deg2rad(motion.max_yaw_acceleration_deg)
-        self._programme: float | None = np.deg2rad(motion.yaw_rate_deg)   # until the first command
+        self._planned_rate: float | None = np.deg2rad(motion.yaw_rate_deg)   # until the first command
         self._command, self._commanded = 0.0, -np.inf
         self._followed: VehicleState | None = None
-        rate = float(np.clip(self._programme, -self._limit, self._limit))
+        rate = float(np.clip(self._planned_rate, -self._limit, self._limit))
         turn = Turn(0.0, float(np.deg2rad(motion.yaw_deg)), rate, rate, self._acceleration)
-        self.motion: Programme | Passage = Programme(motion.trajectory, turn)
+        self._plan = PlannedMotion(motion.trajectory, turn)
+        self.motion: PlannedMotion | FollowedMotion = self._plan
 
     def command(self, yaw_rate: float, time: float) -> None:
         """Aim at a yaw rate in rad/s, counter-clockwise, given at `time` s."""
-        self._programme = None
+        self._planned_rate = None
         self._command, self._commanded = yaw_rate, time
 
     def follow(self, state: VehicleState) -> None:
         """Be where another simulator or an autopilot has the rig."""
         self._followed = state
 
-    def step(self, begin: float, end: float) -> Programme | Passage:
+    def step(self, begin: float, end: float) -> PlannedMotion | FollowedMotion:
         """How the rig moves from `begin` to `end` s."""
         if self._followed is None:
-            self.motion = Programme(self.motion.path, self._turn(begin))
+            self.motion = self._plan = PlannedMotion(self._plan.path, self._turn(begin))
         else:
             positions, rotations = self.motion.poses([begin])
             attitude = Rotation.from_quat(self._followed.attitude_wxyz[[1, 2, 3, 0]])
             start = (positions[0], Rotation.from_matrix(rotations[0]))
             if np.linalg.norm(self._followed.position - positions[0]) > FARTHEST * (end - begin):
                 start = (self._followed.position, attitude)
-            self.motion = Passage(begin, end, *start, self._followed.position, attitude)
+            self.motion = FollowedMotion(begin, end, *start, self._followed.position, attitude)
         return self.motion
 
     def _turn(self, start: float) -> Turn:
-        if self._programme is not None:
-            aim = self._programme
+        if self._planned_rate is not None:
+            aim = self._planned_rate
         else:
             aim = self._command if start - self._commanded <= COMMAND_LIFETIME else 0.0
         aim = float(np.clip(aim, -self._limit, self._limit))
-        turn = self.motion.turn
+        turn = self._plan.turn
         return Turn(start, float(turn.yaw(start)), float(turn.rate(start)), aim, self._acceleration)

@@ -47,7 +47,9 @@ class TruthSample:
     def bearings(self) -> list[Bearing]:
         """Directions from the body's origin to each target, in the body's frame."""
         away = [(target.position - self.rig.position) @ self.rig.rotation for target in self.targets]
-        return [Bearing(*map(float, direction_to_angles(vector)), float(np.linalg.norm(vector))) for vector in away]
+        angles = [direction_to_angles(vector) for vector in away]
+        return [Bearing(float(azimuth), float(elevation), float(np.linalg.norm(vector)))
+                for (azimuth, elevation), vector in zip(angles, away, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
             begin = world.time
             sound = world.advance(world.sample_rate // BLOCKS_PER_SECOND)
             views = [world.view(round(time * image_rate), time) for time in times(begin, world.time, image_rate)]
-            yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views],
+            yield Step(begin, world.time, sound, [(view, camera.render(view)) for view in views] if camera else [],
                        truth_samples(world, times(begin, world.time, truth_rate)))
     finally:
         if camera is not None:

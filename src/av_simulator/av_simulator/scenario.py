@@ -159,9 +159,10 @@ class Scenario:
             raise ValueError('targets: none, at least one expected')
         _ = self.surroundings   # raises what does not go together
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
-        for key, mover in {'rig': self.rig, **{f'targets[{k}]': target for k, target in enumerate(self.targets)}}.items():
-            times = np.linspace(0.0, self.duration, 2000)
-            speed = np.linalg.norm(velocity(mover.trajectory, times), axis=1)
+        times = np.linspace(0.0, self.duration, 2000)
+        trajectories = {'rig': self.rig.trajectory} | {f'targets[{k}]': each.trajectory for k, each in enumerate(self.targets)}
+        for key, trajectory in trajectories.items():
+            speed = np.linalg.norm(velocity(trajectory, times), axis=1)
             if speed.max() > fastest:
                 raise ValueError(f'{key}.trajectory: {speed.max():.0f} m/s at {times[speed.argmax()]:.1f} s, '
                                  f'at most {fastest:.0f} m/s expected ({FASTEST} of the speed of sound)')

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -89,7 +91,8 @@ class Simulator:
         self._control.setblocking(False)
         self._stopped = False
         self._renderer: RenderProcess | None = None
-        self._start: float | None = None
+        self._start = math.nan    # monotonic time at which the world begins, once it has
+        self._start_ms = 0
         self._sequence = 0
         self._lossy = np.random.default_rng([world.seed, 16])
         self._begin: float | None = None
@@ -127,7 +130,7 @@ class Simulator:
         begin = self.world.time
         sound = self.world.advance(samples)
         end = self.world.time
-        if self._start is None:    # what takes its time the first time is ready now
+        if math.isnan(self._start):    # what takes its time the first time is ready now
             self._start, self._start_ms = self._wait_for_begin()
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
@@ -143,12 +146,13 @@ class Simulator:
             time.sleep(min(remaining, 0.1))
         return time.monotonic(), time.time_ns() // 1_000_000
 
-    def _schedule(self, begin: float, end: float) -> list:
+    def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """What is to be sent at which time in (begin, end], in order."""
         options = self.options
         moments = times(begin, end, options.truth_rate)
         targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
-        events = [(moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
+        events: list[tuple[float, Callable[[float], None]]] = [
+            (moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
         events += [(moment, self._ask_for_image) for moment in times(begin, end, options.image_rate)]
         events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
@@ -237,7 +241,7 @@ class Simulator:
         if self._lag(moment) > self.LATE:    # sound cannot wait, an image can be left out
             self.counts.images_skipped += 1
             return
-        if not self._renderer.ask(self.world.view(round(moment * self.options.image_rate), moment)):
+        if self._renderer is None or not self._renderer.ask(self.world.view(round(moment * self.options.image_rate), moment)):
             self.counts.images_skipped += 1
 
     def _send_images(self, frames: list[CameraFrame]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
@@ -100,12 +101,16 @@ class Waypoints:
         table = np.array(self.points)
         if not (np.diff(table[:, 0]) > 0).all():
             raise ValueError(f'points: times {table[:, 0].tolist()} must rise')
-        object.__setattr__(self, '_spline', CubicSpline(table[:, 0], table[:, 1:], bc_type='clamped'))
 
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""
         t = np.atleast_1d(np.asarray(times, float))
         return self._spline(np.clip(t, self.points[0][0], self.points[-1][0]))
+
+    @cached_property
+    def _spline(self) -> CubicSpline:
+        table = np.array(self.points)
+        return CubicSpline(table[:, 0], table[:, 1:], bc_type='clamped')
 
 
 @dataclass(frozen=True)
@@ -138,18 +143,19 @@ class RandomFlight:
     period: float = bounded(12.0, above=0.0)
     seed: int = 1
 
-    def __post_init__(self) -> None:
-        random = np.random.default_rng(self.seed)
-        terms = 4
-        amplitude = random.random((terms, 3))
-        object.__setattr__(self, '_amplitude', amplitude / amplitude.sum(axis=0) * np.array(self.extent))
-        object.__setattr__(self, '_rate', 2 * np.pi / self.period * random.uniform(0.3, 1.0, (terms, 3)))
-        object.__setattr__(self, '_phase', random.uniform(0.0, 2 * np.pi, (terms, 3)))
-
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""
         t = np.atleast_1d(np.asarray(times, float))[:, np.newaxis, np.newaxis]
-        return np.array(self.center) + (self._amplitude * np.sin(self._rate * t + self._phase)).sum(axis=1)
+        amplitude, rate, phase = self._terms
+        return np.array(self.center) + (amplitude * np.sin(rate * t + phase)).sum(axis=1)
+
+    @cached_property
+    def _terms(self) -> tuple[NDArray, NDArray, NDArray]:
+        """Amplitudes in m, rates in rad/s and phases in rad (4, 3) of the sines along each axis."""
+        random = np.random.default_rng(self.seed)
+        amplitude = random.random((4, 3))
+        return (amplitude / amplitude.sum(axis=0) * np.array(self.extent),
+                2 * np.pi / self.period * random.uniform(0.3, 1.0, (4, 3)), random.uniform(0.0, 2 * np.pi, (4, 3)))
 
 
 TRAJECTORIES = {'static': Static, 'line': Line, 'circle': Circle, 'figure_eight': FigureEight,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import FIRST_TARGET_ID, Drone, Renderer, View
 from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.scenario import Scenario, Target
-from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, load_profile
+from av_simulator.sound import Box, Medium, Noise, RecordedSignal, RotorSignal, SoundWorld, Source, Trunk, load_profile
 from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.obstacles import Obstacle
 from av_simulator.trajectories import Position, Static, acceleration, velocity
@@ -163,14 +164,21 @@ def _noise(noise: Noise, rig: Rig) -> Noise:
 
 
 def _seen(obstacle: Obstacle) -> Solid:
-    """What an obstacle of sound looks like: whiteboards are white, thick boxes grey, trunks brown."""
+    """The visible shape of an obstacle of sound: whiteboards are white, thick boxes grey, trunks brown."""
     if isinstance(obstacle, Box):
         colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
-        return Solid('box', tuple(obstacle.center), tuple(length / 2 for length in obstacle.size), colour,
+        return Solid('box', _vector(obstacle.center), _vector([length / 2 for length in obstacle.size]), colour,
                      np.deg2rad(obstacle.yaw_deg))
+    if not isinstance(obstacle, Trunk):
+        raise TypeError(f'obstacle: {obstacle!r}, a Box or a Trunk expected')
     half = (obstacle.top - obstacle.bottom) / 2
-    return Solid('cylinder', (*obstacle.center, obstacle.bottom + half), (obstacle.radius, obstacle.radius, half),
+    return Solid('cylinder', _vector([*obstacle.center, obstacle.bottom + half]), (obstacle.radius, obstacle.radius, half),
                  (0.42, 0.36, 0.30))
+
+
+def _vector(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return x, y, z
 
 
 def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:

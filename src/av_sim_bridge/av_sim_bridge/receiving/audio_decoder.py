@@ -4,6 +4,8 @@ With a header, sequence numbers tell loss and order exactly. Without, only the c
 never early, so that after a loss every following one arrives early by a multiple of a datagram's length.
 """
 
+from __future__ import annotations
+
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +32,7 @@ class AudioBlock:
 
 @dataclass
 class AudioCounts:
-    """Datagrams taken, lost and out of order; frames lost; streams that began anew."""
+    """Datagrams received, lost and out of order; frames lost; streams that were restarted."""
 
     received: int = 0
     lost: int = 0
@@ -56,9 +58,8 @@ class AudioDecoder:
             raise WireError('audio: empty datagram')
         header = decode_header(self.layout, datagram)
         kind = _BareStream if header is None else _NumberedStream
-        if not isinstance(self._stream, kind):
-            self._change(kind, arrival)
-        blocks = self._stream.decode(header, datagram, arrival)
+        stream = self._stream if isinstance(self._stream, kind) else self._change(kind, arrival)
+        blocks = stream.decode(header, datagram, arrival)
         self.counts.received += 1
         return blocks
 
@@ -73,11 +74,12 @@ class AudioDecoder:
             self._stream = None
             self.counts.restarts += 1
 
-    def _change(self, kind: type, arrival: float) -> None:
-        if kind is _BareStream and self._stream is not None and self._stream.alive(arrival):
+    def _change(self, kind: type[_NumberedStream | _BareStream], arrival: float) -> _NumberedStream | _BareStream:
+        if kind is _BareStream and isinstance(self._stream, _NumberedStream) and self._stream.alive(arrival):
             raise WireError('audio: header missing in a stream that has one')
         self.restart()
         self._stream = kind(self.layout, self.counts, self._first_sample, self._lateness)
+        return self._stream
 
 
 class _NumberedStream:
@@ -89,17 +91,19 @@ class _NumberedStream:
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
-        self._expected: int | None = None
+        self._expected = -1    # sequence number of the next datagram, -1 before the first
         self._early: dict[int, AudioBlock] = {}
         self._last_arrival = -np.inf
 
     def alive(self, arrival: float) -> bool:
         return arrival - self._last_arrival < self.SILENCE
 
-    def decode(self, header: AudioHeader, datagram: bytes, arrival: float) -> list[AudioBlock]:
+    def decode(self, header: AudioHeader | None, datagram: bytes, arrival: float) -> list[AudioBlock]:
+        if header is None:
+            raise WireError('audio: header missing in a stream that has one')
         samples = self.layout.decode(payload_of(datagram))
         self._last_arrival = arrival
-        if self._expected is None:
+        if self._expected < 0:
             self._expected = header.sequence
         elif header.sequence < self._expected:
             if self._expected - header.sequence < self.RESTART and header.sequence > 0:
@@ -163,7 +167,7 @@ class _BareStream:
     def next_sample(self) -> int:
         return self._position // self.layout.frame_bytes
 
-    def decode(self, _header: None, datagram: bytes, arrival: float) -> list[AudioBlock]:
+    def decode(self, _header: AudioHeader | None, datagram: bytes, arrival: float) -> list[AudioBlock]:
         self._length += (len(datagram) - self._length) / min(self._taken + 1, 32)
         half = self._length / self._rate / 2
         lag = self._lag(datagram, arrival, half)
@@ -221,7 +225,7 @@ class _BareStream:
         if missing:
             # What is still missing at the latest of all following datagrams was lost, in multiples of a datagram.
             ends = self._position + np.cumsum([len(datagram) for datagram, _ in held])
-            lags = np.array([arrival for _, arrival in held]) - ends / self._rate - self._offset
+            lags = np.array([arrival for _, arrival in held]) - ends / self._rate - (self._offset or 0.0)
             settled = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing)
             lost = np.rint(settled * self._rate / self._length).astype(int)
             self._recent.clear()

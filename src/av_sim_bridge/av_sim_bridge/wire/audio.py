@@ -22,7 +22,7 @@ class AudioFormat:
     channels: int = 2
     sample_rate: int = 48_000
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.sample_format not in _TYPES:
             raise ValueError(f'sample_format: {self.sample_format!r}, one of {", ".join(_TYPES)} expected')
         if self.channels < 1 or self.sample_rate < 1:

@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from av_common.config_files import find_config
 from av_common.rig import load_rig
@@ -68,7 +69,7 @@ def _preview(world: World, options: argparse.Namespace) -> None:
 
 def _simulate(world: World, options: argparse.Namespace) -> None:
     duration = options.duration or world.scenario.duration
-    recorders = [FileRecorder(options.out, world, options.image_rate, options.everything)]
+    recorders: list[Any] = [FileRecorder(options.out, world, options.image_rate, options.everything)]
     if options.bag:
         from av_simulator.offline.bag import BagRecorder  # needs ROS, the rest does not
         recorders.append(BagRecorder(options.out / 'bag', world))

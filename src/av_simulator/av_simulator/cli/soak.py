@@ -100,12 +100,14 @@ def main(arguments: list[str] | None = None) -> int:
     options = parse(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)    # Ctrl-C is a KeyboardInterrupt here
-    listener, processes = Listener(), []
+    listener = Listener()
+    processes: list[subprocess.Popen] = []
     try:
         processes.append(_start_bridge(options))
         _wait(listener, lambda: 'audio rate (Hz)' in listener.counts, processes, 'the bridge does not start')
         processes.append(_start_simulator(options))
-        return _watch(listener, *(Memory(process) for process in processes), options)
+        bridge, simulator = map(Memory, processes)
+        return _watch(listener, bridge, simulator, options)
     except (RuntimeError, KeyboardInterrupt) as error:
         print(f'soak: {str(error) or "interrupted"}', file=sys.stderr)
         return 1

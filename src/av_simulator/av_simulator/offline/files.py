@@ -34,7 +34,7 @@ class FileRecorder:
         self._sound = soundfile.SoundFile(folder / 'sound.wav', 'w', world.sample_rate, array.channels, 'FLOAT')
         self._video = None
         if image_rate:
-            code = cv2.VideoWriter_fourcc(*'mp4v')
+            code = cv2.VideoWriter.fourcc(*'mp4v')
             self._video = cv2.VideoWriter(str(folder / 'video.mp4'), code, image_rate, (camera.width, camera.height))
             if not self._video.isOpened():
                 raise OSError(f'{folder / "video.mp4"} cannot be written: OpenCV has no MPEG-4 encoder here')
@@ -53,7 +53,8 @@ class FileRecorder:
         for sample in step.truth:
             self._truth.writerow(_rounded(_truth_row(sample)))
         for view, image in step.images:
-            self._video.write(image.bgr)
+            if self._video is not None:
+                self._video.write(image.bgr)
             self._boxes.writerows(_box_rows(view, image))
             if self._everything:
                 self._write_frames(view, image)

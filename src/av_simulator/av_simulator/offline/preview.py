@@ -50,7 +50,7 @@ def _top_view(axes: Axes, world: World, truth: list) -> None:
     for number, target in enumerate(world.scenario.targets):
         path = np.array([sample.targets[number].position for sample in truth])
         points = axes.scatter(path[:, 0], path[:, 1], c=[sample.time for sample in truth], s=6, cmap='viridis')
-        axes.annotate(target.name, path[0, :2])
+        axes.annotate(target.name, (float(path[0, 0]), float(path[0, 1])))
     for obstacle in world.scenario.obstacles:
         axes.fill(*np.array(obstacle.footprint).T, color='0.6')
     axes.figure.colorbar(points, ax=axes, label='s')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +34,8 @@ class CameraEffects:
             bgr = self._rained(bgr, view)
         light = view.daylight * view.exposure
         if light != 1.0:
-            bgr = cv2.multiply(bgr, (light,) * 4, dtype=cv2.CV_16S)    # beyond white until the noise is in
+            gain: Any = (light,) * 4
+            bgr = cv2.multiply(bgr, gain, dtype=cv2.CV_16S)    # beyond white until the noise is in
         return self._noisy(bgr, view)
 
     def _noisy(self, bgr: NDArray, view: View) -> NDArray:

@@ -57,7 +57,8 @@ class FlatRenderer:
         bgr = self._background(view)
         solids = self._visible(view)
         drones = [(float(np.linalg.norm(drone.position - view.position)), drone) for drone in view.drones]
-        for distance, thing in sorted([*solids, *drones], key=lambda item: -item[0]):
+        things: list[tuple[float, Solid | Drone]] = [*solids, *drones]
+        for distance, thing in sorted(things, key=lambda item: -item[0]):
             clear = float(np.exp(-view.atmosphere.fog * distance))
             if isinstance(thing, Drone):
                 self._draw_drone(bgr, view, thing, _fogged(_DRONE, clear), _fogged(_ROTOR, clear))
@@ -69,9 +70,9 @@ class FlatRenderer:
             seen = appearance(self._camera, view, drone)
             nearer = [solid for away, solid in solids if away < distance]
             visible = 0.0 if seen is None else self._visible_share(view, drone, nearer)
-            truth.append(TruthBox(drone.target_id, seen.box if visible else None, visible,
+            truth.append(TruthBox(drone.target_id, seen.box if seen is not None and visible else None, visible,
                                   view.atmosphere.transmission(view.position, drone.position), distance))
-            if visible and (box := oracle_box(seen, truth[-1])) is not None:
+            if seen is not None and visible and (box := oracle_box(seen, truth[-1])) is not None:
                 boxes.append(box)
         return RenderedImage(bgr, boxes, truth)
 

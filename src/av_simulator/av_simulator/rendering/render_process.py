@@ -106,7 +106,8 @@ class RenderProcess:
                 self._process.join()
         return frames
 
-    def _receive(self) -> CameraFrame | None:
+    def _receive(self) -> CameraFrame:
+        """The next result of the process; its first one, of the warm-up, holds nothing."""
         try:
             result = self._connection.recv()
         except EOFError:
@@ -136,7 +137,7 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
             view = connection.recv()
             image = renderer.render(view)
             jpeg = cv2.imencode('.jpg', image.bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1].tobytes()
-            png = cv2.imencode('.png', image.depth_mm, FAST_PNG)[1].tobytes() if depth else b''
+            png = b'' if not depth or image.depth_mm is None else cv2.imencode('.png', image.depth_mm, FAST_PNG)[1].tobytes()
             connection.send(CameraFrame(view, jpeg, image.boxes, png))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return

@@ -6,6 +6,8 @@ import ctypes.util
 import os
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -84,8 +86,9 @@ class SceneRenderer:
     def render(self, view: View) -> RenderedImage:
         """The image of one view, with depth, the oracle's boxes and the truth."""
         self._place(view)
-        rgb, zbuffer = self._draw(self._lens.whole)
-        depth = self._lens.bend(self._to_metres(zbuffer), nearest=True)
+        zbuffer = np.empty((self._lens.whole.height, self._lens.whole.width), np.float32)
+        rgb = self._draw(self._lens.whole, zbuffer)
+        depth = self._lens.bend(self._to_metres(zbuffer[::-1]), nearest=True)
         bgr = self._lens.bend(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         optical_depth = self._optical_depth(view, depth)
         bgr = self._effects.apply(_veiled(bgr, optical_depth), view)
@@ -98,7 +101,7 @@ class SceneRenderer:
             if where is not None and (box := oracle_box(where, truth[-1], contrast_left(view))) is not None:
                 boxes.append(box)
         segmentation = None if identities is None else self._owner[identities]
-        thermal = self._thermal(view, depth, identities, optical_depth) if self._everything else None
+        thermal = None if identities is None else self._thermal(view, depth, identities, optical_depth)
         return RenderedImage(bgr, boxes, truth, depth, segmentation, thermal)
 
     def _place(self, view: View) -> None:
@@ -113,9 +116,12 @@ class SceneRenderer:
         self._mujoco.mj_kinematics(model, data)
         self._mujoco.mj_camlight(model, data)
 
-    def _draw(self, crop: Crop, groups: NDArray | None = None, identities: bool = False) \
-            -> tuple[NDArray, NDArray | None]:
-        """Colours and depth buffer, or identities as colours, of a part of the rendered image, top row first."""
+    def _draw(self, crop: Crop, zbuffer: NDArray | None = None, groups: NDArray | None = None,
+              identities: bool = False) -> NDArray:
+        """Colours, or identities as colours, of a part of the rendered image, top row first.
+
+        zbuffer (height, width) float32: receives the depth buffer, bottom row first.
+        """
         mujoco = self._mujoco
         self._options.geomgroup[:] = self._all_groups if groups is None else groups
         for flag in (mujoco.mjtRndFlag.mjRND_SEGMENT, mujoco.mjtRndFlag.mjRND_IDCOLOR):
@@ -127,11 +133,10 @@ class SceneRenderer:
         viewport = mujoco.MjrRect(0, 0, crop.width, crop.height)
         mujoco.mjr_render(viewport, self._scene, self._target)
         rgb = np.empty((crop.height, crop.width, 3), np.uint8)
-        zbuffer = None if identities else np.empty((crop.height, crop.width), np.float32)
         mujoco.mjr_readPixels(rgb, zbuffer, viewport, self._target)
-        return rgb[::-1], None if zbuffer is None else zbuffer[::-1]
+        return rgb[::-1]
 
-    def _narrow(self, eye: object, crop: Crop) -> None:
+    def _narrow(self, eye: Any, crop: Crop) -> None:
         """Let an eye's frustum be that of a part of the image, pixel by pixel."""
         width, height = self._lens.size
         pixel = (eye.frustum_top - eye.frustum_bottom) / height
@@ -142,7 +147,7 @@ class SceneRenderer:
     def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
         """Number of the thing at each pixel of a window of the image, -1 for the sky."""
         places, crop = self._lens.places(window)
-        rgb, _ = self._draw(crop, groups, identities=True)
+        rgb = self._draw(crop, groups=groups, identities=True)
         red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
         value = red + (green << 8) + (blue << 16)
         order = np.full(self._scene.ngeom + 1, -1, np.int32)
@@ -169,9 +174,9 @@ class SceneRenderer:
             return hidden
         fraction = float(visible.sum() / max(covered.sum(), visible.sum()))
         rows, columns = np.flatnonzero(visible.any(axis=1)), np.flatnonzero(visible.any(axis=0))
-        box = (columns[0] + window[1].start, rows[0] + window[0].start,
-               columns[-1] + window[1].start, rows[-1] + window[0].start)
-        return TruthBox(drone.target_id, tuple(map(float, box)), fraction, transmission, distance)
+        box = (float(columns[0] + window[1].start), float(rows[0] + window[0].start),
+               float(columns[-1] + window[1].start), float(rows[-1] + window[0].start))
+        return TruthBox(drone.target_id, box, fraction, transmission, distance)
 
     @cached_property
     def _owner(self) -> NDArray:
@@ -250,7 +255,8 @@ class _Lens:
     def bend(self, image: NDArray, nearest: bool = False) -> NDArray:
         """The camera's image out of the rendered one."""
         interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        return cv2.remap(np.ascontiguousarray(image), *(self._nearest if nearest else self._map), interpolation)
+        maps: Any = self._nearest if nearest else self._map    # OpenCV's types do not know that the second one may be None
+        return cv2.remap(np.ascontiguousarray(image), maps[0], maps[1], interpolation)
 
 
 def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
@@ -261,7 +267,7 @@ def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
     return cv2.blendLinear(bgr, np.full_like(bgr, AIRLIGHT), clear, 1.0 - clear)
 
 
-def _import_mujoco():  # noqa: ANN202 (a module)
+def _import_mujoco() -> ModuleType:
     """MuJoCo with a way to render without a screen: EGL, else OSMesa. Raises RuntimeError saying what to install."""
     if 'MUJOCO_GL' not in os.environ:
         for backend, library in (('egl', 'EGL'), ('osmesa', 'OSMesa')):

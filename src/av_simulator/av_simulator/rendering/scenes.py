@@ -110,7 +110,7 @@ class Field:
         yield from _trees(random, 40, 0.7 * self.extent, self.extent, 0.3)
         for x, y in _scattered(random, 8, 20.0, 60.0):
             yield Solid('cylinder', (x, y, 0.6), (0.7, 0.7, 0.6), (0.72, 0.62, 0.35))
-        for x in np.arange(-40.0, 41.0, 4.0):
+        for x in np.arange(-40.0, 41.0, 4.0).tolist():
             yield Solid('box', (x, 25.0, 0.6), (0.06, 0.06, 0.6), (0.40, 0.33, 0.25))
 
 
@@ -161,7 +161,7 @@ class UrbanEdge:
             grey = random.uniform(0.5, 0.8)
             yield Solid('box', (x, 34.0, height), (width, 6.0, height), (grey, 0.95 * grey, 0.88 * grey),
                         surface='facade', warmer_k=1.5)
-        for x in np.arange(-60.0, 61.0, 20.0):
+        for x in np.arange(-60.0, 61.0, 20.0).tolist():
             yield Solid('cylinder', (x, 15.0, 2.5), (0.08, 0.08, 2.5), (0.35, 0.36, 0.38))
             yield Solid('ellipsoid', (x, 15.0, 5.0), (0.25, 0.25, 0.15), (0.95, 0.95, 0.85), warmer_k=15.0)
         for x in random.uniform(-50.0, 50.0, 6):

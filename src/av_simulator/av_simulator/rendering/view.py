@@ -152,7 +152,8 @@ def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | 
     in_view = float(np.prod((inside_high - inside_low) / np.maximum(high - low, 1e-9)))
     if in_view <= 0.0:
         return None
-    return Appearance((*map(float, inside_low), *map(float, inside_high)), float(high[0] - low[0]), in_view)
+    box = (float(inside_low[0]), float(inside_low[1]), float(inside_high[0]), float(inside_high[1]))
+    return Appearance(box, float(high[0] - low[0]), in_view)
 
 
 def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleBox | None:

@@ -53,11 +53,12 @@ class EgoRotors:
     def _signal_of(self, rotor: int) -> RotorSignal:
         """One rotor alone, with its share of the vehicle's power."""
         share_db = 10.0 * np.log10(len(self.rotors))
+        speed = None
+        if (speed_of_all := self.signal.speed) is not None:
+            def speed(times: NDArray) -> NDArray:
+                return np.broadcast_to(speed_of_all(times), (len(times), len(self.rotors)))[:, [rotor]]
 
-        def speed(times: NDArray) -> NDArray:
-            return np.broadcast_to(self.signal.speed(times), (len(times), len(self.rotors)))[:, [rotor]]
-
-        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],), speed=speed if self.signal.speed else None,
+        return replace(self.signal, rotor_hz=(self.signal.rotor_hz[rotor],), speed=speed,
                        tone_db_spl=self.signal.tone_db_spl - share_db, broadband_db_spl=self.signal.broadband_db_spl - share_db)
 
 

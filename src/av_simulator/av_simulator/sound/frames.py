@@ -47,8 +47,8 @@ class FrameMaker:
         length = int(self.samples * (1.0 + FASTEST)) + 2 * spread + TAPS + 4
         if factors is None:
             active = np.ones(sent.shape, bool)
-            signals = [self._read(number, begins, length) for number, begins in enumerate(first)]
-            return Frame(np.array(signals).reshape(*sent.shape, length), first, active)
+            unfiltered = [self._read(number, begins, length) for number, begins in enumerate(first)]
+            return Frame(np.array(unfiltered).reshape(*sent.shape, length), first, active)
         sent_before, factors_before = self._before or (sent - self.samples, factors)
         self._before = sent, factors
         active = np.any(factors, axis=-1) | np.any(factors_before, axis=-1)

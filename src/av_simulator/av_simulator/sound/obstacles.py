@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,17 +15,36 @@ from av_simulator.sound.materials import Absorption, reflection_factor
 _GAP_M = 0.05  # an obstacle nearer to the ground than this lets nothing pass below
 
 
-class Obstacle:
+class Obstacle(ABC):
     """A prism: a convex `footprint` (corners, 2) in m, counter-clockwise, from `bottom` to `top`, in world ENU.
 
     One that `reflects` is a mirror for sound too, less the `absorption` of its faces.
     """
 
-    footprint: NDArray
-    bottom: float
-    top: float
-    absorption: Absorption
-    reflects: bool
+    @property
+    @abstractmethod
+    def footprint(self) -> NDArray:
+        """Corners (n, 2) in m."""
+
+    @property
+    @abstractmethod
+    def bottom(self) -> float:
+        """Lower end in m."""
+
+    @property
+    @abstractmethod
+    def top(self) -> float:
+        """Upper end in m."""
+
+    @property
+    @abstractmethod
+    def absorption(self) -> Absorption:
+        """Absorption of the faces."""
+
+    @property
+    @abstractmethod
+    def reflects(self) -> bool:
+        """Whether it mirrors sound."""
 
     def faces(self) -> Iterator[Face]:
         """The upright faces and the top."""

@@ -7,7 +7,7 @@ for, or None while nothing comes that way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Protocol
@@ -27,8 +27,13 @@ _MARGIN_M = 1.5  # an edge farther from the way than this matters below 100 Hz o
 class Ray(Protocol):
     """One way from a source to the receivers."""
 
-    mirror: NDArray
-    shift: NDArray
+    @property
+    def mirror(self) -> NDArray:
+        """(3, 3), see above."""
+
+    @property
+    def shift(self) -> NDArray:
+        """(3,), see above."""
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
         """(F,), real or complex, or None; source and receiver (3,) in world ENU."""
@@ -56,7 +61,7 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
 class Shade:
     """What obstacles leave of sound on straight ways; those far from a way are not looked at."""
 
-    def __init__(self, obstacles: tuple[Obstacle, ...], frequency_hz: NDArray, speed_of_sound: float):
+    def __init__(self, obstacles: Sequence[Obstacle], frequency_hz: NDArray, speed_of_sound: float):
         # Nothing is heard at 0 Hz, where an edge would lose nothing and the step would spread to its neighbours.
         self.frequency_hz, self.speed_of_sound = np.maximum(frequency_hz, frequency_hz[1]), speed_of_sound
         self._obstacles = list(obstacles)
@@ -107,7 +112,7 @@ class GroundRay:
 
 def ground_factor(ground: Ground, path: NDArray, shade: Shade) -> NDArray:
     """Reflection (F,) of the ground on a path (3,) from the source to the receiver's image."""
-    length = np.linalg.norm(path)
+    length = np.asarray(np.linalg.norm(path))
     return ground.reflection(np.abs(path[2]) / length, length, shade.frequency_hz, shade.speed_of_sound)
 
 

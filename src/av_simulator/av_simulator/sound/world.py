@@ -70,17 +70,17 @@ class SoundWorld:
         if n < 1:
             raise ValueError(f'n is {n}, expected 1 or more samples')
         start, self._next = self._next, self._next + n
-        if start == 0:
-            self._begin(positions[0])
+        if self._noise_stream is None:
+            self._noise_stream = self._begin(positions[0])
         heard = self._propagation.render(start, n, positions)
         heard += self._noise_gain * self._noise_stream.read(start, start + n)
         if self._reverberation is not None:
             heard += self._reverberation.render(start, n, positions)
         return (heard.T / self._full_scale_pa).astype(np.float32)
 
-    def _begin(self, layout: NDArray) -> None:
-        """Make what needs the array's geometry (m, 3); wind hears the array as it stands now."""
-        self._noise_stream = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
+    def _begin(self, layout: NDArray) -> Stream:
+        """The noise, and reverberation, of the array's geometry (m, 3); wind is that of the array as it stands now."""
+        noise = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
         if self._zones:
             self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources,
                                                 self._signals, self._medium, layout, [self._seed, 2])
@@ -89,6 +89,7 @@ class SoundWorld:
             steady = self._noise.steady().stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
             wanted = self._source_power / 10.0 ** (snr.ratio_db / 10.0)
             self._noise_gain = float(np.sqrt(wanted / band_power(steady, self._rate, snr.band_hz)))
+        return noise
 
     def _power_of_reference(self) -> float:
         """In-band power at one microphone of the source that the ratio of source to noise refers to, in Pa^2."""
