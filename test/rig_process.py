@@ -34,6 +34,11 @@ class RigProcess:
         RigProcess.running.append(self)
 
     @property
+    def running_now(self) -> bool:
+        """Whether the launch has not ended yet."""
+        return self._process.poll() is None
+
+    @property
     def output(self) -> str:
         """What was printed so far."""
         return ''.join(self._lines)
