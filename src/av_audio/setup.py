@@ -14,7 +14,6 @@ setup(
     name=package_name,
     version='0.2.0',
     packages=find_packages(exclude=['test']),
-    package_data={f'{package_name}.nodes': ['*_parameters.yaml']},  # defaults for replay without the nodes
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

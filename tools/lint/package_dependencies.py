@@ -32,7 +32,6 @@ IMPLICIT = {
 # Pairs of a package and what its tests import although it needs the package.
 TESTED_TOGETHER = {
     ('av_bags', 'av_evaluation'),    # until bags are tested without a replay
-    ('av_common', 'av_vision'),      # until the camera's calibration is read in one place
 }
 PARAMETERS = 'generate_parameter_library_py'
 

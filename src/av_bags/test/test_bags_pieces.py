@@ -6,60 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from av_audio.nodes.doa_node_parameters import doa_node
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_bags.writer import BagWriter
-from av_common.parameters import node_parameters
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_fusion.nodes.fusion_node_parameters import fusion_node
-from av_pointing.nodes.pointing_node_parameters import pointing_node
-from av_vision.nodes.detector_node_parameters import detector_node
 
 sys.path.append(str(Path(__file__).parents[2] / 'av_vision' / 'test'))
-
-
-@pytest.mark.parametrize(('package', 'node', 'generated'), [
-    ('av_audio', 'doa_node', doa_node), ('av_vision', 'detector_node', detector_node),
-    ('av_fusion', 'fusion_node', fusion_node), ('av_pointing', 'pointing_node', pointing_node)])
-def test_defaults_are_those_of_the_node(package, node, generated):
-    def plain(struct):
-        return {name: plain(value) if hasattr(value, '__dict__') else value
-                for name in dir(struct) if not name.startswith('_') and name != 'stamp_'
-                for value in [getattr(struct, name)]}
-
-    assert plain(node_parameters(package, node)) == plain(generated.Params())
-
-
-@pytest.mark.parametrize(('section', 'fits'), [
-    ('/**', True), ('/**/fusion_node', True), ('fusion_node', False), ('/rig_1/fusion_node', True), ('/*/fusion_node', True),
-    ('/rig_2/fusion_node', False), ('/**/doa_node', False), ('/**/rig_1/fusion_node', True)])
-def test_sections_of_parameter_files_fit_as_in_ros(tmp_path, section, fits):
-    (tmp_path / 'params.yaml').write_text(f'{section}:\n  ros__parameters: {{tau: 0.25, rotation: {{patience: 2.0}}}}\n')
-    parameters = node_parameters('av_fusion', 'fusion_node', [tmp_path / 'params.yaml'], namespace='rig_1')
-    default = node_parameters('av_fusion', 'fusion_node', [])
-    assert (parameters.tau, parameters.rotation.patience) == (
-        (0.25, 2.0) if fits else (default.tau, default.rotation.patience))
-
-
-def test_nested_sections_and_later_files_count(tmp_path):
-    (tmp_path / 'a.yaml').write_text('rig_1:\n  fusion_node:\n    ros__parameters: {tau: 0.25, rate: 10}\n')
-    (tmp_path / 'b.yaml').write_text('/**:\n  ros__parameters: {tau: 0.75, use_sim_time: true}\n')
-    parameters = node_parameters('av_fusion', 'fusion_node', [tmp_path / 'a.yaml', tmp_path / 'b.yaml'], namespace='rig_1')
-    assert (parameters.tau, parameters.rate) == (0.75, 10.0)
-
-
-@pytest.mark.parametrize(('text', 'complaint'), [
-    ('/**: {ros__parameters: {tau: high}}', "fusion_node: tau is 'high', expected double"),
-    ('/**: {ros__parameters: {method: best}}', 'best'),
-    ('/**: {ros__parameters: {target_classes: drone}}', "target_classes is 'drone', expected string_array"),
-    ('/**: {ros__parameters: {rotation: {enabled: 1}}}', r'rotation\.enabled is 1, expected bool'),
-    ('just words', 'expected NODE: ros__parameters: NAME: VALUE'),
-])
-def test_wrong_parameters_are_named(tmp_path, text, complaint):
-    (tmp_path / 'params.yaml').write_text(text)
-    with pytest.raises(ValueError, match=complaint):
-        node_parameters('av_fusion', 'fusion_node', [tmp_path / 'params.yaml'])
 
 
 def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):

@@ -38,6 +38,9 @@ EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
 class RenamedParameterError(ValueError):
     """A parameter is given by a name that it no longer has; the message names the old and the new name."""
 
+    def __init__(self, old: str, new: str) -> None:
+        super().__init__(f'the parameter {old} is now named {new}')
+
 
 class RigNode(LifecycleNode):
     """A lifecycle node that activates itself and reports its state in /diagnostics.
@@ -159,7 +162,7 @@ class RigNode(LifecycleNode):
             given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
             self.undeclare_parameter(old)
             if given is not None:
-                raise RenamedParameterError(f'the parameter {old} is now named {new}')
+                raise RenamedParameterError(old, new)
 
     def _release(self) -> None:
         while self._entities:

@@ -1,104 +1,121 @@
-"""A node's parameters without the node: defaults of its YAML description, changed by parameter files as ROS 2 reads them."""
+"""A node's parameters without the node: its generated struct, filled from parameter files as ROS 2 reads them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from importlib.resources import files
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import yaml
-from generate_parameter_library_py.python_validators import ParameterValidators
+from rclpy.exceptions import ParameterException
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 
-KINDS = {'double': float, 'int': int, 'bool': bool, 'string': str}
+from av_common.node import RenamedParameterError, RigNode
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
-                    overrides: Mapping[str, Any] | None = None, namespace: str = '') -> SimpleNamespace:
-    """The parameters of `node` as the generated struct has them, nested names as nested attributes.
+                    overrides: Mapping[str, Any] | None = None, namespace: str = '') -> Any:
+    """The parameters of a node as the struct that generate_parameter_library makes of its YAML description.
 
-    Later files win over earlier ones, `overrides` over all. Raises ValueError naming the parameter, or OSError.
+    Parameters:
+        package, node: the node is the module `package.nodes.node`.
+        parameter_files: later files win over earlier ones. A section counts when its name fits the node's full name.
+        overrides: values by names with dots, which win over all files.
+        namespace: the node's namespace, which sections of files may name.
+
+    Raises ValueError naming the parameter, RenamedParameterError for an old name, OSError for an unreadable file.
     """
-    text = files(f'{package}.nodes').joinpath(f'{node}_parameters.yaml').read_text(encoding='utf-8')
-    described = dict(_described(yaml.safe_load(text)[node]))
-    values = {name: description.get('default_value') for name, description in described.items()}
-    full_name = [part for part in f'{namespace}/{node}'.split('/') if part]
+    given: dict[str, Any] = {}
     for file in parameter_files:
-        given = _values_of(full_name, Path(file))
-        values.update((name, value) for name, value in given.items() if name in described)
-    values.update(overrides or {})
-    struct = SimpleNamespace()
-    for name, value in values.items():
-        *groups, last = name.split('.')
-        target = struct
-        for group in groups:
-            target.__dict__.setdefault(group, SimpleNamespace())
-            target = getattr(target, group)
-        setattr(target, last, _checked(f'{node}: {name}', value, described[name]))
-    return struct
+        given.update(_read(Path(file), '/'.join(['', *filter(None, namespace.split('/')), node])))
+    given.update(overrides or {})
+    for old, new in _node_class(package, node).RENAMED_PARAMETERS.items():
+        if old in given:
+            raise RenamedParameterError(old, new)
+    generated = getattr(import_module(f'{package}.nodes.{node}_parameters'), node)
+    try:
+        return generated.ParamListener(_Declarations(node, given)).get_params()
+    except ParameterException as error:
+        raise ValueError(f'{node}: {error}') from error
 
 
-def _described(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, dict]]:
-    """Names with dots and descriptions of all parameters of a tree of groups."""
-    for name, branch in tree.items():
-        if isinstance(branch.get('type'), str):
-            yield prefix + name, branch
-        else:
-            yield from _described(branch, f'{prefix}{name}.')
+class _Declarations:
+    """What generated code needs of a node: parameters are declared with defaults and take the values given instead.
+
+    Parameters:
+        node: the node's name, for error messages.
+        given: values by names with dots; those that are not declared are ignored, as by a node.
+    """
+
+    def __init__(self, node: str, given: Mapping[str, Any]) -> None:
+        self._node, self._given = node, given
+        self._declared: dict[str, Parameter] = {}
+
+    def has_parameter(self, name: str) -> bool:
+        """Whether it has been declared."""
+        return name in self._declared
+
+    def declare_parameter(self, name: str, default: Any, _descriptor: object) -> None:
+        """Take the value given, or the default. Raises ValueError when the value has another type than the default."""
+        kind = Parameter.Type.from_parameter_value(default)
+        value = self._given.get(name, default)
+        if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
+            value = _real(value)
+        if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
+            raise ValueError(f'{self._node}: {name} is {value!r}, expected {kind.name.lower()}')
+        self._declared[name] = Parameter(name, kind, value)
+
+    def get_parameter(self, name: str) -> Parameter:
+        """The parameter as it was declared."""
+        return self._declared[name]
+
+    def add_on_set_parameters_callback(self, _callback: Callable[..., Any]) -> None:
+        """Nothing changes these parameters later."""
 
 
-def _values_of(node: Sequence[str], file: Path) -> dict[str, Any]:
-    """What a parameter file says of a node, by names with dots."""
+def _real(value: Any) -> Any:
+    """Whole numbers as real ones, in lists as well; all else as it is."""
+    if isinstance(value, list):
+        return [_real(item) for item in value]
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _node_class(package: str, node: str) -> type[RigNode]:
+    module = import_module(f'{package}.nodes.{node}')
+    return next(item for item in vars(module).values()
+                if isinstance(item, type) and issubclass(item, RigNode) and item.__module__ == module.__name__)
+
+
+def _read(file: Path, node: str) -> dict[str, Any]:
+    """What a parameter file says of the node with this full name, by names with dots.
+
+    `rclpy.parameter.parameter_dict_from_yaml_file` finds neither the nodes of `/*/node`, `/**/namespace/node` and
+    `namespace: node:`, nor those of `/**/node` without a namespace, and reads '1' in quotes as a number.
+    """
     try:
         content = yaml.safe_load(file.read_text(encoding='utf-8')) or {}
-        found: dict[str, Any] = {}
-        for pattern, parameters in _sections(content):
-            if _matches(pattern, node):
-                found.update(_flat(parameters))
+        return {name: value for pattern, section in _sections(content) if re.fullmatch(pattern, node)
+                for name, value in _flat(section)}
     except (yaml.YAMLError, AttributeError) as error:
         raise ValueError(f'parameter file {file}: expected NODE: ros__parameters: NAME: VALUE ({error})') from error
-    return found
 
 
-def _sections(tree: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], dict]]:
+def _sections(tree: Mapping[str, Any], path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """A regular expression of the nodes meant, and the parameters, of each section; * is one name, ** any number."""
     for name, branch in tree.items():
         if name == 'ros__parameters':
             yield path, branch or {}
         else:
-            yield from _sections(branch, (*path, *(part for part in name.split('/') if part)))
-
-
-def _matches(pattern: Sequence[str], name: Sequence[str]) -> bool:
-    """Whether a node's name fits a pattern, in which * stands for one part and ** for any number of them."""
-    if not pattern or not name:
-        return not name and all(part == '**' for part in pattern)
-    if pattern[0] == '**':
-        return _matches(pattern[1:], name) or _matches(pattern, name[1:])
-    return pattern[0] in ('*', name[0]) and _matches(pattern[1:], name[1:])
+            parts = (part for part in name.split('/') if part)
+            wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
+            yield from _sections(branch, path + ''.join(wild.get(part, '/' + re.escape(part)) for part in parts))
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
     for name, value in tree.items():
         if isinstance(value, dict):
-            yield from _flat(value, f'{prefix}{name}.')
+            yield from _flat(value, prefix + name + PARAMETER_SEPARATOR_STRING)
         else:
             yield prefix + name, value
-
-
-def _checked(name: str, value: Any, description: Mapping[str, Any]) -> Any:
-    """The value in the type described. Raises ValueError when it has another or breaks a rule."""
-    kind = KINDS[description['type'].removesuffix('_array')]
-    is_list = description['type'].endswith('_array')
-    values = value if is_list and isinstance(value, list) else [value]
-    whole_as_real = (float, int) if kind is float else kind
-    if isinstance(value, list) != is_list or not all(
-            isinstance(v, whole_as_real) and isinstance(v, bool) == (kind is bool) for v in values):
-        raise ValueError(f'{name} is {value!r}, expected {description["type"]}')
-    result = [kind(v) for v in values] if is_list else kind(value)
-    parameter = SimpleNamespace(name=name, value=result)
-    for rule, arguments in (description.get('validation') or {}).items():
-        problem = getattr(ParameterValidators, rule.removesuffix('<>'))(parameter, *arguments)
-        if problem:
-            raise ValueError(problem)
-    return result

@@ -1,0 +1,131 @@
+"""Parameters without the node against the node itself, for a package that is generated here."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from contextlib import redirect_stdout
+
+import pytest
+import rclpy
+from generate_parameter_library_py.generate_python_module import (
+    run as generate_parameters,
+)
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+
+from av_common.parameters import node_parameters
+
+DESCRIPTION = """
+tracker:
+  tau: {type: double, default_value: 0.5, description: time constant, validation: {bounds<>: [0.0, 10.0]}}
+  rate: {type: double, default_value: 20.0, description: Hz}
+  count: {type: int, default_value: 3, description: how many}
+  method: {type: string, default_value: bayes, description: which, validation: {one_of<>: [[bayes, gated]]}}
+  classes: {type: string_array, default_value: [drone], description: names}
+  limits: {type: double_array, default_value: [-1.0, 1.0], description: rad, validation: {fixed_size<>: [2]}}
+  rotation:
+    enabled: {type: bool, default_value: true, description: whether}
+    patience: {type: double, default_value: 1.0, description: s}
+"""
+NODE = """
+from av_common.node import RigNode
+
+class Tracker(RigNode):
+    RENAMED_PARAMETERS = {'recall': 'detection_probability', 'rotation.wait': 'rotation.patience'}
+"""
+
+
+@pytest.fixture(scope='module', autouse=True)
+def package(tmp_path_factory):
+    """The package `toy` with the node `tracker`."""
+    root = tmp_path_factory.mktemp('packages')
+    nodes = root / 'toy' / 'nodes'
+    nodes.mkdir(parents=True)
+    (nodes / 'tracker.py').write_text(NODE)
+    (nodes / 'tracker_parameters.yaml').write_text(DESCRIPTION)
+    with redirect_stdout(None):
+        generate_parameters(str(nodes / 'tracker_parameters.py'), str(nodes / 'tracker_parameters.yaml'), '')
+    sys.path.insert(0, str(root))
+    yield
+    sys.path.remove(str(root))
+
+
+@pytest.fixture(scope='module')
+def context():
+    """rclpy, up and down again."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=97)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+def plain(struct):
+    """A generated struct as a dictionary."""
+    return {name: plain(value) if hasattr(value, '__dict__') else value
+            for name in dir(struct) if not name.startswith('_') and name != 'stamp_' for value in [getattr(struct, name)]}
+
+
+def of_the_node(context, namespace, *files):
+    """The parameters as a node has them that is given the files."""
+    arguments = ['--ros-args', *(word for file in files for word in ('--params-file', str(file)))]
+    node = Node('tracker', namespace=namespace, context=context, cli_args=arguments)
+    try:
+        return importlib.import_module('toy.nodes.tracker_parameters').tracker.ParamListener(node).get_params()
+    finally:
+        node.destroy_node()
+
+
+@pytest.mark.parametrize('namespace', ['', 'rig_1', 'fleet/rig_1'])
+@pytest.mark.parametrize('section', [
+    '/**', '/**/tracker', 'tracker', '/tracker', '/rig_1/tracker', '/*/tracker', '/rig_2/tracker', '/**/other', '/*',
+    '/**/rig_1/tracker', 'rig_1/tracker', '/fleet/*/tracker'])
+def test_sections_of_files_fit_as_in_ros(tmp_path, context, section, namespace):
+    """Wildcards and namespaces pick the same sections as rcl's own parser."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'{section}:\n  ros__parameters: {{tau: 0.25, rotation: {{patience: 2.0}}}}\n')
+    ours = node_parameters('toy', 'tracker', [file], namespace=namespace)
+    assert plain(ours) == plain(of_the_node(context, namespace, file))
+
+
+def test_nested_sections_and_later_files_count(tmp_path, context):
+    """A section below its namespace; the last file wins; an override wins over all."""
+    a, b = tmp_path / 'a.yaml', tmp_path / 'b.yaml'
+    a.write_text("rig_1:\n  tracker:\n    ros__parameters: {tau: 0.25, rate: 10.0, classes: ['1', uav]}\n")
+    b.write_text('/**:\n  ros__parameters: {tau: 0.75, use_sim_time: true, limits: [-2.0, 3.5]}\n')
+    ours = node_parameters('toy', 'tracker', [a, b], namespace='rig_1')
+    assert (ours.tau, ours.rate, ours.classes, ours.limits) == (0.75, 10.0, ['1', 'uav'], [-2.0, 3.5])
+    assert plain(ours) == plain(of_the_node(context, 'rig_1', a, b))
+    assert node_parameters('toy', 'tracker', [a, b], {'tau': 2, 'rotation.enabled': False}, 'rig_1').tau == 2.0
+
+
+def test_without_files_there_are_the_defaults(context):
+    """The struct is the node's own."""
+    assert plain(node_parameters('toy', 'tracker')) == plain(of_the_node(context, ''))
+
+
+@pytest.mark.parametrize(('text', 'complaint'), [
+    ('/**: {ros__parameters: {tau: high}}', "tracker: tau is 'high', expected double"),
+    ('/**: {ros__parameters: {tau: 11.0}}', 'tracker: .*tau'),
+    ('/**: {ros__parameters: {method: best}}', 'best'),
+    ('/**: {ros__parameters: {classes: drone}}', "classes is 'drone', expected string_array"),
+    ('/**: {ros__parameters: {limits: [1.0]}}', 'limits'),
+    ('/**: {ros__parameters: {count: true}}', 'count is True, expected integer'),
+    ('/**: {ros__parameters: {rotation: {enabled: 1}}}', r'rotation\.enabled is 1, expected bool'),
+    ('/**: {ros__parameters: {recall: 0.5}}', 'recall is now named detection_probability'),
+    ('tracker: {ros__parameters: {rotation: {wait: 0.5}}}', r'rotation\.wait is now named rotation\.patience'),
+    ('just words', 'expected NODE: ros__parameters: NAME: VALUE'),
+])
+def test_wrong_parameters_are_named(tmp_path, text, complaint):
+    """Types, bounds, choices, old names, and files that are none."""
+    (tmp_path / 'params.yaml').write_text(text)
+    with pytest.raises(ValueError, match=complaint):
+        node_parameters('toy', 'tracker', [tmp_path / 'params.yaml'])
+
+
+def test_an_integer_is_refused_by_the_node_where_a_real_number_is_due(tmp_path, context):
+    """The one difference: without the node, whole numbers are taken for real ones."""
+    (tmp_path / 'params.yaml').write_text('/**: {ros__parameters: {tau: 1}}')
+    with pytest.raises(ParameterException):
+        of_the_node(context, '', tmp_path / 'params.yaml')
+    assert node_parameters('toy', 'tracker', [tmp_path / 'params.yaml']).tau == 1.0
