@@ -17,7 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.benchmark.ego_noise import scene
+from av_audio.benchmark.ego_rotors import scene
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.device_process import load_sounddevice
 from av_audio.nodes.audio_common_node import AudioCommonNode

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from av_audio.benchmark.accuracy import PAIR, azimuth_error
-from av_audio.benchmark.ego_noise import scene
+from av_audio.benchmark.ego_rotors import scene
 from av_audio.benchmark.signals import RATE
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.localizer import Localizer, LocalizerSettings

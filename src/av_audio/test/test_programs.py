@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_audio.benchmark.ego_noise import scene
+from av_audio.benchmark.ego_rotors import scene
 from av_audio.benchmark.scenes import SQUARE
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.calibration import calibrate as fit

@@ -8,7 +8,7 @@ import soundfile
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.benchmark.ego_noise import scene
+from av_audio.benchmark.ego_rotors import scene
 from av_audio.benchmark.signals import RATE, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import audio_frame

@@ -1,1 +1,1 @@
-"""Figures of the direction finder against truth that does not come from this project."""
+"""Benchmarks of the localizer against independent ground truth."""

@@ -1,4 +1,4 @@
-"""Error and honesty of two microphones in the free field."""
+"""Accuracy and calibration of sigma of two microphones in the free field."""
 
 from __future__ import annotations
 
@@ -20,13 +20,19 @@ from av_common.microphone_array import MicrophoneArray
 
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 WINDOW_S = 0.5
-GATE = 0.9  # the default confidence above which an estimate counts
+CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
 FULL_CIRCLE = (-180.0, 180.0)
 
 
 @dataclass(frozen=True)
 class Trials:
-    """Errors of the better mirror image, sigmas (both deg) and confidences of n independent windows (n,)."""
+    """Results of n independent windows.
+
+    Parameters:
+        error (n,) (deg): azimuth error of the closer mirror image.
+        sigma (n,) (deg): estimated standard deviation.
+        confidence (n,): confidence 0..1.
+    """
 
     error: NDArray
     sigma: NDArray
@@ -34,18 +40,27 @@ class Trials:
 
     @property
     def passed(self) -> NDArray:
-        """Which windows (n,) lie above the default confidence."""
-        return self.confidence >= GATE
+        """Which windows (n,) exceed the default confidence."""
+        return self.confidence >= CONFIDENCE_THRESHOLD
 
 
 def azimuth_error(estimate: DoaEstimate, azimuth: float) -> float:
-    """Error in deg of the mirror image nearest to the true azimuth in rad."""
+    """Error in deg of the mirror image that is closest to the true azimuth in rad."""
     return float(np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth)))))
 
 
 def trials(rng: Generator, source: Source, snr_db: float, count: int, azimuths_deg: tuple[float, float] = FULL_CIRCLE,
            method: str = 'ml') -> Trials:
-    """Independent windows with azimuths drawn evenly from a range."""
+    """Results of independent windows.
+
+    Parameters:
+        rng: random numbers.
+        source: generates the sound.
+        snr_db (dB): signal-to-noise ratio inside the band.
+        count: number of windows.
+        azimuths_deg (deg): range from which azimuths are drawn uniformly.
+        method: estimator of the localizer.
+    """
     localizer = Localizer(PAIR, RATE, LocalizerSettings(method=method, window_s=WINDOW_S, hop_s=WINDOW_S))
     rows: list[tuple[float, float, float]] = []
     for _ in range(count):
@@ -59,10 +74,14 @@ def trials(rng: Generator, source: Source, snr_db: float, count: int, azimuths_d
 
 
 def accuracy(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
-    """RMSE over the full circle, mirror image folded, beside the least that any estimator could reach.
+    """RMSE over the full circle with mirror images folded, and the Cramer-Rao bound.
 
-    The limits hold for rotors; not at -10 dB for those with equal power per octave, as even an estimator that knew their
-    spectrum, which is what the bound stands for, would leave them little more than the bound's 3 degrees.
+    The limits apply to rotors, except to those with equal power per octave at -10 dB: there the bound itself, which assumes
+    a known spectrum, is 3 degrees.
+
+    Parameters:
+        count: windows per figure.
+        sources: generators of sound by name.
     """
     limits = {10.0: 0.6, 0.0: 1.0, -5.0: 2.0, -10.0: 4.0}
     for name, source in sources.items():
@@ -71,16 +90,17 @@ def accuracy(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
             limited = name == 'bright rotors' or (name == 'rotors' and snr_db > -10.0)
             yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rms(result.error), 'deg',
                          limits.get(snr_db) if limited else None)
-            yield Figure(f'{name}, {snr_db:+.0f} dB: Cramer-Rao bound', least_rms(source, snr_db, count), 'deg')
+            yield Figure(f'{name}, {snr_db:+.0f} dB: Cramer-Rao bound', bound_rms(source, snr_db, count), 'deg')
             yield Figure(f'{name}, {snr_db:+.0f} dB: median error', float(np.median(result.error)), 'deg')
             yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', 100.0 * result.passed.mean(), '%')
 
 
-def least_rms(source: Source, snr_db: float, count: int) -> float:
-    """RMSE in deg over the full circle of delays that scatter by the Cramer-Rao bound, turned into angles like ours.
+def bound_rms(source: Source, snr_db: float, count: int) -> float:
+    """RMSE in deg over the full circle of delays with the variance of the Cramer-Rao bound, converted to angles like ours.
 
-    The bound is that of Gaussian sound whose spectrum is known (Knapp and Carter, 1976, eq. 45), taken from each window's
-    own periodogram over three bins. At high SNR the few windows within a degree of the axis rule this value and ours.
+    The bound is that of Gaussian sound with a known spectrum (Knapp and Carter, 1976, eq. 45); the spectrum is the
+    periodogram of each window, averaged over three bins. At high SNR the few windows within a degree of the axis dominate
+    both this value and that of the localizer.
     """
     rng = np.random.default_rng(36)
     frequencies = np.fft.rfftfreq(round(WINDOW_S * RATE), 1.0 / RATE)
@@ -98,7 +118,7 @@ def least_rms(source: Source, snr_db: float, count: int) -> float:
 
 
 def methods(count: int) -> Iterator[Figure]:
-    """The estimators side by side on the drone-like sound."""
+    """RMSE and median error of all estimators on the sound of rotors."""
     for snr_db in (10.0, 0.0, -5.0, -10.0):
         for method in ('ml', 'phat', 'plain', 'music', 'mvdr'):
             result = trials(np.random.default_rng(32), rotors, snr_db, count, method=method)
@@ -107,25 +127,25 @@ def methods(count: int) -> Iterator[Figure]:
 
 
 def bound(count: int) -> Iterator[Figure]:
-    """Error over the Cramer-Rao bound for a flat source at 30 to 150 degrees from the axis."""
+    """RMSE relative to the Cramer-Rao bound for a flat source at 30 to 150 degrees from the axis."""
     for snr_db in (20.0, 10.0, 0.0):
         rng = np.random.default_rng(33)
         result = trials(rng, flat, snr_db, count, (-60.0, 60.0))
         azimuths = np.radians(np.linspace(-60.0, 60.0, 1001))
-        lowest = speed_of_sound(20.0) * cramer_rao_delay(snr_db) / (PAIR.aperture * np.cos(azimuths))
+        bounds = speed_of_sound(20.0) * cramer_rao_delay(snr_db) / (PAIR.aperture * np.cos(azimuths))
         yield Figure(f'flat source, {snr_db:+.0f} dB: RMSE over Cramer-Rao bound',
-                     rms(result.error) / np.degrees(rms(lowest)), '', 1.3)
+                     rms(result.error) / np.degrees(rms(bounds)), '', 1.3)
 
 
 def cramer_rao_delay(snr_db: float) -> float:
-    """Least standard deviation in s of a delay: flat band, equal noise at both microphones (Knapp and Carter, 1976)."""
+    """Cramer-Rao bound of a delay's standard deviation in s: flat band, equal noise in both channels (Knapp, Carter, 1976)."""
     snr = 10.0 ** (snr_db / 10.0)
     low, high = BAND_HZ
     return float(np.sqrt(3.0 * (1.0 + 2.0 * snr) / (8.0 * np.pi**2 * WINDOW_S * snr**2 * (high**3 - low**3))))
 
 
 def sigma(count: int, sources: dict[str, Source]) -> Iterator[Figure]:
-    """Share of errors within 1.64 sigma, and of large ones, among estimates above the default confidence."""
+    """Shares of errors within 1.64 sigma and of large errors, among estimates above the default confidence."""
     pooled = []
     for name, source in sources.items():
         for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0):

@@ -1,4 +1,4 @@
-"""What an estimate costs."""
+"""Processor time and memory of the localizer."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scipy import fft
 
 from av_audio.benchmark.accuracy import PAIR
 from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.scenes import pyroomacoustics_finder
+from av_audio.benchmark.scenes import pyroomacoustics_locator
 from av_audio.benchmark.signals import RATE, add_noise, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 
@@ -27,7 +27,7 @@ HOP_S = 0.05
 
 
 def speed() -> Iterator[Figure]:
-    """Times from samples to direction, ours and pyroomacoustics', both prepared, and of the FFTs that a GCC needs."""
+    """Times from samples to direction of the localizer and of pyroomacoustics, and of the FFTs that a GCC needs."""
     rng = np.random.default_rng(41)
     window = add_noise(rng, flat(rng, 0.5, np.array([0.0, 2e-4])), 10.0).astype(np.float32)
     localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=HOP_S))
@@ -43,31 +43,36 @@ def speed() -> Iterator[Figure]:
         left, right = fft.rfft(channels[0]), fft.rfft(channels[1])
         fft.irfft(left * right.conj())
 
-    find = pyroomacoustics_finder('SRP')
-    times = in_turns(estimate, transforms, lambda: find(window))
-    own, unavoidable, other = np.median(times, axis=0)
+    locate = pyroomacoustics_locator('SRP')
+    times = interleaved_times(estimate, transforms, lambda: locate(window))
+    localizer_ms, fft_ms, other_ms = np.median(times, axis=0)
     over_transforms, of_other = np.median(times[:, [0, 2]] / times[:, [1, 0]], axis=0)
-    yield Figure('one estimate of 0.5 s', own, 'ms')
-    yield Figure('its FFTs: two forward, one inverse', unavoidable, 'ms')
+    yield Figure('one estimate of 0.5 s', localizer_ms, 'ms')
+    yield Figure('its FFTs: two forward, one inverse', fft_ms, 'ms')
     yield Figure('estimate over FFTs', over_transforms, '', 3.0)
-    yield Figure('Localizer at a hop of 50 ms: share of one core', 0.1 * own / HOP_S, '%', 10.0)
-    yield Figure('pyroomacoustics SRP-PHAT, 1 degree grid', other, 'ms')
+    yield Figure('Localizer at a hop of 50 ms: share of one core', 0.1 * localizer_ms / HOP_S, '%', 10.0)
+    yield Figure('pyroomacoustics SRP-PHAT, 1 degree grid', other_ms, 'ms')
     yield Figure('pyroomacoustics over estimate', of_other, '', at_least=10.0)
 
 
-def in_turns(*calls: Callable[[], object], rounds: int = 50, turn_s: float = 0.05) -> NDArray:
-    """Processor time of each call in ms in each round (rounds, calls), in which the calls take turns of the same length.
+def interleaved_times(*calls: Callable[[], object], rounds: int = 50, slice_s: float = 0.05) -> NDArray:
+    """Processor time of each call in ms (rounds, calls); in a round every call is repeated for the same time.
 
-    Processor time counts every thread and no other program; how fast the machine runs for now is alike within a round.
+    Processor time covers all threads and no other program. Within a round the speed of the machine is about constant.
+
+    Parameters:
+        calls: functions to measure.
+        rounds: number of rounds.
+        slice_s (s): time for each call in a round.
     """
-    counts = [max(1, round(turn_s / min(timeit.repeat(call, number=1)))) for call in calls]
+    counts = [max(1, round(slice_s / min(timeit.repeat(call, number=1)))) for call in calls]
     times = [[timeit.timeit(call, number=count, timer=time.process_time) for call, count in zip(calls, counts, strict=True)]
              for _ in range(rounds)]
     return 1e3 * np.array(times) / counts
 
 
 def node() -> Iterator[Figure]:
-    """Share of a core that doa_node takes at a hop of 50 ms, fed by audio_node. Raises ImportError without ROS."""
+    """Share of a core that doa_node uses at a hop of 50 ms, with frames of audio_node. Raises ImportError without ROS."""
     import rclpy  # noqa: F401
     with tempfile.TemporaryDirectory() as folder:
         array, sound = Path(folder) / 'pair.yaml', Path(folder) / 'sound.wav'
@@ -75,34 +80,34 @@ def node() -> Iterator[Figure]:
         rng = np.random.default_rng(43)
         soundfile.write(sound, add_noise(rng, flat(rng, 5.0, np.array([0.0, 2e-4])), 10.0), RATE)
         source = start_node('audio_node', f'file:={sound}', 'loop:=true')
-        finder = start_node('doa_node', f'array_file:={array}', f'hop:={HOP_S}')
+        localizer = start_node('doa_node', f'array_file:={array}', f'hop:={HOP_S}')
         try:
             time.sleep(6.0)
-            before, begin = cpu_seconds(finder.pid), time.monotonic()
+            before, begin = cpu_seconds(localizer.pid), time.monotonic()
             time.sleep(15.0)
-            used = cpu_seconds(finder.pid) - before
+            used = cpu_seconds(localizer.pid) - before
             yield Figure('doa_node at a hop of 50 ms: share of one core', 100.0 * used / (time.monotonic() - begin), '%', 10.0)
         finally:
-            for process in (finder, source):
+            for process in (localizer, source):
                 process.terminate()
                 process.wait(10.0)
 
 
 def start_node(name: str, *parameters: str) -> subprocess.Popen:
-    """One of this package's nodes in a process of its own."""
+    """Start a node of this package in a separate process."""
     options = [option for parameter in parameters for option in ('-p', parameter)]
     program = f'from av_audio.nodes.{name} import main; main()'
     return subprocess.Popen([sys.executable, '-c', program, '--ros-args', *options])
 
 
 def cpu_seconds(process_id: int) -> float:
-    """Processor time that a process has used in s (Linux)."""
+    """Processor time in s that a process has used (Linux)."""
     fields = Path(f'/proc/{process_id}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def memory() -> Iterator[Figure]:
-    """Growth of the process over an hour of sound in blocks of 1600 samples."""
+    """Growth of the peak memory over an hour of sound in blocks of 1600 samples."""
     rng = np.random.default_rng(42)
     block = add_noise(rng, flat(rng, 1600 / RATE, np.array([0.0, 2e-4])), 10.0).astype(np.float32)
     localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=0.5))

@@ -1,4 +1,4 @@
-"""Ways to read a delay off a correlation finer than its samples, side by side."""
+"""Comparison of sub-sample interpolations of a correlation peak."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SNR_DB = 40.0
 
 
 def interpolation(count: int) -> Iterator[Figure]:
-    """RMS error of the delay of a flat source at 40 dB, where noise is small and the method's own bias shows."""
+    """RMS error of the delay of a flat source at 40 dB, where the bias of the method dominates the noise."""
     rng = np.random.default_rng(71)
     localizer = Localizer(PAIR, RATE, LocalizerSettings(hop_s=WINDOW_S))
     errors: dict[str, list[float]] = {name: [] for name in (*PEAKS, 'Newton on the continuous function (ours)')}

@@ -1,4 +1,4 @@
-"""A number, what it must be, and how it is printed."""
+"""A measured value with its bounds, and its printed form."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value with the bounds it must keep (None: for information)."""
+    """A measured value with its bounds.
+
+    Parameters:
+        name: description of the value.
+        value: the value.
+        unit: its unit.
+        at_most: upper bound, None without.
+        at_least: lower bound, None without.
+    """
 
     name: str
     value: float
@@ -17,7 +25,7 @@ class Figure:
 
     @property
     def holds(self) -> bool:
-        """Whether the value keeps its bounds."""
+        """Whether the value is within its bounds."""
         return (self.at_most is None or self.value <= self.at_most) and (
             self.at_least is None or self.value >= self.at_least)
 

@@ -1,4 +1,4 @@
-"""Error in a head's shadow, in rooms and on a square of microphones."""
+"""Accuracy with a head between the microphones, in rooms, and with a square of microphones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.accuracy import GATE, PAIR, azimuth_error, rms
+from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, PAIR, azimuth_error, rms
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import RATE, Source, add_noise, load_clip, recordings, rotors
 from av_audio.calibration import calibrate, measured_path, search_array
@@ -20,7 +20,7 @@ from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 
 SETTINGS = LocalizerSettings(hop_s=0.5)
-# Reflections blur low frequencies: indoors one may listen higher.
+# Reflections disturb low frequencies most: a higher band is better indoors.
 INDOORS = LocalizerSettings(hop_s=0.5, band_hz=(500.0, 8000.0))
 EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
 ROOMS = 60
@@ -30,7 +30,7 @@ SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], 
 
 
 def kemar(data: Path) -> Iterator[Figure]:
-    """Drone recordings through a head's measured responses; calibrated on every other azimuth, tested on the rest."""
+    """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest."""
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     clips = [signal.resample_poly(load_clip(path), rate // np.gcd(rate, RATE), RATE // np.gcd(rate, RATE))
              for path in sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))]
@@ -38,8 +38,8 @@ def kemar(data: Path) -> Iterator[Figure]:
         raise FileNotFoundError(f'no drone recordings in {data}')
 
     def at_ears(k: int, clip: NDArray, start_s: float) -> NDArray:
-        piece = clip[int(start_s * rate):int((start_s + 2.0) * rate)]
-        return np.stack([signal.fftconvolve(piece, response)[:len(piece)] for response in responses[k]], axis=1)
+        excerpt = clip[int(start_s * rate):int((start_s + 2.0) * rate)]
+        return np.stack([signal.fftconvolve(excerpt, response)[:len(excerpt)] for response in responses[k]], axis=1)
 
     angles: list[float] = []
     paths: list[float] = []
@@ -62,7 +62,10 @@ def kemar(data: Path) -> Iterator[Figure]:
 
 
 def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
-    """Azimuths (n,) in rad, responses (n, 2, taps) of the horizontal plane, and their sample rate, from a SOFA file."""
+    """Horizontal responses of a SOFA file: azimuths (n,) in rad, responses (n, 2, taps), and their sample rate in Hz.
+
+    Raises FileNotFoundError.
+    """
     import h5py
     if not path.is_file():
         raise FileNotFoundError(f'{path} does not exist')
@@ -74,7 +77,7 @@ def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
 
 
 def room(clips: Path) -> Iterator[Figure]:
-    """Rooms of pyroomacoustics, 3 m from the source: our median error and that of pyroomacoustics on the same sound."""
+    """Median errors in simulated rooms, 3 m from the source, of the localizer and of pyroomacoustics on the same sound."""
     sources: dict[str, Source] = {'white noise': lambda rng, seconds, delays: rng.normal(size=(round(seconds * RATE), 1))}
     if clips.is_dir():
         sources['drone recordings'] = recordings(clips)
@@ -86,32 +89,32 @@ def room(clips: Path) -> Iterator[Figure]:
 
 
 def room_figures(name: str, rooms: list[tuple[float, NDArray]], settings: LocalizerSettings) -> Iterator[Figure]:
-    """Median errors of ours and of pyroomacoustics' estimators in the same windows and band."""
-    others = {method: pyroomacoustics_finder(method, settings.band_hz) for method in ('SRP', 'MUSIC')}
+    """Median errors of the localizer and of the estimators of pyroomacoustics, in the same windows and band."""
+    others = {method: pyroomacoustics_locator(method, settings.band_hz) for method in ('SRP', 'MUSIC')}
     errors: dict[str, list[float]] = {'ours': [], **{method: [] for method in others}}
-    honest = []
+    covered = []
     for azimuth, sound in rooms:
         for estimate in Localizer(PAIR, RATE, settings).process(sound, 0):
             errors['ours'].append(azimuth_error(estimate, azimuth))
-            if estimate.confidence[0] >= GATE:
-                honest.append(errors['ours'][-1] <= 1.64 * np.degrees(np.sqrt(estimate.azimuth_variance[0])))
+            if estimate.confidence[0] >= CONFIDENCE_THRESHOLD:
+                covered.append(errors['ours'][-1] <= 1.64 * np.degrees(np.sqrt(estimate.azimuth_variance[0])))
         for start in range(0, len(sound) - RATE // 2 + 1, RATE // 2):
-            for method, find in others.items():
-                found = find(sound[start:start + RATE // 2])
+            for method, locate in others.items():
+                found = locate(sound[start:start + RATE // 2])
                 folded = abs(np.arcsin(np.sin(found)) - np.arcsin(np.sin(azimuth)))
                 errors[method].append(float(np.degrees(folded)))
     medians = {method: float(np.median(values)) for method, values in errors.items()}
     yield Figure(f'{name}, {len(errors["ours"])} windows: median error', medians['ours'], 'deg', 3.0)
-    yield Figure(f'{name}: errors within 1.64 sigma above the default confidence', 100.0 * float(np.mean(honest)), '%')
+    yield Figure(f'{name}: errors within 1.64 sigma above the default confidence', 100.0 * float(np.mean(covered)), '%')
     for method in others:
         yield Figure(f'{name}: pyroomacoustics {method}', medians[method], 'deg')
         yield Figure(f'{name}: ours over pyroomacoustics {method}', medians['ours'] / medians[method], '', 1.0)
 
 
 def random_room(rng: Generator, source: Source) -> tuple[float, NDArray]:
-    """Azimuth in rad and 2 s of sound (n, 2) of the pair in a room with random size, place and orientation.
+    """Azimuth in rad and 2 s of sound (n, 2) of the pair in a room of random size, at a random position and orientation.
 
-    Everything is at least 0.5 m from the walls; the reverberation time is ROOM_T60_S by Sabine's formula.
+    Source and microphones are at least 0.5 m from the walls; the reverberation time is ROOM_T60_S by Sabine's formula.
     """
     import pyroomacoustics
     while True:
@@ -128,26 +131,26 @@ def random_room(rng: Generator, source: Source) -> tuple[float, NDArray]:
     turned = PAIR.positions @ np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     shoebox.add_microphone_array((place + turned).T)
     shoebox.simulate()
-    settled = shoebox.mic_array.signals[:, round(0.8 * RATE):round(2.8 * RATE)].T
-    return azimuth, add_noise(rng, settled, 30.0)
+    steady = shoebox.mic_array.signals[:, round(0.8 * RATE):round(2.8 * RATE)].T
+    return azimuth, add_noise(rng, steady, 30.0)
 
 
-def pyroomacoustics_finder(method: str, band_hz: tuple[float, float] = SETTINGS.band_hz) -> Callable[[NDArray], float]:
-    """An estimator of pyroomacoustics on a grid of 1 degree: from windows (n, 2) of the pair to azimuths in rad."""
+def pyroomacoustics_locator(method: str, band_hz: tuple[float, float] = SETTINGS.band_hz) -> Callable[[NDArray], float]:
+    """An estimator of pyroomacoustics on a grid of 1 degree: a function from windows (n, 2) of the pair to azimuths in rad."""
     import pyroomacoustics
-    finder = pyroomacoustics.doa.algorithms[method](PAIR.positions[:, :2].T, RATE, 1024, c=speed_of_sound(20.0), num_src=1,
+    algorithm = pyroomacoustics.doa.algorithms[method](PAIR.positions[:, :2].T, RATE, 1024, c=speed_of_sound(20.0), num_src=1,
                                                     azimuth=np.radians(np.arange(360.0)))
 
     def azimuth(window: NDArray) -> float:
         frames = pyroomacoustics.transform.stft.analysis(window.astype(float), 1024, 512)
-        finder.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=list(band_hz))
-        return float(finder.azimuth_recon[0])
+        algorithm.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=list(band_hz))
+        return float(algorithm.azimuth_recon[0])
 
     return azimuth
 
 
 def square(count: int) -> Iterator[Figure]:
-    """Four microphones: azimuth over the full circle and elevation from 0 to 60 degrees, rotor sound at 10 dB."""
+    """Four microphones: azimuths over the full circle, elevations from 0 to 60 degrees, sound of rotors at 10 dB."""
     rng = np.random.default_rng(52)
     localizer = Localizer(SQUARE, RATE, SETTINGS)
     rows = []

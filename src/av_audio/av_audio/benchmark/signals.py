@@ -1,6 +1,6 @@
-"""Sound with known delays: sums of sinusoids whose delays are exact by construction, and recordings shifted by phase.
+"""Sound with known delays: sums of sinusoids with exact delays, and recordings that are delayed by phase shifts.
 
-Every function takes delays (m,) in s and returns sound (n, m): channel k is the source's sound delays[k] later.
+Sources take random numbers, a duration in s and delays (m,) in s, and return sound (n, m): channel k is delayed by delays[k].
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Source = Callable[[Generator, float, NDArray], NDArray]
 
 
 def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, float] = BAND_HZ) -> NDArray:
-    """Gaussian noise with a flat spectrum inside the band: sinusoids 0.5 / seconds apart with random amplitudes."""
+    """Gaussian noise with a flat spectrum inside the band: sinusoids at a distance of 0.5 / seconds, with random amplitudes."""
     count = round(seconds * RATE)
     frequencies = np.fft.rfftfreq(2 * count, 1.0 / RATE)
     inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
@@ -32,11 +32,11 @@ def flat(rng: Generator, seconds: float, delays: NDArray, band_hz: tuple[float, 
 
 
 def rotors(rng: Generator, seconds: float, delays: NDArray, decay: float = 0.5) -> NDArray:
-    """Four rotors with broadband noise of equal power per octave 10 dB below.
+    """Four rotors, and broadband noise of equal power per octave 10 dB below them.
 
-    The rotors are harmonics k of 150 to 220 Hz with amplitudes k^-decay, speeds wander by 0.3 %. A decay of 0.5 is equal
-    power per octave, the mean of the real drone recordings in shared/data (within 2 dB from 200 to 4000 Hz); 0 makes all
-    harmonics alike, as close to a nearby drone.
+    The rotors are harmonics k of 150 to 220 Hz with amplitudes k^-decay; their speeds vary by 0.3 %. A decay of 0.5 gives
+    equal power per octave, the mean of the real drone recordings in shared/data (within 2 dB from 200 to 4000 Hz); 0 gives
+    equal amplitudes, similar to a nearby drone.
     """
     count = round(seconds * RATE)
     time = np.arange(count)[:, None] / RATE - delays
@@ -59,29 +59,29 @@ bright_rotors: Source = partial(rotors, decay=0.0)
 
 
 def recordings(folder: Path) -> Source:
-    """Random stretches of the drone recordings in a folder, delayed by turning the phases of their spectrum."""
+    """A source of random excerpts of the drone recordings in a folder, delayed by phase shifts of their spectrum."""
     clips = [load_clip(path) for path in sorted(folder.glob('DRONE_*.flac'))]
 
-    def stretch(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+    def excerpt(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
         clip = clips[rng.integers(len(clips))]
         count, pad = round(seconds * RATE), RATE // 10
         start = rng.integers(len(clip) - count - 2 * pad)
-        piece = clip[start:start + count + 2 * pad]
-        frequencies = np.fft.rfftfreq(len(piece), 1.0 / RATE)
-        return _delayed(np.fft.rfft(piece), frequencies, delays, len(piece), len(piece))[pad:pad + count]
+        part = clip[start:start + count + 2 * pad]
+        frequencies = np.fft.rfftfreq(len(part), 1.0 / RATE)
+        return _delayed(np.fft.rfft(part), frequencies, delays, len(part), len(part))[pad:pad + count]
 
-    return stretch
+    return excerpt
 
 
 def load_clip(path: Path) -> NDArray:
-    """First channel (n,) of a recording at RATE."""
+    """First channel (n,) of a recording, resampled to RATE."""
     samples, rate = read_sound(path, [0])
     common = np.gcd(rate, RATE)
     return signal.resample_poly(samples[:, 0], RATE // common, rate // common)
 
 
 def add_noise(rng: Generator, sound: NDArray, snr_db: float) -> NDArray:
-    """Sound (n, m) in white noise, independent in each channel, at a signal-to-noise ratio inside BAND_HZ."""
+    """Sound (n, m) with white noise, independent in each channel, at a signal-to-noise ratio inside BAND_HZ."""
     noise = rng.normal(size=sound.shape)
     gain = np.sqrt(band_power(sound[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (-snr_db / 10.0))
     mixed = sound + gain * noise

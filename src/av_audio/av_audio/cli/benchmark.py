@@ -1,4 +1,4 @@
-"""`ros2 run av_audio benchmark [SECTION ...]`: every figure of the direction finder, against independent truth."""
+"""`ros2 run av_audio benchmark [SECTION ...]`: figures of the localizer against independent ground truth."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, ego_noise, scenes
+from av_audio.benchmark import accuracy, cost, delay, ego_rotors, scenes
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
 
 def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
-    """The figures by section; each is computed when it is asked for. Raises FileNotFoundError for absent recordings."""
+    """The figures by section, computed when iterated; these raise FileNotFoundError when recordings are missing.
+
+    Parameters:
+        count: windows per figure.
+        data: folder with the recordings.
+    """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
     if clips.is_dir():
@@ -27,7 +32,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'kemar': scenes.kemar(data),
         'room': scenes.room(clips),
         'square': scenes.square(count),
-        'own-rotors': ego_noise.ego_noise(min(count, 100)),
+        'ego-rotors': ego_rotors.ego_rotors(min(count, 100)),
         'speed': cost.speed(),
         'node': cost.node(),
         'memory': cost.memory(),
@@ -47,11 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown:
         parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(names)}')
     missed = 0
-    chosen = sections(options.trials, options.data)
+    figures = sections(options.trials, options.data)
     for name in options.sections or names:
         print(name, flush=True)
         try:
-            for figure in chosen[name]:
+            for figure in figures[name]:
                 print(figure, flush=True)
                 missed += not figure.holds
         except (FileNotFoundError, ImportError) as error:

@@ -1,8 +1,8 @@
 """`ros2 run av_audio calibrate FILE --array ARRAY.yaml --truth TRUTH.csv --output NEW.yaml`: fit an array file.
 
-The source moves through known azimuths while FILE is recorded. TRUTH.csv has a line `time,azimuth_deg` and then one row
-per instant: s since the file's beginning, degrees counter-clockwise from the array frame's x. Between the rows the azimuth
-is interpolated the short way round.
+The source moves through known azimuths while FILE is recorded. TRUTH.csv has the header `time,azimuth_deg` and one row per
+instant: s since the beginning of the file, degrees counter-clockwise from x of the array's frame. Azimuths are interpolated
+between the rows, along the shorter arc.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
 
 
 def calibrate_file(options: argparse.Namespace) -> Calibration:
-    """Fit the array to a recording. Raises OSError or ValueError that say what does not fit."""
+    """Fit the array to a recording. Raises OSError or ValueError that name what does not fit."""
     array = MicrophoneArray.load(options.array)
     times, azimuths = read_truth(options.truth)
     estimates = localize_file(options.file, search_array(array), settings_from(options), options.channels, sys.stderr.isatty(),
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog='calibrate', description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('file', help='sound file of two microphones')
-    parser.add_argument('--truth', required=True, metavar='CSV', help='where the source was: time, azimuth_deg')
+    parser.add_argument('--truth', required=True, metavar='CSV', help='azimuths of the source: time, azimuth_deg')
     parser.add_argument('--output', required=True, metavar='YAML', help='array file to write')
     add_localizer_arguments(parser)
     options = parser.parse_args(arguments)
