@@ -44,7 +44,8 @@ class PulseCard:
             ['pulseaudio', '-n', '--daemonize=no', '--exit-idle-time=-1', '--use-pid-file=no', '--system=no',
              '-L', f'module-native-protocol-unix socket={self._folder}/native auth-anonymous=1', '-L', sink],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        for _ in range(100):
+        end = time.monotonic() + 120.0  # only limits how long a failure takes
+        while time.monotonic() < end:
             if self._pactl('set-default-source', 'vmic.monitor') == 0:
                 return
             time.sleep(0.1)
@@ -66,4 +67,4 @@ class PulseCard:
     @staticmethod
     def _pactl(*arguments: str) -> int:
         return subprocess.run(['pactl', *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-                              timeout=10).returncode
+                              timeout=60).returncode
