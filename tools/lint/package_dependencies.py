@@ -30,9 +30,7 @@ IMPLICIT = {
     'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp'},  # nodes that every launch starts
 }
 # Pairs of a package and what its tests import although it needs the package.
-TESTED_TOGETHER = {
-    ('av_bags', 'av_evaluation'),    # until bags are tested without a replay
-}
+TESTED_TOGETHER: set[tuple[str, str]] = set()
 PARAMETERS = 'generate_parameter_library_py'
 
 

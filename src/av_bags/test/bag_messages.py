@@ -6,6 +6,7 @@ import math
 from contextlib import contextmanager
 from pathlib import Path
 
+import cv2
 import numpy as np
 from ament_index_python.packages import get_package_share_directory
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -99,6 +100,21 @@ def static_frames(time):
     return make('tf2_msgs/msg/TFMessage', [
         transform('base_link', 'microphones', 0.0, 0.0, 0.0, 1.0), transform('base_link', 'camera_link', 0.0, 0.0, 0.0, 1.0),
         transform('camera_link', 'camera_optical_frame', -0.5, 0.5, -0.5, 0.5)])
+
+
+def image(kind):
+    """64 by 48 pixels of an encoding, or compressed as jpeg or png."""
+    rows, columns = np.mgrid[0:48, 0:64]
+    colour = np.stack([rows * 4, columns * 3, rows + columns], -1).astype(np.uint8)
+    images = {'bgr8': colour, 'rgb8': colour[..., ::-1], 'mono8': colour[..., 0],
+                'bgra8': np.dstack([colour, colour[..., :1]]), '16UC1': colour[..., 0].astype(np.uint16) * 200,
+                'bayer_rggb8': colour[..., 0], 'yuv422_yuy2': colour[..., :2]}
+    if kind in ('jpeg', 'png'):
+        data = cv2.imencode(f'.{kind}', colour)[1].ravel()
+        return make('sensor_msgs/msg/CompressedImage', header(EPOCH, 'camera_optical_frame'), kind, data)
+    pixels = np.ascontiguousarray(images[kind])
+    return make('sensor_msgs/msg/Image', header(EPOCH, 'camera_optical_frame'), 48, 64, kind, 0,
+                     pixels.nbytes // 48, pixels.view(np.uint8).ravel())
 
 
 def sound_of(azimuth, duration, seed=0):

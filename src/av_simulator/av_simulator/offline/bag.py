@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 from tf2_msgs.msg import TFMessage
 from transforms3d.quaternions import mat2quat
 
+from av_bags.topics import FRAMES, absolute
+from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.frames import FLU_TO_OPTICAL
 from av_sim_bridge import messages
 from av_simulator.run import Step
@@ -33,11 +31,9 @@ class BagRecorder:
 
     def __init__(self, folder: Path, world: World):
         self._rig, self._rate = world.rig, world.sample_rate
-        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._writer.open()
-        types = _types()
-        self._connections = {topic: self._writer.add_connection('/' + topic.lstrip('/'), kind, typestore=types)
-                             for topic, kind in _TOPICS.items()}
+        self._writer = BagWriter(folder)
+        for topic, kind in _TOPICS.items():
+            self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
         self._write('/tf_static', EPOCH, self._static_frames())
 
     def write(self, step: Step) -> None:
@@ -64,7 +60,7 @@ class BagRecorder:
         self._writer.close()
 
     def _write(self, topic: str, time: float, message: object) -> None:
-        self._writer.write(self._connections[topic], round(time * 1e9), serialize_message(message))
+        self._writer.write(absolute(topic), round(time * 1e9), serialize_message(message))
 
     def _static_frames(self) -> TFMessage:
         rig = self._rig
@@ -79,14 +75,3 @@ class BagRecorder:
             turn.w, turn.x, turn.y, turn.z = map(float, mat2quat(rotation))
             frames.append(frame)
         return TFMessage(transforms=frames)
-
-
-def _types() -> Typestore:
-    """Definitions of all messages of the rig, from the packages' share folders."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for package in sorted({kind.split('/')[0] for kind in _TOPICS.values()}):
-        for file in sorted(Path(get_package_share_directory(package), 'msg').glob('*.msg')):
-            name = f'{package}/msg/{file.stem}'
-            if name not in store.fielddefs:
-                store.register(get_types_from_msg(file.read_text(), name))
-    return store

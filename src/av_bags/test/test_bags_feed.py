@@ -1,0 +1,61 @@
+import bag_messages as make
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image
+
+from av_bags.feed import Feed
+from av_bags.reader import Bag
+from av_bags.topics import find_topics
+from av_interfaces.msg import DoaArray
+from av_vision.image import image_from_message
+
+
+def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):
+    with make.bag(tmp_path / 'bag') as write:
+        for topic in ('/a/doa', '/b/doa', '/a/odometry'):
+            message = make.odometry(0.0) if 'odometry' in topic else make.doa(0.0, 0.1)
+            write(topic, 0.0, message)
+    with Bag(tmp_path / 'bag') as bag:
+        found = find_topics(bag, ('doa', 'odometry', 'truth/rig'))
+        assert found.topics == {'odometry': '/a/odometry'}
+        assert 'more than one topic could be doa: /a/doa, /b/doa' in found.missing['doa']
+        assert found.missing['truth/rig'] == 'no topic truth/rig (by its type /a/odometry could be it: truth/rig:=/a/odometry)'
+        assert find_topics(bag, ('doa',), namespace='b').topics == {'doa': '/b/doa'}
+        assert find_topics(bag, ('doa',), {'doa': '/a/doa'}).topics == {'doa': '/a/doa'}
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    """A bag of directions as the rig has them, and of images and poses that are to be converted."""
+    with make.bag(tmp_path / 'bag') as write:
+        write('/doa', make.EPOCH, make.doa(make.EPOCH - 0.25, 0.3))
+        write('/camera/image_raw/compressed', make.EPOCH + 0.1, make.image('png'))
+        pose = make.odometry(make.EPOCH + 0.2, x=3.0, yaw=0.5).pose.pose
+        write('/pose', make.EPOCH + 0.2, make.make('geometry_msgs/msg/PoseStamped', make.header(make.EPOCH + 0.2, 'map'), pose))
+        broken = make.image('jpeg')
+        broken.data = broken.data[:20]
+        write('/camera/image_raw/compressed', make.EPOCH + 0.3, broken)
+    with Bag(tmp_path / 'bag') as bag:
+        yield bag, {'doa': '/doa', 'camera/image_raw': '/camera/image_raw/compressed', 'odometry': '/pose'}
+
+
+def test_records_hold_messages_of_the_rigs_types(mixed):
+    bag, topics = mixed
+    feed = Feed(bag, topics)
+    doa, image, odometry = feed
+    assert (doa.name, image.name, odometry.name) == ('doa', 'camera/image_raw', 'odometry')
+    assert np.subtract([doa.arrival, image.arrival, odometry.arrival], make.EPOCH) == pytest.approx([0.0, 0.1, 0.2], abs=1e-6)
+    assert isinstance(doa.message, DoaArray) and isinstance(image.message, Image) and isinstance(odometry.message, Odometry)
+    assert doa.message.hypotheses[0].azimuth == pytest.approx(0.3)
+    assert doa.data == next(data for topic, _, data in bag.messages(['/doa']))
+    assert not image.data and not odometry.data
+    assert image_from_message(image.message).shape == (48, 64, 3)
+    assert odometry.message.pose.pose.position.x == 3.0
+    assert list(feed.problems) == ['/camera/image_raw/compressed: 20 bytes of compressed image cannot be decoded']
+
+
+def test_without_decoding_only_what_is_converted_becomes_a_message(mixed):
+    doa, image, odometry = Feed(*mixed, decode=False)
+    assert doa.message is None and doa.data
+    assert isinstance(image.message, Image) and isinstance(odometry.message, Odometry)
