@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import importlib
 import os
@@ -192,34 +191,30 @@ class TestPackageFiles:
         assert package.name == name
         assert package.licenses == ['Apache-2.0']
 
-    @pytest.mark.parametrize('name', PACKAGES)
-    def test_names_what_the_code_imports(self, name):
-        package = parse_package(str(PACKAGES[name]))
-        without_key = set(re.findall(r'^[\w-]+', (PROJECT / 'requirements.txt').read_text(), re.MULTILINE))
-        run = without_key | {dependency.name for dependency in package.exec_depends}
-        test = run | {dependency.name for dependency in package.test_depends}
-        folder = PACKAGES[name].parent
-        # used where they are installed, see docs/hearing.md and docs/evaluation.md
-        optional = {'audio_common_msgs', 'distributed'}
-        assert not {module for module in imports(folder / name) - optional if not declared(module, run)}
-        assert not {module for module in imports(folder / 'test') if not declared(module, test)}
+    def test_name_what_the_code_imports_and_one_version(self):
+        for program in ('package_dependencies', 'metadata'):
+            result = lint(program, *(file.parent for file in PACKAGES.values()))
+            assert result.returncode == 0, result.stdout
+
+    def test_what_is_missing_or_not_imported_is_named(self, tmp_path):
+        for name in ('av_common', 'av_pointing'):
+            shutil.copytree(PROJECT / 'src' / name, tmp_path / name)
+        file = tmp_path / 'av_pointing/package.xml'
+        file.write_text(file.read_text().replace('<exec_depend>av_common<', '<exec_depend>av_fusion<'))
+        result = lint('package_dependencies', tmp_path / 'av_pointing')
+        assert result.returncode == 1
+        assert 'exec_depend av_common is missing' in result.stdout
+        assert 'exec_depend av_fusion is not imported' in result.stdout
+
+    def test_tests_import_nothing_that_needs_the_package(self, tmp_path):
+        for name in ('av_common', 'av_pointing'):
+            shutil.copytree(PROJECT / 'src' / name, tmp_path / name)
+        (tmp_path / 'av_common/test/test_more.py').write_text('import av_pointing\n')
+        result = lint('package_dependencies', tmp_path / 'av_common')
+        assert result.returncode == 1
+        assert 'imports av_pointing, which needs av_common' in result.stdout
 
 
-def imports(folder):
-    """Top-level modules that the files of a folder import, other than Python's, the package's and the folder's own."""
-    found = set()
-    for file in folder.rglob('*.py'):
-        generated = file.with_suffix('.yaml').exists()
-        for node in () if generated else ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.Import):
-                found |= {name.name.split('.')[0] for name in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                found.add(node.module.split('.')[0])
-    own = {file.stem for file in folder.rglob('*.py')} | {folder.name, folder.parent.name}
-    return found - set(sys.stdlib_module_names) - own
-
-
-def declared(module, keys):
-    """Whether one of rosdep's names for a Python module is among the keys of a package.xml."""
-    unlike_the_module = {'cv2': 'python3-opencv', 'mcap': 'mcap-ros2-support'}.get(module)
-    return bool({module, f'python3-{module}', f'python3-{module}-pip', unlike_the_module} & keys)
+def lint(program, *packages):
+    command = [sys.executable, PROJECT / f'tools/lint/{program}.py', *packages]
+    return subprocess.run(command, cwd=PROJECT, text=True, capture_output=True)

@@ -4,9 +4,9 @@
 run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407): it is surer about places that no clip shows.
 
 All that is fitted here comes from the split `validation` alone. Logistic regression (Platt 1999, with the other classes'
-logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the threshold is
-the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes (of builds of
-their own), with few false drones on birds, airplanes and helicopters.
+logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the
+threshold is the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes
+(of builds of their own), with few false drones on birds, airplanes and helicopters.
 """
 
 from __future__ import annotations

@@ -24,7 +24,8 @@ EXPERIMENTS = {
 def measured_table(content: Mapping) -> str:
     """The rows of the README for the content of metrics.json."""
     lines = ['| experiment | detections from | sound alone, RMSE | sight alone, RMSE (coverage) | fused, RMSE (coverage) '
-             '| published gate, RMSE | wrong side | front/back resolved in | command |', '|---|---|---|---|---|---|---|---|---|']
+             '| published gate, RMSE | wrong side | front/back resolved in | command |',
+             '|---|---|---|---|---|---|---|---|---|']
     for name, (title, detections) in EXPERIMENTS.items():
         figures = content['experiments'].get(name)
         if figures:
