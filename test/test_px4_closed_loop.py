@@ -10,7 +10,6 @@ import pytest
 from fake_autopilot import HOLD, OFFBOARD, FakeAutopilot
 from gimbal_bench import Bench
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
@@ -20,6 +19,7 @@ from av_px4.frames import gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs, VehicleStatus
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_simulator.trajectories import Circle
 

@@ -28,6 +28,7 @@ OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'lz4', 'onnx', 'pyroa
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},
     'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp'},  # nodes that every launch starts
+    'av_simulator': {'av_fusion'},   # which installs the configuration
 }
 # Pairs of a package and what its tests import although it needs the package.
 TESTED_TOGETHER: set[tuple[str, str]] = set()

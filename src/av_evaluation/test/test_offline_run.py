@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import bearings
 from av_evaluation.experiments.offline_run import OfflineRun
@@ -13,6 +12,7 @@ from av_evaluation.metrics.metrics import figures_of, summarise
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
+from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
 

@@ -15,7 +15,6 @@ from vision_msgs.msg import Detection2DArray
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
-from av_common.config_files import find_config
 from av_common.frames import frd_to_flu
 from av_common.rig import Rig, load_rig
 from av_interfaces.msg import AudioFrame, PointingCommand
@@ -206,7 +205,9 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
 
     Raises ValueError or OSError for a rig that cannot be read.
     """
-    rig = load_rig(parameters.rig_file or find_config('rig'))
+    if not parameters.rig_file:
+        raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
+    rig = load_rig(parameters.rig_file)
     layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels, parameters.sample_rate)
     return BridgeStage(rig, layout, BridgeSettings(**{
         name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__}))

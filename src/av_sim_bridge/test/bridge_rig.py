@@ -2,6 +2,7 @@
 
 import dataclasses
 import time
+from pathlib import Path
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -15,6 +16,7 @@ from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.nodes.bridge_node import BridgeNode
 
 PATIENCE = 120.0    # s that a loaded machine may take for anything; nothing is concluded from how long it took
+RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
 TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
           'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT), 'truth/rig': (Odometry, RESULT),
           'truth/target': (Odometry, RESULT), 'truth/target_3': (Odometry, RESULT), 'imu': (Imu, STREAM),
@@ -28,7 +30,7 @@ class BridgeRig:
     def __init__(self, ports, depth_port=0):
         numbers = dataclasses.asdict(ports) | {'depth': depth_port}
         settings = {f'{name}_port': port for name, port in numbers.items()} | {
-            'oracle_detections': True, 'stale_after': 0.5, 'targets': 2}
+            'rig_file': RIG, 'oracle_detections': True, 'stale_after': 0.5, 'targets': 2}
         arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
         rclpy.init(args=['--ros-args', *arguments])
         self.node, self.listener = BridgeNode(), rclpy.create_node('listener')

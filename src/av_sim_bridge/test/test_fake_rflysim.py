@@ -2,6 +2,7 @@
 
 import math
 from collections import defaultdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ cv2 = pytest.importorskip('cv2')
 
 from fake_rflysim import FakeRflysim  # noqa: E402
 
-from av_common.config_files import find_config  # noqa: E402
 from av_common.rig import load_rig  # noqa: E402
 from av_common.stamps import to_seconds  # noqa: E402
 from av_sim_bridge.receiving.streams import StampedImage  # noqa: E402
@@ -19,6 +19,7 @@ from av_sim_bridge.stage import BridgeSettings, BridgeStage  # noqa: E402
 from av_sim_bridge.wire.audio import AudioFormat  # noqa: E402
 from av_sim_bridge.wire.ports import Ports  # noqa: E402
 
+RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
 BLOCK = 1600
 EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
 EAST = {'euler': (0.0, 0.0, math.pi / 2), 'quaternion': (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))}
@@ -28,7 +29,7 @@ class Bridge:
     """A stage behind ports: `received` holds the messages of each topic."""
 
     def __init__(self, ports):
-        self.stage = BridgeStage(load_rig(find_config('rig')), AudioFormat(), BridgeSettings(targets=2, oracle_detections=True))
+        self.stage = BridgeStage(load_rig(RIG), AudioFormat(), BridgeSettings(targets=2, oracle_detections=True))
         self.received, self.now = defaultdict(list), EPOCH
         self._handlers = {ports.audio: self._audio, ports.image: self._image, ports.rig_truth: self.stage.on_truth,
                           ports.target_truth: self.stage.on_truth, ports.target_truth + 2: self.stage.on_truth,

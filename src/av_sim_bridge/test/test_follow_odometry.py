@@ -1,6 +1,7 @@
 """A rig moved by its autopilot moves in the simulator, too: `odometry` as truth on the control port."""
 
 import socket
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,7 +60,8 @@ def following():
         control.bind(('127.0.0.1', 0))
         control.settimeout(0.05)
         settings = {f'{name}_port': port for name, port in vars(free_ports()).items()} | {
-            'control_port': control.getsockname()[1], 'follow_odometry': 'true'}
+            'control_port': control.getsockname()[1], 'follow_odometry': 'true',
+            'rig_file': Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'}
         rclpy.init(args=['--ros-args', *(text for name, value in settings.items() for text in ('-p', f'{name}:={value}'))])
         node, other = BridgeNode(), rclpy.create_node('autopilot')
         executor = rclpy.executors.SingleThreadedExecutor()

@@ -1,5 +1,7 @@
 """What the bridge decides, without sockets, threads and a clock: stamps, oracle, vehicles, commands."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +11,6 @@ pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 
 from vision_msgs.msg import Detection2DArray
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_common.stamps import to_seconds
 from av_interfaces.msg import PointingCommand
@@ -23,13 +24,14 @@ from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
 from av_sim_bridge.wire.rig_control import decode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 
+RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
 EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
 SENDER = ('127.0.0.1', 50_000)
 BLOCK, RATE = 1600, 48_000
 
 
 def make_stage(**settings):
-    return BridgeStage(load_rig(find_config('rig')), AudioFormat(), BridgeSettings(**settings))
+    return BridgeStage(load_rig(RIG), AudioFormat(), BridgeSettings(**settings))
 
 
 def delays(count, rng):

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import direction_to_angles
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator.config_files import find_config
 from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.scenario import Scenario, load_scenario
 from av_simulator.world import World

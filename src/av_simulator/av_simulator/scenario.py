@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 
 from av_common.acoustics import speed_of_sound
-from av_common.config_files import find_config
 from av_common.config_reader import bounded, load
+from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland

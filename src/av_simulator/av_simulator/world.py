@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from av_common.config_files import find_config
 from av_common.rig import Rig
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
+from av_simulator.config_files import find_config
 from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.renderer_factory import RendererFactory
 from av_simulator.rendering.scenes import Solid

@@ -17,10 +17,10 @@ pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs 
 from bridge_rig import BridgeRig  # noqa: E402
 from udp_ports import free_ports  # noqa: E402
 
-from av_common.config_files import find_config  # noqa: E402
 from av_common.stamps import to_seconds  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
 from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
+from av_simulator.config_files import find_config  # noqa: E402
 from av_simulator.run import open_world  # noqa: E402
 from av_simulator.scenario import load_scenario  # noqa: E402
 from av_simulator.simulator import Simulator, WireOptions  # noqa: E402

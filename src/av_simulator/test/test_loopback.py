@@ -12,7 +12,6 @@ from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.receiving.receiver import Receiver, open_port
 from av_sim_bridge.receiving.streams import AudioStream, ImageStream, OracleReport, StampedImage, TruthStream
@@ -20,6 +19,7 @@ from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
+from av_simulator.config_files import find_config
 from av_simulator.rendering.scenes import Field, Woodland
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.simulator import Simulator, WireOptions

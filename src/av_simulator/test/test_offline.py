@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from av_common.config_files import find_config
 from av_simulator.cli import simulate, simulator
+from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import open_world, steps
 from av_simulator.scenario import RigMotion, load_scenario

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
+from av_simulator.config_files import find_config
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.camera_effects import CameraEffects, motion_blurred
 from av_simulator.rendering.flat_renderer import FlatRenderer

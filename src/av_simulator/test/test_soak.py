@@ -7,9 +7,9 @@ import pytest
 from test_loopback import Listener
 from udp_ports import free_offset, free_ports
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.wire.audio import AudioFormat
+from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
 from av_simulator.world import World

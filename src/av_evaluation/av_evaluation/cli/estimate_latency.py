@@ -7,13 +7,13 @@ import sys
 from pathlib import Path
 
 from av_bags.reader import Bag
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.calibration.latency import estimate_offset
 from av_fusion.filter.tracker import BayesTracker
+from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
 

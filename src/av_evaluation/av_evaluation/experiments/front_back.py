@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from av_common.angles import wrap
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.tracker import BayesSettings, BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
+from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, Target, Weather
 from av_simulator.sound import Ground

@@ -19,7 +19,6 @@ from av_bags.reader import FOREVER, Bag
 from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
 from av_common.camera import PinholeCamera
-from av_common.config_files import find_config
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import Rig, load_rig
@@ -36,6 +35,7 @@ from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import make_fusion_stage
 from av_pointing.stage import make_pointing_stage
+from av_simulator.config_files import find_config
 from av_vision.from_parameters import make_detector
 
 STAGES = ('raw', 'doa', 'bearing')

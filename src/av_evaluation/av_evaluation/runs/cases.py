@@ -18,7 +18,7 @@ import av_pointing
 import av_sim_bridge
 import av_simulator
 import av_vision
-from av_common.config_files import find_config
+from av_simulator.config_files import find_config
 from av_vision.models import shipped_model
 
 PACKAGES = (av_audio, av_bags, av_common, av_evaluation, av_fusion, av_pointing, av_sim_bridge, av_simulator, av_vision)

@@ -16,7 +16,6 @@ from av_audio.localizer import METHODS as ESTIMATORS
 from av_audio.localizer import LocalizerSettings
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
-from av_common.config_files import find_config
 from av_common.config_reader import read
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
@@ -31,6 +30,7 @@ from av_evaluation.runs.cases import Case
 from av_evaluation.runs.recording import Recording
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
+from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario
 from av_vision.models import shipped_model
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from av_common.config_files import find_config, shipped
+from av_simulator.config_files import find_config, shipped
 from av_simulator.run import BLOCKS_PER_SECOND, open_world
 from av_simulator.world import World
 

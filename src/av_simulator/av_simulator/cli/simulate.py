@@ -10,9 +10,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_simulator.cli.arguments import not_negative, positive, renamed, seed
+from av_simulator.config_files import find_config
 from av_simulator.offline.files import FileRecorder
 from av_simulator.run import steps
 from av_simulator.scenario import load_scenario

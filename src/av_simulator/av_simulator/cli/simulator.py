@@ -8,10 +8,10 @@ import signal
 import sys
 from dataclasses import asdict
 
-from av_common.config_files import find_config
 from av_common.rig import load_rig
 from av_sim_bridge.wire.ports import Ports
 from av_simulator.cli.arguments import not_negative, port_offset, positive, renamed, seed
+from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
 from av_simulator.world import World, standing_at, with_recording

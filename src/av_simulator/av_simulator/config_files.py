@@ -1,4 +1,4 @@
-"""Where the shipped configuration lies."""
+"""The shipped configuration: rigs, scenarios and drones by their names."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from av_common.config_reader import ConfigError
 def find_config(name: str, folder: str = '') -> Path:
     """A file by path, or a shipped one by name from `folder` of config/. Raises ConfigError naming what there is.
 
-    config/ is searched in `$AV_CONFIG`, in the installed av_fusion, and in the source tree.
+    Searched are `$AV_CONFIG`, the configuration that av_fusion installs, and config/ of the source tree, in this order.
     """
     direct = Path(name).expanduser()
     if direct.suffix and direct.is_file():
