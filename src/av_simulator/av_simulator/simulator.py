@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +34,37 @@ log = logging.getLogger('simulator')
 RIG_ID = 1
 
 
+class Clock(Protocol):
+    """What paces a simulator: the module `time`, or a clock of a test."""
+
+    def monotonic(self) -> float:
+        """Seconds, never backwards."""
+
+    def time(self) -> float:
+        """Unix time in s."""
+
+    def sleep(self, seconds: float, /) -> None:
+        """Let time pass."""
+
+
 @dataclass(frozen=True)
 class WireOptions:
-    """What goes where and how.
+    """What is sent where, and in which layout.
 
-    audio_header: put this project's header before the sound, so that loss is known exactly.  image_frame_ids: send
-    RFlySim's new image header instead of the old.  short_truth: RFlySim's short layout.
+    Parameters:
+        host: receiver of all streams but the time sync.
+        ports: UDP ports of the streams.
+        sample_format: `s16le` or `f32le`.
+        audio_header: put this project's header before the sound, so that loss is known exactly.
+        image_frame_ids: send RFlySim's new image header instead of the old one.
+        short_truth: send RFlySim's short layout of truth.
+        block_rate (Hz): audio datagrams.
+        image_rate (Hz): images, 0 for none.
+        truth_rate (Hz): truth and IMU.
+        jpeg_quality (0 to 100): of the images.
+        depth: send the depth of every image on the next port.
+        renderer: see `RendererFactory.make`.
+        speed: of real time.
     """
 
     host: str = '127.0.0.1'
@@ -47,13 +73,13 @@ class WireOptions:
     audio_header: bool = False
     image_frame_ids: bool = False
     short_truth: bool = False
-    block_rate: int = 30       # sound datagrams a second
+    block_rate: int = 30
     image_rate: float = 15.0
     truth_rate: int = 100
     jpeg_quality: int = 85
-    depth: bool = False        # beside every image, on the next port
+    depth: bool = False
     renderer: str = 'auto'
-    speed: float = 1.0         # of real time
+    speed: float = 1.0
 
 
 @dataclass
@@ -72,17 +98,26 @@ class SimulatorCounts:
 
 
 class Simulator:
-    """Runs a world in real time. `run` returns after the duration or when `stop` is called from any thread."""
+    """Runs a world in real time. `run` returns after the duration or when `stop` is called from any thread.
+
+    Parameters:
+        world: what is simulated.
+        options: what is sent where.
+        clock: what paces it.
+        send: takes each datagram and its address (host, port); by default a UDP socket.
+    """
 
     LATE = 0.1        # s behind real time from which a block counts as late
     HOPELESS = 1.0    # s behind real time after which the schedule begins anew
 
-    def __init__(self, world: World, options: WireOptions = WireOptions()):
+    def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
+                 send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
         self.world, self.options, self.counts = world, options, SimulatorCounts()
         self._layout = AudioFormat(options.sample_format, world.rig.array.geometry.channels, world.sample_rate)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+        self._clock, self._send_to = clock, send or self._socket.sendto
         self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._control.bind(('', options.ports.control))
@@ -142,9 +177,9 @@ class Simulator:
 
     def _wait_for_begin(self) -> tuple[float, int]:
         """Monotonic time in s and Unix time in ms at which the world begins."""
-        while self._begin is not None and (remaining := self._begin - time.time()) > 0 and not self._stopped:
-            time.sleep(min(remaining, 0.1))
-        return time.monotonic(), time.time_ns() // 1_000_000
+        while self._begin is not None and (remaining := self._begin - self._clock.time()) > 0 and not self._stopped:
+            self._clock.sleep(min(remaining, 0.1))
+        return self._clock.monotonic(), int(1e3 * self._clock.time())
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
         """What is to be sent at which time in (begin, end], in order."""
@@ -164,13 +199,13 @@ class Simulator:
             if self._renderer is not None and self._renderer.busy:
                 self._send_images(self._renderer.ready(left))
             else:
-                time.sleep(left)
+                self._clock.sleep(left)
             if self._stopped or self._lag(moment) >= 0.0:
                 return not self._stopped
 
     def _lag(self, moment: float) -> float:
         """Seconds by which the world's time is behind the wall's."""
-        return time.monotonic() - self._start - moment / self.options.speed
+        return self._clock.monotonic() - self._start - moment / self.options.speed
 
     def _watch_lag(self, moment: float) -> None:
         lag = self._lag(moment)
@@ -211,7 +246,7 @@ class Simulator:
             self.counts.lost_on_purpose += 1
             return
         try:
-            self._socket.sendto(datagram, (host or self.options.host, port))
+            self._send_to(datagram, (host or self.options.host, port))
         except OSError as error:
             self.counts.unsent += 1
             if self.counts.unsent == 1:

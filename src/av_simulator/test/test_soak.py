@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from test_loopback import Listener
+from test_simulator import Listener
 from udp_ports import free_offset, free_ports
 
 from av_common.rig import load_rig
