@@ -38,12 +38,12 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
     for split in ('validation', 'test_clip', 'test_scene'):
         results = detect_all(detector, data, split)
         clip, sizes = np.array([result.clip for result in results]), sizes_of_drones(data, split)
-        for still in (True, False):
-            m = measure(results, detector, still)
+        for fused in (False, True):
+            m = measure(results, detector, fused)
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
                        m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),
                        m.calibration_error())
-            print(f'{split:10} {"by themselves" if still else "in time":13} {len(results):6} {m.drones.sum():6}  '
+            print(f'{split:10} {"in time" if fused else "by themselves":13} {len(results):6} {m.drones.sum():6}  '
                   + '  '.join(f'{figure:.3f}' for figure in figures))
             wrong = np.unique(m.frames[(m.scores >= threshold) & ~m.hits])
             for kind in ('BIRD', 'AIRPLANE', 'HELICOPTER'):
@@ -55,7 +55,7 @@ def real(detector: Detector, threshold: float, data: Path, clips: bool) -> None:
                 if mine.any():
                     share = mine[right].sum() / mine.sum()
                     print(f'           drones of {low:3}-{high:3} px: found {share:.3f} of {mine.sum()}')
-            for name in np.unique(clip) if clips and not still else ():
+            for name in np.unique(clip) if clips and fused else ():
                 mine = clip == name
                 print(f'           {name:17} found in {mine[right].sum():3}, false in {mine[wrong].sum():3} of {mine.sum():3}')
 

@@ -5,7 +5,11 @@ run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407)
 
 All that is fitted here comes from the split `validation` alone. Logistic regression (Platt 1999, with the other classes'
 logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the
+<<<<<<< HEAD
 threshold is the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes
+=======
+threshold is the best for the clips as a rig sees them, in time (`av_vision.score_fusion`), and for rendered drones of all sizes
+>>>>>>> 75982c2 (Vision: one detection stage, messages in one place, the field's terms)
 (of builds of their own), with few false drones on birds, airplanes and helicopters.
 """
 
@@ -31,9 +35,9 @@ from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
 
-from av_vision.evidence import EvidenceModel, logit
+from av_vision.detections import suppress
+from av_vision.score_fusion import ScoreFusionModel, logit
 from av_vision.yolo import Detector, DetectorSettings
-from av_vision.yolo.detections import suppress
 from av_vision.yolo.letterbox import letterbox, to_tensor
 
 INPUT = 1280  # pixels of the longer side: enlarged, what is small is told apart better
@@ -43,7 +47,7 @@ FALSE = 0.05  # share of images without a drone that may show one
 # How the images of one thing belong together. Fitted once, to an earlier network's validation tracks, and held: of few clips
 # of known places it learns to be too sure at new ones (model card). Beyond 2 s memory changes the likelihood by less than 1 %;
 # the shorter it is, the sooner a mind is changed.
-EVIDENCE = EvidenceModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
+SCORE_FUSION = ScoreFusionModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
 
 
 class Decoded(nn.Module):
@@ -162,19 +166,19 @@ def main() -> None:
     write(Decoded(network, mixing, shift), args.out, metadata)
     # What the other classes take away in suppression changes the odds a little: once more, for all alike.
     first = Detector(args.out, low)
-    alone = measure(detect_all(first, args.data, 'validation'), first, still=True)
+    alone = measure(detect_all(first, args.data, 'validation'), first, temporal_fusion=False)
     gain, more = fit(logit(alone.scores)[:, None], alone.hits)
     mixing, shift = gain[0] * mixing, gain[0] * shift + more
-    metadata['evidence'] = json.dumps(asdict(EVIDENCE))
+    metadata['score_fusion'] = json.dumps(asdict(SCORE_FUSION))
     write(Decoded(network, mixing, shift), args.out, metadata)
-    final = Detector(args.out, replace(low, score_threshold=EVIDENCE.floor))  # as on a rig
+    final = Detector(args.out, replace(low, score_threshold=SCORE_FUSION.floor))  # as on a rig
     results = detect_all(final, args.data, 'validation')
     results += rendered(final, frames, build_bank(args.cache, 'validation')['drone'])
     result = measure(results, final)
     metadata['score_threshold'] = str(choose_threshold(result))
     write(Decoded(network, mixing, shift), args.out, metadata)
     print(f'{args.out}: {args.out.stat().st_size / 1e6:.1f} MB, steps {steps}, weights {np.round(mixing[0], 3)}, '
-          f'shift {shift:.3f}, evidence {metadata["evidence"]}, threshold {metadata["score_threshold"]}')
+          f'shift {shift:.3f}, score fusion {metadata["score_fusion"]}, threshold {metadata["score_threshold"]}')
     for t in (float(metadata['score_threshold']), 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
         print(f'  at {t}: F1 {result.f1(t):.3f}, with false frames {result.f1(t, everywhere=True):.3f}, '
               f'recall {result.recall(t):.3f}, false frames {result.false_frames(t):.3f}')

@@ -11,9 +11,9 @@ from clips import PADDING, clips_of, film
 from material import standing_out
 from numpy.typing import NDArray
 
-from av_vision.watching import Watcher
+from av_vision.detections import Candidates
+from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
-from av_vision.yolo.detections import Candidates
 
 STANDS_OUT = 20.0  # of 255, from the colour of the sky
 
@@ -129,14 +129,14 @@ def detect_all(detector: Detector, data: Path, split: str) -> list[FrameResult]:
             for clip in clips_of(data, split) for time, image, truth in film(data, clip)]
 
 
-def measure(results: list[FrameResult], detector: Detector, still: bool = False) -> Measurement:
-    """What the detector reports: with time as the rig does it, or `still`, each image by itself."""
+def measure(results: list[FrameResult], detector: Detector, temporal_fusion: bool = True) -> Measurement:
+    """What the detector reports: with `temporal_fusion` as on the rig, or each image by itself."""
     scores, overlaps, offsets, frames = [], [], [], []
     clip = ''
     for i, result in enumerate(results):
         if result.clip != clip:
-            clip, watcher = result.clip, Watcher(detector, still=still)
-        found, _ = watcher.judge(result.seen, result.time)
+            clip, temporal = result.clip, TemporalDetector(detector, temporal_fusion=temporal_fusion)
+        found, _ = temporal.fuse(result.seen, result.time)
         overlap, offset = match(found.boxes, result.drones)
         scores.append(found.scores)
         overlaps.append(overlap)

@@ -23,7 +23,7 @@ from av_common.clock import SenderClock
 from av_common.frames import yaw_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
-from av_vision.image import encoding_of, fill_message, image_from_message
+from av_vision.messages import image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
 # A stamp that far from where the samples so far would put it is a gap in the sound.
@@ -133,7 +133,7 @@ class Poses:
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
     """A CompressedImage as Image. Raises ValueError when it is no image."""
     image = image_from_message(message)
-    return [fill_message(Image(header=message.header), image, encoding_of(image))]
+    return [image_message(message.header, image)]
 
 
 def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:

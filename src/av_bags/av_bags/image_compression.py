@@ -9,7 +9,7 @@ import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
-from av_vision.image import encoding_of, image_from_message
+from av_vision.messages import encoding_of, image_from_message
 
 
 def compress(data: bytes, quality: int) -> bytes:

@@ -15,7 +15,7 @@ from av_bags.nodes.recorder_node import RecorderNode
 from av_bags.reader import Bag
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, Bearing
-from av_vision.image import fill_message, image_from_message
+from av_vision.messages import image_from_message, image_message
 
 pytestmark = pytest.mark.system
 
@@ -108,7 +108,7 @@ def test_images_are_recorded_raw_or_small_or_not_at_all(rig, tmp_path, images, t
     bearing = rig.sender.create_publisher(Bearing, 'target/bearing', RESULT)
     rows, columns = np.mgrid[0:48, 0:64]
     image = np.stack([rows * 4, columns * 3, rows + columns], -1).astype(np.uint8)
-    message = fill_message(Image(header=Header(frame_id='camera_optical_frame')), image, 'bgr8')
+    message = image_message(Header(frame_id='camera_optical_frame'), image, 'bgr8')
     if topic:
         rig.publish(publisher, [message] * 3)
     rig.publish(bearing, [Bearing()] * 3)

@@ -9,16 +9,17 @@ import numpy as np
 from geometry_msgs.msg import Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, Imu
+from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
-from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+from vision_msgs.msg import Detection2DArray
 
-from av_common.camera import PinholeCamera
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.oracle import OracleBox
+from av_vision.detections import Detections
+from av_vision.messages import detections_message
 
 
 def audio_message(header: Header, sample_rate: int, first_sample: int, samples: NDArray) -> AudioFrame:
@@ -26,25 +27,6 @@ def audio_message(header: Header, sample_rate: int, first_sample: int, samples: 
     message = AudioFrame(header=header, sample_rate=sample_rate, channels=samples.shape[1], first_sample=first_sample)
     message.samples = array.array('f', np.ascontiguousarray(samples, np.float32).tobytes())
     return message
-
-
-def image_message(header: Header, picture: NDArray) -> Image:
-    """A picture (height, width, 3) uint8, BGR, or depth (height, width) uint16 in mm."""
-    height, width = picture.shape[:2]
-    message = Image(header=header, height=height, width=width, encoding='bgr8' if picture.ndim == 3 else '16UC1',
-                    step=picture.nbytes // height)
-    message.data = array.array('B', picture.tobytes())
-    return message
-
-
-def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
-    """The camera's calibration."""
-    projection = np.column_stack([camera.matrix, np.zeros(3)])
-    distortion = camera.distortion or (0.0,) * 5
-    model = 'plumb_bob' if len(distortion) <= 5 else 'rational_polynomial'
-    return CameraInfo(header=header, height=camera.height, width=camera.width, distortion_model=model,
-                      d=list(distortion), k=camera.matrix.ravel().tolist(), r=np.eye(3).ravel().tolist(),
-                      p=projection.ravel().tolist())
 
 
 def odometry_message(header: Header, child_frame: str, state: VehicleState) -> Odometry:
@@ -79,20 +61,11 @@ def imu_message(header: Header, acceleration_flu: NDArray, rate_flu: NDArray) ->
     return message
 
 
-def detections_message(header: Header, boxes: list[OracleBox]) -> Detection2DArray:
+def oracle_detections_message(header: Header, boxes: list[OracleBox]) -> Detection2DArray:
     """The oracle's boxes, marked as the oracle's; empty when nothing was seen."""
-    return Detection2DArray(header=header, detections=[_detection(header, box) for box in boxes])
-
-
-def _detection(header: Header, box: OracleBox) -> Detection2D:
-    detection = Detection2D(header=header, id='oracle')
-    detection.bbox.center.position.x = (box.min_x + box.max_x) / 2
-    detection.bbox.center.position.y = (box.min_y + box.max_y) / 2
-    detection.bbox.size_x, detection.bbox.size_y = box.max_x - box.min_x, box.max_y - box.min_y
-    result = ObjectHypothesisWithPose()
-    result.hypothesis.class_id, result.hypothesis.score = 'drone', box.score
-    detection.results = [result]
-    return detection
+    corners = np.array([(box.min_x, box.min_y, box.max_x, box.max_y) for box in boxes]).reshape(-1, 4)
+    detections = Detections(corners, np.array([box.score for box in boxes]), ('drone',) * len(boxes))
+    return detections_message(header, detections, ('oracle',) * len(boxes))
 
 
 def make_header(stamp: float, frame: str) -> Header:

@@ -35,6 +35,7 @@ from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
+from av_vision.messages import camera_info_message, image_message
 
 LONGEST_BLOCK = 4800   # samples of each channel in one message
 Output = tuple[str, Any]    # topic and message
@@ -122,7 +123,7 @@ class BridgeStage:
         if not self._settings.oracle_detections:
             return None
         header = messages.make_header(result.stamp, self._rig.camera.optical_frame)
-        return messages.detections_message(header, result.boxes)
+        return messages.oracle_detections_message(header, result.boxes)
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
         """A complete depth image, still encoded. Raises WireError."""
@@ -134,13 +135,13 @@ class BridgeStage:
         bgr = messages.decode_image(stamped.image.data)
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
         height, width = bgr.shape[:2]
-        calibration = messages.camera_info_message(header, self._rig.camera.model.scaled(width, height))
-        return [('camera/image_raw', messages.image_message(header, bgr)), ('camera/camera_info', calibration)]
+        calibration = camera_info_message(header, self._rig.camera.model.scaled(width, height))
+        return [('camera/image_raw', image_message(header, bgr)), ('camera/camera_info', calibration)]
 
     def decode_depth(self, stamped: StampedImage) -> list[Output]:
         """The depth image. Raises ValueError for what is none."""
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
-        return [('camera/depth/image_raw', messages.image_message(header, messages.decode_depth(stamped.image.data)))]
+        return [('camera/depth/image_raw', image_message(header, messages.decode_depth(stamped.image.data)))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The true state of rig or target; nothing for a vehicle of another number. Raises WireError."""

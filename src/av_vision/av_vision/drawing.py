@@ -1,4 +1,4 @@
-"""Detections drawn into a picture, for people."""
+"""Detections drawn into an image."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from av_vision.detections import Detections
 from av_vision.image import to_bgr8
-from av_vision.yolo.detections import Detections
 
 GREEN = (80, 220, 60)
 
 
-def draw(image: NDArray, detections: Detections, tracks: Sequence[int]) -> NDArray[np.uint8]:
-    """A copy of a picture with a box and `class score #track` for each detection."""
+def draw(image: NDArray, detections: Detections, tracks: Sequence[int | str]) -> NDArray[np.uint8]:
+    """A copy of an image with a box and `class score #track` for each detection."""
     canvas = to_bgr8(image).copy()
     rows = zip(np.rint(detections.boxes).astype(int).tolist(), detections.class_names, detections.scores, tracks,
                strict=True)

@@ -1,4 +1,4 @@
-"""The hand-over from a fast giver to a slow taker without a queue."""
+"""Hand-over from a fast producer to a slow consumer without a queue."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Latest(Generic[Item]):
         self._changed = threading.Condition()
 
     def put(self, item: Item) -> None:
-        """Give the newest item; never waits for the taker."""
+        """Give the newest item; never waits for the consumer."""
         with self._changed:
             self.dropped += self._item is not None
             self._item = item
@@ -32,7 +32,7 @@ class Latest(Generic[Item]):
             return None if self._closed else item
 
     def close(self) -> None:
-        """Let the taker go."""
+        """End the consumer's wait."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

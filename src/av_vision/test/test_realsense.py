@@ -25,15 +25,15 @@ def test_colour_depth_intrinsics_and_stamps(camera):
     source = RealSenseSource(device=camera.device, depth=True, on_motion=lambda *sample: motion.append(sample))
     source.open()
     camera.start()
-    pictures = [source.read() for _ in range(8)]
+    images = [source.read() for _ in range(8)]
     source.close()
-    assert pictures[0].image.shape == (480, 640, 3)
-    assert np.median(pictures[0].depth) == DEPTH_MM
-    assert (pictures[0].camera.fx, pictures[0].camera.cy) == (605.0, 243.0)
-    steps = np.diff([picture.time for picture in pictures])
-    frames = np.diff([int(picture.image[0, 0, 0]) for picture in pictures])
+    assert images[0].pixels.shape == (480, 640, 3)
+    assert np.median(images[0].depth) == DEPTH_MM
+    assert (images[0].camera.fx, images[0].camera.cy) == (605.0, 243.0)
+    steps = np.diff([image.time for image in images])
+    frames = np.diff([int(image.pixels[0, 0, 0]) for image in images])
     assert steps == pytest.approx(frames / RATE, abs=0.02)
-    assert abs(pictures[-1].time - time.time()) < 1.0
+    assert abs(images[-1].time - time.time()) < 1.0
     assert motion[-1][1] == pytest.approx((0.1, 0.2, 0.3))
     assert motion[-1][2] == pytest.approx((0.0, -9.81, 0.0))
 
@@ -48,16 +48,16 @@ def test_without_depth_or_motion_they_are_left_alone(camera):
 
 def test_a_camera_that_falls_silent_is_told_and_taken_up_again(camera, monkeypatch):
     monkeypatch.setattr('av_vision.sources.realsense.TIMEOUT_MS', 300)
-    pictures = []
-    capture = Capture(RealSenseSource(device=camera.device), pictures.append, retry_s=0.1)
+    images = []
+    capture = Capture(RealSenseSource(device=camera.device), images.append, retry_s=0.1)
     camera.start()
     capture.start()
-    wait_for(lambda: len(pictures) > 3)
+    wait_for(lambda: len(images) > 3)
     camera.stop()
     wait_for(lambda: 'no more frames' in capture.problem)
-    before = len(pictures)
+    before = len(images)
     camera.start()
-    wait_for(lambda: len(pictures) > before + 3 and not capture.problem)
+    wait_for(lambda: len(images) > before + 3 and not capture.problem)
     capture.stop()
     assert capture.reconnections >= 1
 
@@ -75,7 +75,7 @@ def test_a_recording_plays_like_the_camera(camera, tmp_path):
     replay.open()
     played = replay.read()
     replay.close()
-    assert played.image.shape == live[0].image.shape
+    assert played.pixels.shape == live[0].pixels.shape
     assert played.camera == live[0].camera
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from av_vision.sources import Capture, Picture, SourceError
+from av_vision.sources import Capture, CapturedImage, SourceError
 from av_vision.sources.files import FileSource, Recording
 from av_vision.sources.v4l2 import DeviceSource
 
@@ -42,10 +42,10 @@ def test_stamps_are_the_start_and_the_time_in_the_file(video):
     source = FileSource(video, now=time.time)
     source.open()
     started = time.time()
-    pictures = list(iter(source.read, None))
-    assert [p.time - pictures[0].time for p in pictures] == pytest.approx(np.arange(20) / 50.0, abs=1e-6)
-    assert pictures[0].time == pytest.approx(started, abs=0.05)
-    assert time.time() >= pictures[-1].time
+    images = list(iter(source.read, None))
+    assert [p.time - images[0].time for p in images] == pytest.approx(np.arange(20) / 50.0, abs=1e-6)
+    assert images[0].time == pytest.approx(started, abs=0.05)
+    assert time.time() >= images[-1].time
 
 
 def test_a_loop_goes_on_in_time(video):
@@ -122,7 +122,7 @@ def test_a_device_is_configured_and_its_stamps_are_of_the_capture(monkeypatch):
 
 
 class Unplugged:
-    """Gives three pictures, is lost, refuses to open twice, and comes back."""
+    """Gives three images, is lost, refuses to open twice, and comes back."""
 
     def __init__(self):
         self.openings, self.left = 0, 0
@@ -138,19 +138,19 @@ class Unplugged:
             raise SourceError('unplugged')
         self.left -= 1
         time.sleep(0.01)
-        return Picture(np.zeros((2, 2), np.uint8), time.time())
+        return CapturedImage(np.zeros((2, 2), np.uint8), time.time())
 
     def close(self):
         self.left = 0
 
 
 def test_unplugging_is_survived():
-    pictures = []
-    capture = Capture(Unplugged(), pictures.append, retry_s=0.05)
+    images = []
+    capture = Capture(Unplugged(), images.append, retry_s=0.05)
     capture.start()
     end = time.monotonic() + 5.0
-    while len(pictures) < 6 and time.monotonic() < end:
+    while len(images) < 6 and time.monotonic() < end:
         time.sleep(0.01)
     capture.stop()
-    assert len(pictures) >= 6
+    assert len(images) >= 6
     assert capture.reconnections >= 3

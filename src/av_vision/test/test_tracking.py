@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from av_vision.evidence import EvidenceModel
+from av_vision.detections import Candidates
+from av_vision.score_fusion import ScoreFusionModel
 from av_vision.tracking import BEGIN, Tracker
-from av_vision.yolo.detections import Candidates
 
-MEMORY = EvidenceModel(memory_s=3.0, floor=0.02)
+MEMORY = ScoreFusionModel(memory_s=3.0, floor=0.02)
 
 
 def seen(*centres, size=20.0, drone=0.9, bird=0.05):
@@ -66,9 +66,9 @@ def test_with_a_memory_weak_boxes_only_continue():
 def test_a_missed_picture_speaks_against_the_thing():
     tracker = Tracker(model=MEMORY)
     (track,) = tracker.update(seen((100, 100)), 0.0)
-    before = track.evidence.probabilities()[0]
+    before = track.scores.probabilities()[0]
     tracker.update(seen(), 0.1)
-    assert track.evidence.probabilities()[0] < before
+    assert track.scores.probabilities()[0] < before
 
 
 def test_time_that_runs_backwards_begins_anew():
@@ -76,4 +76,4 @@ def test_time_that_runs_backwards_begins_anew():
     assert numbers(tracker, seen((100, 100)), 10.0) == [1]
     assert numbers(tracker, seen((100, 100)), 0.0) == [2]
     with pytest.raises(ValueError, match='correlation is 2'):
-        EvidenceModel(correlation=2.0)
+        ScoreFusionModel(correlation=2.0)

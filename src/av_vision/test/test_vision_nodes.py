@@ -11,15 +11,17 @@ rclpy = pytest.importorskip('rclpy', reason='needs a ROS 2 environment')
 pytest.importorskip('av_vision.nodes.camera_node_parameters', reason='needs the workspace to be built')
 
 import yolo_models  # noqa: E402
+from builtin_interfaces.msg import Time  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image  # noqa: E402
+from std_msgs.msg import Header  # noqa: E402
 from vision_msgs.msg import Detection2DArray  # noqa: E402
 
 from av_common.qos import PICTURE, RESULT  # noqa: E402
 from av_interfaces.msg import Visibility  # noqa: E402
-from av_vision.image import fill_message, image_from_message  # noqa: E402
+from av_vision.messages import image_from_message, image_message  # noqa: E402
 from av_vision.nodes.camera_node import CameraNode  # noqa: E402
 from av_vision.nodes.detector_node import DetectorNode  # noqa: E402
 
@@ -73,10 +75,9 @@ def model(tmp_path):
     return str(yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"}))
 
 
-def picture(stamp=5, encoding='bgr8', image=None):
-    message = fill_message(Image(), np.zeros((416, 416, 3), np.uint8) if image is None else image, encoding)
-    message.header.stamp.sec, message.header.frame_id = stamp, 'camera_optical_frame'
-    return message
+def image_at(stamp=5, encoding='bgr8', image=None):
+    header = Header(stamp=Time(sec=stamp), frame_id='camera_optical_frame')
+    return image_message(header, np.zeros((416, 416, 3), np.uint8) if image is None else image, encoding)
 
 
 def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
@@ -103,7 +104,7 @@ def test_detections_carry_header_names_and_ids(rig, model):
     node = rig.start(DetectorNode, model=model)
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    images.publish(picture(7))
+    images.publish(image_at(7))
     rig.spin_until(lambda: found and seen)
     array = found[0]
     assert (array.header.stamp.sec, array.header.frame_id) == (7, 'camera_optical_frame')
@@ -115,7 +116,7 @@ def test_detections_carry_header_names_and_ids(rig, model):
     assert (drone.bbox.center.position.x, drone.bbox.center.position.y) == pytest.approx((128.0, 180.0))
     assert (drone.bbox.size_x, drone.bbox.size_y) == pytest.approx((64.0, 40.0))
     assert seen[0].header == array.header
-    assert seen[0].visibility == 0.0  # a black picture shows nothing
+    assert seen[0].visibility == 0.0  # a black image shows nothing
 
 
 def test_nothing_seen_is_an_empty_array(rig, tmp_path):
@@ -124,37 +125,37 @@ def test_nothing_seen_is_an_empty_array(rig, tmp_path):
     node = rig.start(DetectorNode, model=str(blind))
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    images.publish(picture(9))
+    images.publish(image_at(9))
     rig.spin_until(lambda: found)
     assert found[0].header.stamp.sec == 9
     assert not found[0].detections
 
 
-def test_unusable_pictures_are_told_and_the_next_is_looked_at(rig, model):
+def test_unusable_images_are_reported_and_the_next_is_used(rig, model):
     found, status = rig.collect(Detection2DArray, 'detections', RESULT), rig.collect(DiagnosticArray, '/diagnostics', 10)
     node = rig.start(DetectorNode, model=model)
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    wrong = picture(1)
+    wrong = image_at(1)
     wrong.encoding = 'pink9'
     images.publish(wrong)
     rig.spin_until(lambda: any('pink9' in one.message for message in status for one in message.status))
-    for k, message in enumerate([picture(2, 'mono8', np.zeros((416, 416), np.uint8)),
-                                 picture(3, '16UC1', np.zeros((416, 416), np.uint16))]):
+    for k, message in enumerate([image_at(2, 'mono8', np.zeros((416, 416), np.uint8)),
+                                 image_at(3, '16UC1', np.zeros((416, 416), np.uint16))]):
         images.publish(message)
         rig.spin_until(lambda: len(found) == k + 1)  # noqa: B023
     assert all(len(message.detections) == 1 for message in found)
 
 
-def test_only_the_newest_picture_waits(rig, model, monkeypatch):
+def test_only_the_newest_image_waits(rig, model, monkeypatch):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=model)
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    look = node._detector.candidates
-    monkeypatch.setattr(node._detector, 'candidates', lambda *given: (time.sleep(0.3), look(*given))[1])
+    look = node._stage.detector.detector.candidates
+    monkeypatch.setattr(node._stage.detector.detector, 'candidates', lambda *given: (time.sleep(0.3), look(*given))[1])
     for stamp in range(1, 31):
-        images.publish(picture(stamp))
+        images.publish(image_at(stamp))
         rig.executor.spin_once(timeout_sec=0.02)
     rig.spin_until(lambda: found and found[-1].header.stamp.sec >= 29)
     assert len(found) < 15
@@ -162,7 +163,7 @@ def test_only_the_newest_picture_waits(rig, model, monkeypatch):
     assert node._latest.dropped > 10
 
 
-def test_compressed_pictures_and_the_debug_picture_on_demand(rig, model):
+def test_compressed_images_and_the_debug_image_on_demand(rig, model):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=model, compressed=True)
     images = rig.observer.create_publisher(CompressedImage, 'camera/image_raw/compressed', PICTURE)

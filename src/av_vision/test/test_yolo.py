@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import yolo_models
 
+from av_vision.detections import suppress
 from av_vision.yolo import Detector, DetectorSettings, ModelError
-from av_vision.yolo.detections import suppress
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
 LAYOUTS = ['yolox_raw', 'yolox', 'v8', 'v5', 'end_to_end']
@@ -69,22 +69,28 @@ def test_dynamic_input_takes_the_size_asked_for(tmp_path):
 
 
 @pytest.mark.parametrize('times', [1, 2, 4])
-def test_boxes_are_as_loose_in_any_picture_as_they_are_in_the_input(tmp_path, times):
-    path = yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'margin': '[20, 18]'})
+def test_boxes_are_padded_in_any_image_as_they_are_in_the_input(tmp_path, times):
+    path = yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'padding': '[20, 18]'})
     found = Detector(path).detect(np.zeros((416 * times, 416 * times, 3), np.uint8))
-    told = np.array([box[:4] for box in yolo_models.TRUTH])
-    tight = told + 0.5 * np.array([20, 18, -20, -18])
+    given = np.array([box[:4] for box in yolo_models.TRUTH])
+    tight = given + 0.5 * np.array([20, 18, -20, -18])
     assert found.boxes == pytest.approx(times * tight - 0.5 * np.array([20, 18, -20, -18]), abs=1e-3)
 
 
-@pytest.mark.parametrize('margin', ['wide', '[20]', '[20, -1]', '[20, "a"]', '[[1, 2], [3, 4]]', '[nan, 3]', '20'])
-def test_a_margin_that_is_none_is_refused(tmp_path, margin):
-    with pytest.raises(ModelError, match='margin'):
-        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'margin': margin}))
+@pytest.mark.parametrize('padding', ['wide', '[20]', '[20, -1]', '[20, "a"]', '[[1, 2], [3, 4]]', '[nan, 3]', '20'])
+def test_a_padding_that_is_none_is_refused(tmp_path, padding):
+    with pytest.raises(ModelError, match='padding'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {'padding': padding}))
+
+
+@pytest.mark.parametrize(('old', 'new'), [('margin', 'padding'), ('evidence', 'score_fusion')])
+def test_metadata_under_an_old_name_are_refused_with_the_new(tmp_path, old, new):
+    with pytest.raises(ModelError, match=f'{old}, which is now named {new}'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', metadata=NAMES | {old: '[20, 18]'}))
 
 
 @pytest.mark.parametrize(('near', 'twice'), [(128, True), (160, False)])
-def test_what_fills_much_of_a_picture_is_looked_for_in_a_smaller_copy(tmp_path, near, twice):
+def test_large_objects_are_searched_in_a_smaller_copy(tmp_path, near, twice):
     answer = yolo_models.rows_of('v8', 416, 3, truth=((10, 10, 50, 40, 1, 0.9), (200, 200, 210, 212, 0, 0.6)))[None]
     path = yolo_models.write(tmp_path / 'model.onnx', dynamic=True, output=answer, metadata=NAMES | {'near_imgsz': str(near)})
     found = Detector(path, DetectorSettings(input_size=416)).detect(np.zeros((416, 416, 3), np.uint8))

@@ -29,7 +29,7 @@ from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.geometry import camera_in_body, doa_in_body
 from av_vision import visibility
 from av_vision.models import shipped_model
-from av_vision.watching import Watcher
+from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector, DetectorSettings
 
 # Clips that the shipped detector was not trained on.
@@ -88,9 +88,9 @@ class Hall:
                            time - track.measured)
 
 
-def watcher_of(model: str | Path) -> Watcher:
-    """Looks for drones as detector_node does: pictures one after another, with a memory."""
-    return Watcher(Detector(model, DetectorSettings(keep=('drone',), threads=1)))
+def drone_detector(model: str | Path) -> TemporalDetector:
+    """Detects drones in successive images as detector_node does."""
+    return TemporalDetector(Detector(model, DetectorSettings(keep=('drone',), threads=1)))
 
 
 def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
@@ -103,7 +103,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
     hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
-    watcher = watcher_of(shipped_model())
+    detector = drone_detector(shipped_model())
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
@@ -115,7 +115,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
             picture = np.zeros_like(picture) if covered else picture
-            found, _ = watcher.look(picture, number / VIDEO_HZ)
+            found, _ = detector.detect(picture, number / VIDEO_HZ)
             boxes = np.column_stack([found.boxes.reshape(-1, 4), found.scores])
             hall.see((number + 1) / VIDEO_HZ, boxes, visibility.estimate(picture).share)
         hall.follow((number + 1) / VIDEO_HZ, float(azimuth))

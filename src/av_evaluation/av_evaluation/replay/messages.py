@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_typestore
 
 from av_bags import topics as names
 from av_bags.definitions import definition, parse
-from av_vision.visibility import Visibility
-from av_vision.yolo import Detections
 
 
 class MessageMaker:
@@ -25,10 +21,7 @@ class MessageMaker:
                                                    names.COMMAND)]
         self._store.register({name: fields for kind in kinds for name, fields in parse(
             kind, MessageDefinition(MessageDefinitionFormat.MSG, definition(kind))).items()})
-        self._types = types = self._store.types
-        self._no_pose = types['geometry_msgs/msg/PoseWithCovariance'](types['geometry_msgs/msg/Pose'](
-            types['geometry_msgs/msg/Point'](0.0, 0.0, 0.0), types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)),
-            np.zeros(36))
+        self._types = self._store.types
 
     def serialise(self, message: Any, name: str = '') -> memoryview:
         """A message as CDR: one of rosbags, or one of the topic `name` that has the same fields."""
@@ -46,17 +39,3 @@ class MessageMaker:
         """A std_msgs/Header."""
         stamp = divmod(round(time * 1e9), 10**9)
         return self._types['std_msgs/msg/Header'](self._types['builtin_interfaces/msg/Time'](*stamp), frame)
-
-    def detections(self, found: Detections, tracks: Sequence[int], header: Any) -> Any:
-        """A picture's detections under the picture's header."""
-        detection, result, hypothesis, box, pose, point = (self._types[f'vision_msgs/msg/{kind}'] for kind in (
-            'Detection2D', 'ObjectHypothesisWithPose', 'ObjectHypothesis', 'BoundingBox2D', 'Pose2D', 'Point2D'))
-        rows = zip(found.centres.tolist(), found.sizes.tolist(), found.scores.tolist(), found.class_names, tracks,
-                   strict=True)
-        return self._types[names.KINDS[names.DETECTIONS][0]](header, [
-            detection(header, [result(hypothesis(name, score), self._no_pose)], box(pose(point(*centre), 0.0), *size),
-                      str(track)) for centre, size, score, name, track in rows])
-
-    def visibility(self, seen: Visibility, header: Any) -> Any:
-        """How far one can see in a picture."""
-        return self._types[names.KINDS[names.VISIBILITY][0]](header, float(seen.share), float(seen.range))

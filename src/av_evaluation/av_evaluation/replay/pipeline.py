@@ -11,7 +11,7 @@ from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import DoaReplay, Output, Seeing
+from av_evaluation.replay.stages import DetectionReplay, DoaReplay, Output
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
 from av_pointing.stage import PointingStage
@@ -24,8 +24,8 @@ class Chain:
     expected from the bag. Times must not fall.
     """
 
-    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: DoaReplay | None, seeing: Seeing | None,
-                 fusing: FusionStage | None, pointing: PointingStage | None, make: MessageMaker,
+    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: DoaReplay | None,
+                 seeing: DetectionReplay | None, fusing: FusionStage | None, pointing: PointingStage | None, make: MessageMaker,
                  tell: Callable[[str, float, Any], None]) -> None:
         self._converter, self._journal, self._make, self._tell = converter, journal, make, tell
         self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing

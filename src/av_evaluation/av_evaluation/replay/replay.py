@@ -23,20 +23,19 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay import algorithms
 from av_evaluation.replay.messages import MessageMaker
 from av_evaluation.replay.output_queue import OutputQueue
 from av_evaluation.replay.pipeline import Chain
 from av_evaluation.replay.run_recorder import Journal
 from av_evaluation.replay.sensor_frames import SensorFrames
-from av_evaluation.replay.stages import DoaReplay, Seeing
+from av_evaluation.replay.stages import DetectionReplay, DoaReplay
 from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import make_fusion_stage
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
-from av_vision.from_parameters import make_detector
+from av_vision.stage import make_detection_stage
 
 STAGES = ('raw', 'doa', 'bearing')
 # Known as a whole before anything else is read.
@@ -198,8 +197,7 @@ class Replay:
             model = self._settings.model if self._settings.model != 'shipped' else ''
             given = {'model': model, 'keep_classes': list(self._settings.classes) or None}
             p = self._parameters('av_vision', 'detector_node', {k: v for k, v in given.items() if v})
-            self._seeing = Seeing(make_detector(p), p.track_gap, self._make, p.visibility_rate,
-                                  p.visibility_distance, algorithms.ground(p, camera), p.still)
+            self._seeing = DetectionReplay(make_detection_stage(p, camera), self._make)
         if self.stage != 'bearing':
             tracker = make_tracker(fusion)
             if self._recording is not None:

@@ -20,7 +20,7 @@ from av_common.config_reader import read
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_evaluation.experiments.physical import FILMED, ROOM, filmed, room, watcher_of
+from av_evaluation.experiments.physical import FILMED, ROOM, drone_detector, filmed, room
 from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
@@ -145,10 +145,10 @@ def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _detect(model: str) -> Callable:
-    watcher = watcher_of(shipped_model() if model == 'shipped' else model)
+    detector = drone_detector(shipped_model() if model == 'shipped' else model)
 
     def detect(picture: NDArray, time: float) -> list[tuple[float, float, float, float, float]]:
-        found, _ = watcher.look(picture, time)
+        found, _ = detector.detect(picture, time)
         return [(*map(float, box), float(score)) for box, score in zip(found.boxes, found.scores, strict=True)]
 
     return detect

@@ -15,6 +15,7 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_sim_bridge import messages
 from av_simulator.run import Step
 from av_simulator.world import World
+from av_vision.messages import camera_info_message, image_message
 
 EPOCH = 1_700_000_000.0    # s, of the scenario's beginning: the same run gives the same bag
 WORLD_FRAME = 'map'
@@ -50,10 +51,10 @@ class BagRecorder:
                         messages.odometry_message(header, 'target', sample.targets[0]))
         for view, image in step.images:
             header = messages.make_header(EPOCH + view.time, self._rig.camera.optical_frame)
-            self._write('camera/image_raw', EPOCH + view.time, messages.image_message(header, image.bgr))
+            self._write('camera/image_raw', EPOCH + view.time, image_message(header, image.bgr))
             self._write('camera/camera_info', EPOCH + view.time,
-                        messages.camera_info_message(header, self._rig.camera.model))
-            self._write('detections', EPOCH + view.time, messages.detections_message(header, image.boxes))
+                        camera_info_message(header, self._rig.camera.model))
+            self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))
 
     def close(self) -> None:
         """Finish the bag."""

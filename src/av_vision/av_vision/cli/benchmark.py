@@ -1,6 +1,6 @@
 """`ros2 run av_vision benchmark [INPUT]`: what the detector costs on this machine, beside the bare network.
 
-The bare session and the whole way from picture to detections take turns in one run, so that both see the same machine;
+The bare session and the whole way from image to detections take turns in one run, so that both see the same machine;
 medians and the best decile are printed.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Recording
-from av_vision.watching import Watcher
+from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
@@ -31,7 +31,7 @@ def milliseconds(call: Callable[[], object]) -> float:
 
 
 def tensor_of(detector: Detector, image: NDArray) -> NDArray:
-    """The picture as the network gets it."""
+    """The input of the network for an image."""
     model = detector.model
     size = fitting_size(*image.shape[:2], model.longest) if model.dynamic_size else model.size
     return to_tensor([letterbox(image, *size)[0]], model.layout.rgb, model.layout.scale, model.dtype)
@@ -46,13 +46,13 @@ def open_detector(path: Path, size: int, threads: int) -> Detector:
 def compare(detectors: dict[str, Detector], images: list[NDArray], rounds: int) -> dict[str, NDArray]:
     """Times in ms (2, rounds) of the bare session and of the whole way, for each detector, taken in turns."""
     times = {name: np.empty((2, rounds)) for name in detectors}
-    watchers = {name: Watcher(detector) for name, detector in detectors.items()}
+    temporal = {name: TemporalDetector(detector) for name, detector in detectors.items()}
     for k in range(rounds):
         image = images[k % len(images)]
         for name, detector in detectors.items():
             tensor = tensor_of(detector, image)
             times[name][0, k] = milliseconds(lambda: detector.model.run(tensor))  # noqa: B023
-            times[name][1, k] = milliseconds(lambda: watchers[name].look(image, 0.1 * k))  # noqa: B023
+            times[name][1, k] = milliseconds(lambda: temporal[name].detect(image, 0.1 * k))  # noqa: B023
     return times
 
 
@@ -61,8 +61,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='benchmark', description=__doc__.splitlines()[0])
     parser.add_argument('input', type=Path, nargs='?', help='video, image or folder (default: noise of 640 x 512)')
     parser.add_argument('--model', type=Path, action='append', help='ONNX file, may be repeated (default: the shipped one)')
-    parser.add_argument('--size', type=int, default=0, help='longer side of the picture for models with dynamic input')
-    parser.add_argument('--square', action='store_true', help='square pictures, for a comparison with models of square input')
+    parser.add_argument('--size', type=int, default=0, help='longer side of the image for models with dynamic input')
+    parser.add_argument('--square', action='store_true', help='square images, for a comparison with models of square input')
     parser.add_argument('--threads', type=int, default=0)
     parser.add_argument('--rounds', type=int, default=200)
     args = parser.parse_args(arguments)
@@ -75,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     if args.square:
         images = [image[:min(image.shape[:2]), :min(image.shape[:2])] for image in images]
-    print('model                          network ms  picture to detections ms  ratio  (median; best tenth)')
+    print('model                          network ms  image to detections ms    ratio  (median; best tenth)')
     for name, (bare, whole) in compare(detectors, images, args.rounds).items():
         best = [float(np.percentile(t, 10)) for t in (bare, whole)]
         print(f'{name:30} {np.median(bare):10.2f} {np.median(whole):25.2f} {np.median(whole / bare):6.2f}  '

@@ -16,7 +16,7 @@ from av_vision.drawing import draw
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
 from av_vision.sources.files import Recording
-from av_vision.watching import Watcher
+from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detections, Detector, DetectorSettings
 from av_vision.yolo.letterbox import letterbox
 
@@ -46,13 +46,13 @@ class VideoWriter:
             self._video.release()
 
 
-Look = tuple[int, NDArray, Detections, list[int]]
+FrameDetections = tuple[int, NDArray, Detections, list[int]]
 
 
-def detect_recording(recording: Recording, watcher: Watcher) -> Iterator[Look]:
+def detect_recording(recording: Recording, detector: TemporalDetector) -> Iterator[FrameDetections]:
     """Frame numbers, frames, their detections and track numbers."""
     for index, image in recording.frames():
-        yield index, image, *watcher.look(image, index / recording.rate)
+        yield index, image, *detector.detect(image, index / recording.rate)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -71,9 +71,10 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument('--classes', default='', metavar='A,B', help='classes of the model to be reported as drone, '
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
-    parser.add_argument('--size', type=int, default=0, help='longer side of the picture for the network (dynamic models)')
-    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='look at tiles of this side too')
-    parser.add_argument('--still', action='store_true', help='judge each picture by itself, as for a folder of unrelated ones')
+    parser.add_argument('--size', type=int, default=0, help='longer side of the image for the network (dynamic models)')
+    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='search tiles of this side too')
+    parser.add_argument('--no-temporal-fusion', dest='temporal_fusion', action='store_false',
+                        help='take each image by itself, as in a folder of unrelated ones')
     parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--csv', action='store_true', help='rows with a header (the default)')
@@ -97,12 +98,13 @@ def run(arguments: argparse.Namespace) -> None:
     """Detect and write; raises ValueError, OSError or SourceError."""
     recording = Recording(arguments.input, arguments.rate)
     detector = Detector(arguments.model or shipped_model(), settings_of(arguments))
+    temporal = TemporalDetector(detector, temporal_fusion=arguments.temporal_fusion)
     out = arguments.output.open('w', newline='') if arguments.output else sys.stdout
     video = VideoWriter(arguments.save_video, recording.rate) if arguments.save_video else None
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
-    for index, image, detections, tracks in detect_recording(recording, Watcher(detector, still=arguments.still)):
+    for index, image, detections, tracks in detect_recording(recording, temporal):
         for row in rows_of(index, index / recording.rate, detections, tracks):
             if arguments.json:
                 print(json.dumps(row), file=out)

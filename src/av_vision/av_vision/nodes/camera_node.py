@@ -1,4 +1,4 @@
-"""Pictures of a file or a camera as Image and CameraInfo messages."""
+"""Images of a file or a camera as Image and CameraInfo messages."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, Image, Imu
+from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
 from av_common.node import RigNode, run
@@ -14,20 +15,20 @@ from av_common.qos import PICTURE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_vision.calibration import load_calibration
-from av_vision.image import encoding_of, fill_message
+from av_vision.messages import camera_info_message, image_message
 from av_vision.nodes.camera_node_parameters import camera_node as parameters
-from av_vision.sources import Capture, Picture, Source
+from av_vision.sources import Capture, CapturedImage, Source
 from av_vision.sources.files import FileSource
 from av_vision.sources.realsense import RealSenseSource
 from av_vision.sources.v4l2 import DeviceSource
 
-# Without a picture for this long the node says so.
+# Without an image for this long the diagnostics warn.
 STALE_S = 2.0
 Vector = tuple[float, float, float]
 
 
 class CameraNode(RigNode):
-    """Publishes `camera/image_raw` and `camera/camera_info` from the capturing thread, stamped with the capture's time."""
+    """Publishes `camera/image_raw` and `camera/camera_info` from the capturing thread, stamped with the time of capture."""
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('camera_node', parameters, **kwargs)
@@ -57,7 +58,7 @@ class CameraNode(RigNode):
 
     def activate(self) -> None:
         """Begin to capture."""
-        self._pictures = RateMeter()
+        self._rate = RateMeter()
         self._capture = Capture(self._source, self._publish)
         self._capture.start()
 
@@ -66,22 +67,18 @@ class CameraNode(RigNode):
         self._capture.stop()
 
     def cleanup(self) -> None:
-        """Drop what `configure` made."""
+        """Destroy the publishers."""
         for publisher in (self._images, self._infos, self._depths, self._motions):
             if publisher is not None:
                 self.destroy_publisher(publisher)
 
-    def _publish(self, picture: Picture) -> None:
-        self._pictures.tick()
-        message = fill_message(Image(), picture.image, encoding_of(picture.image))
-        message.header.stamp = to_stamp(picture.time)
-        message.header.frame_id = self._frame_id
-        self._images.publish(message)
-        self._infos.publish(camera_info(self._camera_of(picture), message.header))
-        if self._depths is not None and picture.depth is not None:
-            depth = fill_message(Image(), picture.depth, '16UC1')
-            depth.header = message.header
-            self._depths.publish(depth)
+    def _publish(self, image: CapturedImage) -> None:
+        self._rate.tick()
+        header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
+        self._images.publish(image_message(header, image.pixels))
+        self._infos.publish(camera_info_message(header, self._camera_of(image)))
+        if self._depths is not None and image.depth is not None:
+            self._depths.publish(image_message(header, image.depth, '16UC1'))
 
     def _publish_motion(self, time: float, angular_velocity: Vector, acceleration: Vector) -> None:
         message = Imu()
@@ -92,33 +89,22 @@ class CameraNode(RigNode):
         message.orientation_covariance[0] = -1.0  # REP-145: there is no orientation
         self._motions.publish(message)
 
-    def _camera_of(self, picture: Picture) -> PinholeCamera:
-        height, width = picture.image.shape[:2]
-        camera = self._calibration or picture.camera or PinholeCamera.from_fov(width, height, self._fov)
+    def _camera_of(self, image: CapturedImage) -> PinholeCamera:
+        height, width = image.pixels.shape[:2]
+        camera = self._calibration or image.camera or PinholeCamera.from_fov(width, height, self._fov)
         return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Rate, losses and the end of a file."""
-        status.add('pictures per second', f'{self._pictures.rate:.1f}')
+        status.add('images per second', f'{self._rate.rate:.1f}')
         status.add('reconnections', str(self._capture.reconnections))
         status.add('skipped', str(getattr(self._source, 'skipped', 0)))
         if self._capture.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
         elif self._capture.finished:
             status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
-        elif self._pictures.age > STALE_S:
-            status.mergeSummary(DiagnosticStatus.WARN, 'no pictures')
-
-
-def camera_info(camera: PinholeCamera, header: object) -> CameraInfo:
-    """The CameraInfo of an unrectified picture with a header."""
-    info = CameraInfo(header=header, width=camera.width, height=camera.height)
-    info.distortion_model = 'rational_polynomial' if len(camera.distortion) > 5 else 'plumb_bob'
-    info.d = list(camera.distortion or (0.0,) * 5)
-    info.k = camera.matrix.ravel().tolist()
-    info.r = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    info.p = [camera.fx, 0.0, camera.cx, 0.0, 0.0, camera.fy, camera.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
-    return info
+        elif self._rate.age > STALE_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no images')
 
 
 def main() -> None:

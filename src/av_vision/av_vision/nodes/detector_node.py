@@ -1,130 +1,119 @@
-"""Image messages in, detections with track numbers out."""
+"""Image messages in, detections with track numbers and visibility out."""
 
 from __future__ import annotations
 
 import threading
 import time
+from typing import ClassVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from numpy.typing import NDArray
-from sensor_msgs.msg import CompressedImage, Image
-from std_msgs.msg import Header
-from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from vision_msgs.msg import Detection2DArray
 
 from av_common.node import RigNode, run
 from av_common.qos import PICTURE, RESULT
 from av_common.rate_meter import RateMeter
-from av_common.stamps import to_seconds
+from av_interfaces.msg import Visibility
 from av_vision.drawing import draw
-from av_vision.from_parameters import make_detector
-from av_vision.image import fill_message, image_from_message
 from av_vision.latest import Latest
+from av_vision.messages import detections_from_message, image_from_message, image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
-from av_vision.nodes.visibility_reporter import VisibilityReporter
-from av_vision.watching import Watcher
-from av_vision.yolo import Detections
+from av_vision.stage import make_detection_stage
 
-# Without a picture for this long the node says so.
+# Without an image for this long the diagnostics warn.
 STALE_S = 2.0
 
 
 class DetectorNode(RigNode):
-    """Looks at the newest picture of `camera/image_raw` and publishes `detections`, empty when nothing is seen.
+    """Runs the detection stage on the newest image of `camera/image_raw` and publishes `detections`, empty for no detection.
 
-    A thread of its own looks; pictures that arrive meanwhile replace each other and are counted as dropped. The debug
-    picture `detections/image` is drawn only for subscribers.
+    The stage runs in a thread of its own; images that arrive meanwhile replace each other and are counted as dropped.
+    `visibility` is published for some of the images, the debug image `detections/image` only while it has subscribers.
     """
+
+    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {'still': 'temporal_fusion'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('detector_node', parameters, **kwargs)
 
     def configure(self) -> None:
         """Open the model."""
-        settings = self.settings
-        self._detector = make_detector(settings)
-        self._track_gap, self._still = settings.track_gap, settings.still
-        self._compressed = settings.compressed
-        self._publisher = self.create_publisher(Detection2DArray, 'detections', RESULT)
+        self._stage = make_detection_stage(self.settings)
+        self._detections = self.create_publisher(Detection2DArray, 'detections', RESULT)
+        self._visibility = self.create_publisher(Visibility, 'visibility', RESULT)
         self._debug = self.create_publisher(Image, 'detections/image', PICTURE)
-        self._visibility = VisibilityReporter(self, settings)
 
     def activate(self) -> None:
-        """Begin to look."""
-        self._watcher = Watcher(self._detector, self._track_gap, self._still)
+        """Begin to detect."""
+        self._stage.reset()
         self._latest: Latest[Image | CompressedImage] = Latest()
-        self._pictures, self._unusable, self._problem_with_pictures, self._took = RateMeter(), 0, '', 0.0
+        self._images, self._unusable, self._image_problem, self._took = RateMeter(), 0, '', 0.0
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
         self._worker.start()
-        kind, topic = (CompressedImage, 'camera/image_raw/compressed') if self._compressed else (Image, 'camera/image_raw')
-        self.while_active(self.create_subscription, kind, topic, self._latest.put, PICTURE)
-        self._visibility.activate()
+        subscribe = self.create_subscription
+        if self.settings.compressed:
+            self.while_active(subscribe, CompressedImage, 'camera/image_raw/compressed', self._latest.put, PICTURE)
+        else:
+            self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, PICTURE)
+        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._on_depth, PICTURE)
+        if self.settings.camera_height > 0.0:
+            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
 
     def deactivate(self) -> None:
-        """Stop looking."""
+        """Stop detecting."""
         self._latest.close()
         self._worker.join(timeout=5.0)
 
     def cleanup(self) -> None:
-        """Drop what `configure` made."""
-        self.destroy_publisher(self._publisher)
-        self.destroy_publisher(self._debug)
-        self._visibility.close()
+        """Destroy the publishers."""
+        for publisher in (self._detections, self._visibility, self._debug):
+            self.destroy_publisher(publisher)
 
     def _work(self) -> None:
         while (message := self._latest.take()) is not None:
             started = time.perf_counter()
             try:
-                self._look(message)
+                self._detect(message)
             except (ValueError, cv2.error) as error:
-                self._unusable += 1
-                if str(error) != self._problem_with_pictures:
-                    self.get_logger().error(f'picture left out: {error}')
-                self._problem_with_pictures = str(error) or repr(error)
+                self._leave_out(error)
                 continue
             self._took = time.perf_counter() - started
-            self._pictures.tick()
-            self._problem_with_pictures = ''
+            self._images.tick()
+            self._image_problem = ''
 
-    def _look(self, message: Image | CompressedImage) -> None:
-        image = image_from_message(message)
-        detections, tracks = self._watcher.look(image, to_seconds(message.header.stamp))
-        self._publisher.publish(to_message(detections, tracks, message.header))
+    def _detect(self, message: Image | CompressedImage) -> None:
+        detections, visibility = self._stage.on_image(message, self.now())
+        if visibility is not None:
+            self._visibility.publish(visibility)
+        self._detections.publish(detections)
         if self._debug.get_subscription_count():
-            self._publish_debug(image, detections, tracks, message.header)
-        self._visibility.report(image, message.header)
+            drawn = draw(image_from_message(message), *detections_from_message(detections))
+            self._debug.publish(image_message(message.header, drawn, 'bgr8'))
 
-    def _publish_debug(self, image: NDArray, detections: Detections, tracks: list[int], header: Header) -> None:
-        debug = fill_message(Image(), draw(image, detections, tracks), 'bgr8')
-        debug.header = header
-        self._debug.publish(debug)
+    def _on_depth(self, message: Image) -> None:
+        try:
+            self._stage.on_depth(message)
+        except ValueError as error:
+            self._leave_out(error)
+
+    def _leave_out(self, error: Exception) -> None:
+        self._unusable += 1
+        if str(error) != self._image_problem:
+            self.get_logger().error(f'image left out: {error}')
+        self._image_problem = str(error) or repr(error)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Rate, time a picture takes, losses."""
-        status.add('pictures per second', f'{self._pictures.rate:.1f}')
-        status.add('time per picture', f'{1e3 * self._took:.1f} ms')
+        """Rate, time per image, losses."""
+        status.add('images per second', f'{self._images.rate:.1f}')
+        status.add('time per image', f'{1e3 * self._took:.1f} ms')
         status.add('dropped (a newer one came)', str(self._latest.dropped))
         status.add('unusable', str(self._unusable))
-        if self._problem_with_pictures:
-            status.mergeSummary(DiagnosticStatus.ERROR, self._problem_with_pictures)
-        elif self._pictures.age > STALE_S:
-            status.mergeSummary(DiagnosticStatus.WARN, 'no pictures')
-
-
-def to_message(detections: Detections, tracks: list[int], header: Header) -> Detection2DArray:
-    """The message of a picture's detections under the picture's header."""
-    array = Detection2DArray(header=header)
-    rows = zip(detections.centres.tolist(), detections.sizes.tolist(), detections.scores.tolist(), detections.class_names,
-               tracks, strict=True)
-    for centre, size, score, name, track in rows:
-        hypothesis = ObjectHypothesisWithPose()
-        hypothesis.hypothesis.class_id, hypothesis.hypothesis.score = name, score
-        detection = Detection2D(header=header, results=[hypothesis], id=str(track))
-        detection.bbox.center.position.x, detection.bbox.center.position.y = centre
-        detection.bbox.size_x, detection.bbox.size_y = size
-        array.detections.append(detection)
-    return array
+        if self._image_problem:
+            status.mergeSummary(DiagnosticStatus.ERROR, self._image_problem)
+        elif self._images.age > STALE_S:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no images')
 
 
 def main() -> None:

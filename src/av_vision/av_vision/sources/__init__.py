@@ -1,5 +1,5 @@
-"""Where pictures come from: files, V4L2 devices, RealSense cameras."""
+"""Sources of images: files, V4L2 devices, RealSense cameras."""
 
-from av_vision.sources.capture import Capture, Picture, Source, SourceError
+from av_vision.sources.capture import Capture, CapturedImage, Source, SourceError
 
-__all__ = ['Capture', 'Picture', 'Source', 'SourceError']
+__all__ = ['Capture', 'CapturedImage', 'Source', 'SourceError']

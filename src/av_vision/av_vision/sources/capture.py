@@ -17,35 +17,45 @@ class SourceError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A picture, the time of its capture in s on the clock of the caller, and what came with it.
+class CapturedImage:
+    """An image and what a source knows of it.
 
-    `depth` is (h, w) uint16 in millimetres, `camera` what the device says of its lens.
+    Parameters:
+        pixels (h, w[, channels]): BGR uint8, or grey of 8 or 16 bits.
+        time (s): of capture, on the caller's clock.
+        camera: intrinsics that the device reports.
+        depth (h, w; mm): uint16, aligned to the pixels.
     """
 
-    image: NDArray
+    pixels: NDArray
     time: float
     camera: PinholeCamera | None = None
     depth: NDArray | None = None
 
 
 class Source(Protocol):
-    """A camera. `open` and `read` raise SourceError; `read` waits for a picture and returns None at the end of a file."""
+    """A camera. `open` and `read` raise SourceError; `read` waits for an image and returns None at the end of a file."""
 
     def open(self) -> None:
         """Begin to capture."""
 
-    def read(self) -> Picture | None:
-        """The next picture."""
+    def read(self) -> CapturedImage | None:
+        """The next image."""
 
     def close(self) -> None:
         """Stop; harmless when not open."""
 
 
 class Capture:
-    """Reads a source in a thread and hands each picture to `deliver`; opens it again `retry_s` after it was lost."""
+    """Reads a source in a thread and opens it again after it was lost.
 
-    def __init__(self, source: Source, deliver: Callable[[Picture], None], retry_s: float = 1.0) -> None:
+    Parameters:
+        source: camera or file.
+        deliver: called with each image, in the thread.
+        retry_s (s): pause before the source is opened again.
+    """
+
+    def __init__(self, source: Source, deliver: Callable[[CapturedImage], None], retry_s: float = 1.0) -> None:
         self.problem = ''
         self.finished = False
         self.reconnections = 0
@@ -78,9 +88,9 @@ class Capture:
 
     def _read_all(self) -> None:
         while not self._stop.is_set():
-            picture = self._source.read()
-            if picture is None:
+            image = self._source.read()
+            if image is None:
                 self.finished = True
                 return
             self.problem = ''
-            self._deliver(picture)
+            self._deliver(image)

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 from numpy.typing import NDArray
 
-from av_vision.sources.capture import Picture, SourceError
+from av_vision.sources.capture import CapturedImage, SourceError
 
 IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
 
@@ -44,7 +44,7 @@ class Recording:
         video.release()
 
     def frames(self, wanted: Callable[[int], bool] = lambda index: True) -> Iterator[tuple[int, NDArray]]:
-        """Frames as (index, picture) in order, without decoding those that are not wanted."""
+        """Frames as (index, image) in order; those that are not wanted are not decoded."""
         if self._files:
             for index, path in enumerate(self._files):
                 if wanted(index):
@@ -74,9 +74,16 @@ class Recording:
 
 
 class FileSource:
-    """Plays a recording at its own pace. A frame's time is the start's plus its own in the file.
+    """Plays a recording at its own pace. A frame's time is that of the start plus its own in the file.
 
-    Frames that are late by more than a period are left out and counted in `skipped`, as a camera would.
+    Frames that are late by more than a period are left out and counted in `skipped`, as with a camera.
+
+    Parameters:
+        path: video, image or folder of images.
+        rate (1/s): frames per second; 0 for the video's own.
+        loop: whether the file starts again at its end.
+        now: the caller's clock in s.
+        wait: called with the seconds until the next frame is due; None for an interruptible wait on the system's clock.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time) -> None:
@@ -93,7 +100,7 @@ class FileSource:
         self._frames = self._recording.frames(self._in_time)
         self._last = -1
 
-    def read(self) -> Picture | None:
+    def read(self) -> CapturedImage | None:
         """The next frame at its time; None at the end of a file that is not looped."""
         item = next(self._frames, None)
         if item is None:
@@ -105,7 +112,7 @@ class FileSource:
         self._last, image = item
         due = self._start + self._last / self._recording.rate
         self._closed.wait(max(due - self._now(), 0.0))
-        return Picture(image, due)
+        return CapturedImage(image, due)
 
     def close(self) -> None:
         """Stop waiting."""

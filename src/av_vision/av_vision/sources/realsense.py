@@ -12,7 +12,7 @@ import numpy as np
 
 from av_common.camera import PinholeCamera
 from av_common.clock import SenderClock
-from av_vision.sources.capture import Picture, SourceError
+from av_vision.sources.capture import CapturedImage, SourceError
 
 TIMEOUT_MS = 2000
 RESTART_S = 1.0  # a stamp that is off by more is of a device that was started again
@@ -30,7 +30,7 @@ def sdk() -> ModuleType:
 
 @dataclass
 class RealSenseSource:
-    """The colour picture of a RealSense, with aligned depth and motion on demand.
+    """The colour images of a RealSense, with aligned depth and motion on demand.
 
     `serial` picks one of several; `recording` plays a file of the SDK instead; `device` is one that is already there
     (a software device). `on_motion(time, angular velocity in rad/s, acceleration in m/s^2)` is called from the SDK's
@@ -57,8 +57,8 @@ class RealSenseSource:
         except RuntimeError as error:
             raise SourceError(f'RealSense {self.serial or self.recording}: {error}') from error
 
-    def read(self) -> Picture:
-        """The next colour picture, with the depth that belongs to it; raises SourceError when frames stop coming."""
+    def read(self) -> CapturedImage:
+        """The next colour image, with the depth that belongs to it; raises SourceError when frames stop coming."""
         while True:
             try:
                 frames = self._queue.wait_for_frames(TIMEOUT_MS)
@@ -68,7 +68,7 @@ class RealSenseSource:
                 continue
             taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
             if taken is not None:  # an image that cannot be dated is left out
-                return self._picture(frames, taken)
+                return self._captured(frames, taken)
 
     def close(self) -> None:
         """Stop the streams; harmless when they are stopped or the device is gone."""
@@ -125,7 +125,7 @@ class RealSenseSource:
         mine = self.recording or (video.width(), video.height(), video.fps()) == (self.width, self.height, int(self.rate or 30))
         return bool(right_form and mine)
 
-    def _picture(self, frames: Any, taken: float) -> Picture:
+    def _captured(self, frames: Any, taken: float) -> CapturedImage:
         if self.depth:
             frames = self._align.process(frames)
         colour = frames.get_color_frame()
@@ -133,7 +133,7 @@ class RealSenseSource:
         if self.depth and frames.get_depth_frame():
             raw = np.asanyarray(frames.get_depth_frame().get_data())
             depth = raw.copy() if self._depth_unit == 1e-3 else np.rint(raw * (1e3 * self._depth_unit)).astype(np.uint16)
-        return Picture(np.asanyarray(colour.get_data()).copy(), taken, self._camera(colour), depth)
+        return CapturedImage(np.asanyarray(colour.get_data()).copy(), taken, self._camera(colour), depth)
 
     def _camera(self, colour: Any) -> PinholeCamera:
         lens = colour.profile.as_video_stream_profile().intrinsics

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from av_vision.sources.capture import Picture, SourceError
+from av_vision.sources.capture import CapturedImage, SourceError
 
 OLDEST_S = 1.0
 
@@ -40,14 +40,14 @@ class DeviceSource:
         for name, value in wanted.items():
             self._video.set(name, value)
 
-    def read(self) -> Picture:
-        """The next picture; raises SourceError when the device is gone."""
+    def read(self) -> CapturedImage:
+        """The next image; raises SourceError when the device is gone."""
         good, image = self._video.read()
         arrival = self.now()
         if not good or image is None:
-            raise SourceError(f'camera {self.device} gives no more pictures: unplugged?')
+            raise SourceError(f'camera {self.device} gives no more images: unplugged?')
         age = time.monotonic() - 1e-3 * self._video.get(cv2.CAP_PROP_POS_MSEC)
-        return Picture(image, arrival - age if 0.0 <= age < OLDEST_S else arrival)
+        return CapturedImage(image, arrival - age if 0.0 <= age < OLDEST_S else arrival)
 
     def close(self) -> None:
         """Give the device back."""

@@ -1,6 +1,6 @@
-"""YOLO models in ONNX: whatever export people have, in; boxes in pixels of the picture, out."""
+"""YOLO models in ONNX of the usual exports; boxes in pixels of the image."""
 
-from av_vision.yolo.detections import Detections
+from av_vision.detections import Detections
 from av_vision.yolo.detector import Detector, DetectorSettings
 from av_vision.yolo.model import ModelError
 

@@ -1,4 +1,4 @@
-"""A picture in, detections out: the one way in which every node and program of this package looks."""
+"""Detection in one image: candidates of a network, their suppression, and the selection of what is reported."""
 
 from __future__ import annotations
 
@@ -8,24 +8,34 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from av_vision.detections import Candidates, Detections, suppress
 from av_vision.image import to_bgr8
-from av_vision.yolo.detections import Candidates, Detections, suppress
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
-NEAR = 0.25  # of the picture's longer side: what is larger may outgrow a network that sees the picture enlarged
+NEAR = 0.25  # of the image's longer side: a larger object may outgrow a network that gets the image enlarged
 
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """Options of a detector.
+    """Options of a detector. Raises ValueError for a value outside its bounds.
 
-    score_threshold 0 takes the model's own (metadata `score_threshold`) or 0.25. Of two boxes that overlap by more than
-    `nms_iou`, or of which more than `nms_nested` of the smaller lies in the other, the less likely goes. Classes named in
-    `rename` are reported under another name; of the names after that, only those in `keep` are reported (all when empty).
-    `slice_size` cuts the picture into overlapping tiles of so many pixels, which are looked at besides the whole, enlarged to
-    the model's input, for small far targets.
+    Parameters:
+        score_threshold (0-1): least score reported; 0 takes the model's own (metadata `score_threshold`) or 0.25.
+        nms_iou (0-1): of two boxes with a larger intersection over union, that of the lower score is removed.
+        nms_nested (0-1): the same for two boxes of which a larger share of the smaller one lies in the other.
+        max_detections: most detections in an image, the highest scores first.
+        keep: names that are reported, after renaming; all when empty.
+        rename: classes of the model that are reported under another name.
+        layout: meaning of the model's output, of `LAYOUTS`; auto recognises it.
+        class_names: of the model's classes in its order; empty takes the metadata's.
+        input_size (pixels): longer side for models with dynamic input; 0 takes the model's own.
+        providers: execution providers of onnxruntime in order of preference.
+        threads: for one image; 0 leaves it to onnxruntime.
+        slice_size (pixels): side of overlapping tiles that are searched besides the whole image, enlarged to the model's
+            input, for small far targets; 0 for none.
+        slice_overlap (0-1): least share that neighbouring tiles have in common.
     """
 
     score_threshold: float = 0.0
@@ -53,7 +63,12 @@ class DetectorSettings:
 
 
 class Detector:
-    """A YOLO model with its settings. Raises ModelError when the model cannot be used."""
+    """A YOLO model with its settings. Raises ModelError when the model cannot be used.
+
+    Parameters:
+        model_path: ONNX file.
+        settings: options.
+    """
 
     def __init__(self, model_path: str | Path, settings: DetectorSettings = DetectorSettings()) -> None:
         self.settings = settings
@@ -72,41 +87,41 @@ class Detector:
         self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def detect(self, image: NDArray) -> Detections:
-        """Detections in a picture by itself: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for what is no picture."""
-        return self.report(self.candidates(image, self.threshold))[0]
+        """Detections in one image: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for an array that is no image."""
+        return self.select(self.candidates(image, self.threshold))[0]
 
     def candidates(self, image: NDArray, floor: float) -> Candidates:
-        """All that is in a picture of whatever name, in falling order of score, down to a probability `floor`."""
+        """Boxes of all names in an image, in falling order of score, down to a probability `floor`."""
         image = to_bgr8(image)
-        boxes, probabilities = self._look_everywhere(image, floor)
+        boxes, probabilities = self._search(image, floor)
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
-        seen = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
+        candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         if self.model.layout.needs_nms or self.settings.slice_size:
-            chosen = suppress(boxes, seen.scores, self.settings.nms_iou, self.settings.nms_nested)
+            selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
         else:
-            chosen = np.argsort(-seen.scores)
-        return Candidates(seen.boxes[chosen], probabilities[chosen])
+            selected = np.argsort(-candidates.scores)
+        return Candidates(candidates.boxes[selected], probabilities[selected])
 
-    def report(self, seen: Candidates) -> tuple[Detections, NDArray[np.intp]]:
-        """What is sure enough and of the names wanted, and which of the candidates that is."""
-        if not len(seen):
+    def select(self, candidates: Candidates) -> tuple[Detections, NDArray[np.intp]]:
+        """The candidates above the threshold and of the names wanted, and their indices."""
+        if not len(candidates):
             return Detections(), np.empty(0, np.intp)
-        scores, classes = seen.scores, seen.probabilities.argmax(axis=1)
+        scores, classes = candidates.scores, candidates.probabilities.argmax(axis=1)
         order = np.argsort(-scores, kind='stable')
-        chosen = order[(scores[order] > self.threshold) & self._kept[classes[order]]][:self.settings.max_detections]
-        return Detections(seen.boxes[chosen], scores[chosen].astype(np.float32),
-                          tuple(self._names[i] for i in classes[chosen])), chosen
+        selected = order[(scores[order] > self.threshold) & self._kept[classes[order]]][:self.settings.max_detections]
+        return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
+                          tuple(self._names[i] for i in classes[selected])), selected
 
-    def _look_everywhere(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
-        """The whole picture, what fills much of it in a smaller copy too and, with slicing, its tiles in one batch."""
+    def _search(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
+        """Boxes and probabilities in the whole image, of large objects in a smaller copy, and in its tiles as one batch."""
         height, width = image.shape[:2]
         side, model = self.settings.slice_size, self.model
         corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
-        looks = [self._look(image, floor, model.longest)]
+        found = [self._infer(image, floor, model.longest)]
         if model.near:
-            boxes, probabilities = self._look(image, floor, model.near)
-            near = (boxes[:, 2:] - boxes[:, :2] - model.margin).max(axis=1, initial=0.0) > NEAR * max(width, height)
-            looks.append((boxes[near], probabilities[near]))
+            boxes, probabilities = self._infer(image, floor, model.near)
+            near = (boxes[:, 2:] - boxes[:, :2] - model.box_padding).max(axis=1, initial=0.0) > NEAR * max(width, height)
+            found.append((boxes[near], probabilities[near]))
         if corners:
             tiles = [image[y:y + side, x:x + side] for x, y in corners]
             size = self._input_size(side, side, max(side, model.longest))
@@ -114,33 +129,33 @@ class Detector:
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
                 boxes, probabilities = model.layout.decode(output, size, floor)
-                boxes = self._in_picture(boxes, scale) + np.array([x, y, x, y], np.float32)
+                boxes = self._in_image(boxes, scale) + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
-                looks.append(self._named(boxes[whole], probabilities[whole]))
-        return tuple(np.concatenate(parts) for parts in zip(*looks, strict=True))
+                found.append(self._named(boxes[whole], probabilities[whole]))
+        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
 
-    def _look(self, image: NDArray[np.uint8], floor: float, longest: int) -> tuple[NDArray, NDArray]:
-        """Boxes in pixels of the picture and probabilities of names, before suppression."""
+    def _infer(self, image: NDArray[np.uint8], floor: float, longest: int) -> tuple[NDArray, NDArray]:
+        """Boxes in pixels of the image and probabilities of names, before suppression."""
         model, layout = self.model, self.model.layout
         size = self._input_size(*image.shape[:2], longest)
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
         boxes, probabilities = layout.decode(output, size, floor)
-        return self._named(self._in_picture(boxes, scale), probabilities)
+        return self._named(self._in_image(boxes, scale), probabilities)
 
-    def _in_picture(self, boxes: NDArray, scale: float) -> NDArray:
-        """Boxes of an input that is a picture times `scale`: as loose in pixels of the picture as they are in the input."""
+    def _in_image(self, boxes: NDArray, scale: float) -> NDArray:
+        """Boxes of an input, which is an image times `scale`, in the image; their padding has as many pixels in both."""
         middle, half = 0.5 * (boxes[:, :2] + boxes[:, 2:]) / scale, 0.5 * (boxes[:, 2:] - boxes[:, :2])
-        loose = np.minimum(0.5 * self.model.margin, half)
-        half = (half - loose) / scale + loose
+        padding = np.minimum(0.5 * self.model.box_padding, half)
+        half = (half - padding) / scale + padding
         return np.concatenate([middle - half, middle + half], axis=1)
 
     def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:
-        """What the model takes for a picture whose longer side shall be `longest`: anything that fits, or its only size."""
+        """Height and width of the model's input for an image whose longer side shall become `longest`."""
         return fitting_size(height, width, longest) if self.model.dynamic_size else self.model.size
 
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
-        """Of each name the likeliest class; boxes of classes without a name and doubtful numbers go."""
+        """The likeliest class of each name, without boxes of classes that have no name or of values that are not finite."""
         count = len(self._by_name)
         inside = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
         good = inside & np.isfinite(boxes).all(axis=1)

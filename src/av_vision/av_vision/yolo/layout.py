@@ -21,7 +21,7 @@ class LayoutError(ValueError):
 
 @dataclass(frozen=True)
 class Layout:
-    """How an export wants its input and what its output (rows or columns of one picture) means."""
+    """How an export wants its input and what its output (rows or columns of one image) means."""
 
     name: str
     rgb: bool
@@ -93,11 +93,11 @@ LAYOUTS = {layout.name: layout for layout in (
 
 
 def recognise(output: NDArray, size: tuple[int, int]) -> Layout:
-    """The layout of a model from what it answers, (1, a, b), to any picture of an input size (height, width).
+    """The layout of a model from its output (1, a, b) for any image of an input size (height, width).
 
     The number of rows tells the family, for it is the number of cells (v8, YOLOX), three times it (v5), or neither
     (end to end). Decoded and undecoded YOLOX differ in values alone: decoded centres follow the grid.
-    Raises LayoutError that tells what was met and what would be right.
+    Raises LayoutError with the shape found and those expected.
     """
     if output.ndim != 3 or output.shape[0] != 1:
         raise LayoutError(f'the output has shape {output.shape}, expected (1, rows, columns) of a YOLO detector')

@@ -1,4 +1,4 @@
-"""Fitting pictures into a model's input and its boxes back into the picture."""
+"""Images in the size and the tensor layout of a model's input."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-PADDING = 114  # the grey that YOLO models are trained with
+LETTERBOX_GREY = 114  # the grey that YOLO models are trained with
 
 
 def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArray[np.uint8], float]:
-    """Scale a BGR picture to fit into height x width, its corner at the origin, grey beyond; also returns the scale.
+    """A BGR image (h, w, 3) scaled to fit into height x width, at the top left, grey beyond; and the scale.
 
-    A YOLO network does not care where the padding lies, so boxes go back by a division alone.
+    The position of the padding does not matter to a YOLO network, so boxes are mapped back by a division alone.
     """
     scale = min(height / image.shape[0], width / image.shape[1])
     if scale != 1.0:
@@ -20,19 +20,19 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR)
     if image.shape[:2] == (height, width):
         return image, scale
-    canvas = np.full((height, width, 3), PADDING, np.uint8)
+    canvas = np.full((height, width, 3), LETTERBOX_GREY, np.uint8)
     canvas[:image.shape[0], :image.shape[1]] = image
     return canvas, scale
 
 
 def fitting_size(image_height: int, image_width: int, longest: int, multiple: int = 32) -> tuple[int, int]:
-    """Height and width, multiples of `multiple`, into which a picture fits when its longer side becomes `longest`."""
+    """Height and width, multiples of `multiple`, into which an image fits when its longer side becomes `longest`."""
     scale = longest / max(image_height, image_width)
     return tuple(max(int(np.ceil(round(side * scale) / multiple)), 1) * multiple for side in (image_height, image_width))
 
 
 def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: np.dtype) -> NDArray:
-    """Pictures of one size (h, w, 3) BGR as a batch (n, 3, h, w) in RGB or BGR, times `scale`."""
+    """Images of one size (h, w, 3) BGR as a batch (n, 3, h, w) in RGB or BGR, times `scale`."""
     tensor = np.empty((len(images), 3, *images[0].shape[:2]), dtype)
     for image, planes in zip(images, tensor, strict=True):
         # Plane by plane, in half the time of cv2.dnn.blobFromImages.

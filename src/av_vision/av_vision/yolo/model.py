@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from av_vision.yolo.coco import COCO
 from av_vision.yolo.layout import LAYOUTS, Layout, LayoutError, recognise
-from av_vision.yolo.letterbox import PADDING
+from av_vision.yolo.letterbox import LETTERBOX_GREY
 
+RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
 FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
 
 
@@ -25,11 +26,18 @@ class ModelError(ValueError):
 class Model:
     """An onnxruntime session with its input's size, its output's layout and its class names.
 
-    The layout is recognised from the answer to one grey picture, which also warms the session up; `layout` other than
-    'auto' decides it. `input_size` is the longer side in pixels for models with dynamic input, 0 for the model's own.
-    `margin` (2,) is by how many pixels of its input the model's boxes are wider and higher than what they are around,
-    `near` the longer side at which it knows what is near better (0: none such), both from its metadata.
+    The layout is recognised from the output for one grey image, which also warms the session up. From the metadata come
+    `box_padding` (2,), by how many pixels of the input the model's boxes are wider and higher than the objects, and `near`,
+    the longer side in pixels of a second, smaller input for large objects (0 for none).
     Raises ModelError for a file that is missing, damaged or no YOLO detector, and for a provider that is not installed.
+
+    Parameters:
+        path: ONNX file.
+        providers: execution providers of onnxruntime in order of preference.
+        threads: for one image; 0 leaves it to onnxruntime.
+        layout: of `LAYOUTS`, or auto.
+        class_names: in the model's order; empty takes the metadata's.
+        input_size (pixels): longer side for models with dynamic input; 0 takes the model's own.
     """
 
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
@@ -37,6 +45,7 @@ class Model:
         self.path = Path(path)
         self.session = open_session(self.path, providers, threads)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
+        self._refuse_renamed_metadata()
         self._input = self._check_input()
         self.dtype = FLOATS[self._input.type]
         batch, _, *size = self._input.shape
@@ -44,7 +53,7 @@ class Model:
         self.dynamic_size = not all(isinstance(side, int) for side in size)
         self.longest = self._longest(input_size, size)
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
-        self.margin = self._margin()
+        self.box_padding = self._box_padding()
         self.near = self._near()
         self._output_name = self.session.get_outputs()[0].name
         output = self._probe()
@@ -58,7 +67,7 @@ class Model:
         try:
             output = self.session.run([self._output_name], {self._input.name: tensor})[0]
         except Exception as error:  # onnxruntime's exceptions have no common base
-            raise ModelError(f'{self.path} does not run on pictures of shape {tensor.shape}: {error}') from error
+            raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {error}') from error
         return output.astype(np.float32, copy=False)
 
     def _check_input(self) -> onnxruntime.NodeArg:
@@ -67,10 +76,10 @@ class Model:
             raise ModelError(f'{self.path} is a model for the task {self.metadata["task"]!r}, expected detect')
         if len(inputs) != 1 or len(outputs) != 1:
             raise ModelError(f'{self.path} has {len(inputs)} inputs and {len(outputs)} outputs, '
-                             'expected one picture in and one table out, as YOLO detectors have')
+                             'expected one image in and one table out, as YOLO detectors have')
         one = inputs[0]
         if one.type not in FLOATS:
-            raise ModelError(f'{self.path} takes {one.type}, expected float or float16 pictures')
+            raise ModelError(f'{self.path} takes {one.type}, expected float or float16 images')
         if len(one.shape) != 4 or (isinstance(one.shape[1], int) and one.shape[1] != 3):
             raise ModelError(f'{self.path} takes input of shape {one.shape}, expected (batch, 3, height, width)')
         if isinstance(one.shape[0], int) and one.shape[0] != 1:
@@ -89,22 +98,27 @@ class Model:
             raise ModelError(f'input_size is {wanted}, expected a multiple of 32')
         return wanted
 
-    def _margin(self) -> NDArray[np.float32]:
-        given = self.metadata.get('margin', '[0, 0]')
-        margin = np.array(parsed(given), object)  # of whatever it is; of a list of two its shape is (2,)
-        if margin.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in margin):
-            raise ModelError(f'{self.path} has the margin {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
-        return margin.astype(np.float32)
+    def _refuse_renamed_metadata(self) -> None:
+        for old, new in RENAMED_METADATA.items():
+            if old in self.metadata:
+                raise ModelError(f'{self.path} has the metadata {old}, which is now named {new}: write it under that name')
+
+    def _box_padding(self) -> NDArray[np.float32]:
+        given = self.metadata.get('padding', '[0, 0]')
+        padding = np.array(parsed(given), object)  # any object; that of a list of two has the shape (2,)
+        if padding.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in padding):
+            raise ModelError(f'{self.path} has padding {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
+        return padding.astype(np.float32)
 
     def _near(self) -> int:
         given = parsed(self.metadata.get('near_imgsz', '0'))
         if not isinstance(given, int) or given < 0 or given % 32:
             raise ModelError(f'{self.path} has near_imgsz {given!r} in its metadata, expected a multiple of 32')
-        # Only where the other look is so much larger that this one costs little.
+        # Only where the first input is so much larger that the second costs little.
         return given if self.dynamic_size and self.longest >= 3 * given else 0
 
     def _probe(self) -> NDArray[np.float32]:
-        grey = np.full((1, 3, *self.size), PADDING / 255.0, self.dtype)
+        grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
         return self.run(grey)
 
     def _layout(self, name: str, output: NDArray) -> Layout:

@@ -1,4 +1,4 @@
-"""Looking at a picture in tiles, for targets too small for the network (Akyon et al. 2022, arXiv:2202.06934)."""
+"""Tiles of an image, for targets too small for the network (Akyon et al. 2022, arXiv:2202.06934)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ EDGE = 2.0  # pixels
 
 
 def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tuple[int, int]]:
-    """Top-left corners (x, y) of square tiles that cover a picture evenly with at least the share `overlap` in common.
+    """Top-left corners (x, y) of square tiles that cover an image evenly with at least the share `overlap` in common.
 
-    A picture no larger than a tile needs none: the list is empty.
+    An image no larger than a tile needs none: the list is empty.
     """
     def starts(length: int) -> list[int]:
         if length <= side:
@@ -25,10 +25,10 @@ def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tup
 
 
 def whole_in_tile(boxes: NDArray, corner: tuple[int, int], side: int, width: int, height: int) -> NDArray[np.bool_]:
-    """Which boxes (n, 4) of a picture, found in a tile, do not touch an edge of the tile that lies inside the picture.
+    """Which boxes (n, 4) of an image, found in a tile, do not touch an edge of the tile that lies inside the image.
 
-    A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the picture
-    as a whole.
+    A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the whole
+    image.
     """
     x, y = corner
     low = np.array([x if x > 0 else -np.inf, y if y > 0 else -np.inf])

@@ -1,14 +1,14 @@
-"""The posterior of many pictures against the exact one of correlated Gaussian evidence."""
+"""The posterior of many pictures against the exact one of correlated Gaussian fusion."""
 
 import numpy as np
 import pytest
 from scipy.special import expit
 from scipy.stats import multivariate_normal
 
-from av_vision.evidence import Evidence, EvidenceModel
+from av_vision.score_fusion import ScoreFusion, ScoreFusionModel
 
 PRIOR, CORRELATION, VARIANCE = -0.9, 0.6, 2.5
-FOREVER = EvidenceModel(prior=PRIOR, correlation=CORRELATION, memory_s=1e6, floor=0.02)
+FOREVER = ScoreFusionModel(prior=PRIOR, correlation=CORRELATION, memory_s=1e6, floor=0.02)
 
 
 def covariance(count):
@@ -23,10 +23,10 @@ def things(rng, number, count):
 
 
 def judged(values, step=0.1):
-    evidence = Evidence(FOREVER, 1)
+    fusion = ScoreFusion(FOREVER, 1)
     for k, value in enumerate(values):
-        evidence.add([expit(value)], step * k)
-    return float(evidence.probabilities()[0])
+        fusion.add([expit(value)], step * k)
+    return float(fusion.probabilities()[0])
 
 
 @pytest.mark.parametrize('count', [1, 2, 7, 40])
@@ -50,24 +50,24 @@ def test_it_is_as_sure_as_it_is_right():
 
 def test_one_picture_is_judged_by_itself():
     assert judged([1.3]) == pytest.approx(expit(1.3))
-    evidence = Evidence(EvidenceModel(), 2)
+    fusion = ScoreFusion(ScoreFusionModel(), 2)
     for time, seen in enumerate(([0.9, 0.05], [0.2, 0.7])):
-        evidence.add(seen, float(time))
-        assert evidence.probabilities() == pytest.approx(seen)
+        fusion.add(seen, float(time))
+        assert fusion.probabilities() == pytest.approx(seen)
 
 
 def test_what_was_seen_long_ago_is_forgotten():
-    evidence = Evidence(EvidenceModel(prior=PRIOR, correlation=CORRELATION, memory_s=3.0), 1)
+    fusion = ScoreFusion(ScoreFusionModel(prior=PRIOR, correlation=CORRELATION, memory_s=3.0), 1)
     for k in range(100):
-        evidence.add([0.9], 0.1 * k)
-    evidence.add([0.3], 100.0)
-    assert evidence.probabilities() == pytest.approx([0.3], abs=1e-6)
+        fusion.add([0.9], 0.1 * k)
+    fusion.add([0.3], 100.0)
+    assert fusion.probabilities() == pytest.approx([0.3], abs=1e-6)
 
 
 def test_metadata_says_how_or_nothing_is_remembered():
-    assert EvidenceModel.from_metadata({}) == EvidenceModel()
-    given = EvidenceModel.from_metadata({'evidence': '{"prior": -1, "correlation": 0.6, "memory_s": 3, "floor": 0.02}'})
-    assert given == EvidenceModel(-1, 0.6, 3, 0.02)
+    assert ScoreFusionModel.from_metadata({}) == ScoreFusionModel()
+    given = ScoreFusionModel.from_metadata({'score_fusion': '{"prior": -1, "correlation": 0.6, "memory_s": 3, "floor": 0.02}'})
+    assert given == ScoreFusionModel(-1, 0.6, 3, 0.02)
     for text in ('{', '[1]', '{"mood": 1}', '{"correlation": 7}', '{"prior": "x"}'):
-        with pytest.raises(ValueError, match='evidence'):
-            EvidenceModel.from_metadata({'evidence': text})
+        with pytest.raises(ValueError, match='score_fusion'):
+            ScoreFusionModel.from_metadata({'score_fusion': text})

@@ -7,12 +7,12 @@ import pytest
 import yolo_models
 from scipy.special import expit, logit
 
-from av_vision.watching import Watcher
+from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector, DetectorSettings
 
 NAMES = {'names': "{0: 'bird', 1: 'drone'}", 'score_threshold': '0.5'}
-TIMED = {**NAMES, 'evidence': json.dumps({'prior': -1.0, 'correlation': 0.6, 'memory_s': 3.0, 'floor': 0.02})}
-PICTURE = np.zeros((416, 416, 3), np.uint8)
+TIMED = {**NAMES, 'score_fusion': json.dumps({'prior': -1.0, 'correlation': 0.6, 'memory_s': 3.0, 'floor': 0.02})}
+IMAGE = np.zeros((416, 416, 3), np.uint8)
 BOX = (96.0, 160.0, 160.0, 200.0)
 
 
@@ -22,31 +22,31 @@ def detector(folder, score, metadata=TIMED, label=1):
     return Detector(path, DetectorSettings(keep=('drone',)))
 
 
-def play(folder, *looks, metadata=TIMED, still=False):
-    """Scores reported of a thing that networks of these scores see in turn, None where nothing is."""
-    watcher, out = Watcher(detector(folder, 0.9, metadata), still=still), []
+def play(folder, *looks, metadata=TIMED, temporal_fusion=True):
+    """Scores and tracks that follow from networks of these scores in turn, None where nothing is reported."""
+    detection, out = TemporalDetector(detector(folder, 0.9, metadata), temporal_fusion=temporal_fusion), []
     for k, (score, label) in enumerate(looks):
-        seen = detector(folder, score, metadata, label).candidates(PICTURE, watcher.model.floor)
-        found, tracks = watcher.judge(seen, 0.1 * k)
+        seen = detector(folder, score, metadata, label).candidates(IMAGE, detection.model.floor)
+        found, tracks = detection.fuse(seen, 0.1 * k)
         assert len(tracks) == len(found)
         out.append((float(found.scores[0]), tracks[0]) if len(found) else None)
     return out
 
 
-def test_the_first_picture_is_reported_at_once_and_as_it_is(tmp_path):
-    found, tracks = Watcher(detector(tmp_path, 0.8)).look(PICTURE, 0.0)
+def test_the_first_image_is_reported_at_once_and_as_it_is(tmp_path):
+    found, tracks = TemporalDetector(detector(tmp_path, 0.8)).detect(IMAGE, 0.0)
     assert found.scores == pytest.approx([0.8], abs=1e-4)
     assert tracks == [1]
 
 
-def test_a_weak_picture_of_a_sure_thing_is_still_a_drone(tmp_path):
+def test_a_weak_image_of_a_certain_object_is_still_a_drone(tmp_path):
     alone = play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1), metadata=NAMES)
     assert alone[2] is None
     timed = play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1))
     weights = np.exp([-0.2 / 3, -0.1 / 3, 0.0])
     mean, count = weights @ logit([0.9, 0.9, 0.3]) / weights.sum(), weights.sum() ** 2 / (weights**2).sum()
     assert timed[2] == (pytest.approx(expit(-1.0 + (mean + 1.0) / (0.6 + 0.4 / count)), abs=1e-3), 1)
-    assert play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1), still=True)[2] is None
+    assert play(tmp_path, (0.9, 1), (0.9, 1), (0.3, 1), temporal_fusion=False)[2] is None
 
 
 def test_one_drone_in_a_row_of_birds_is_a_bird(tmp_path):
@@ -55,7 +55,7 @@ def test_one_drone_in_a_row_of_birds_is_a_bird(tmp_path):
     assert play(tmp_path, *looks, metadata=NAMES)[5] == (pytest.approx(0.7, abs=1e-4), 1)
 
 
-def test_a_picture_of_another_size_begins_anew(tmp_path):
-    watcher = Watcher(detector(tmp_path, 0.8))
-    assert watcher.look(PICTURE, 0.0)[1] == watcher.look(PICTURE, 0.1)[1] == [1]
-    assert watcher.look(np.zeros((832, 832, 3), np.uint8), 0.2)[1] == [2]
+def test_an_image_of_another_size_begins_anew(tmp_path):
+    detection = TemporalDetector(detector(tmp_path, 0.8))
+    assert detection.detect(IMAGE, 0.0)[1] == detection.detect(IMAGE, 0.1)[1] == [1]
+    assert detection.detect(np.zeros((832, 832, 3), np.uint8), 0.2)[1] == [2]

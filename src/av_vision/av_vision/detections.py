@@ -1,0 +1,89 @@
+"""Boxes, scores and classes of what is detected in one image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Boxes:
+    """Boxes (n, 4) as x1, y1, x2, y2 in pixels of the image."""
+
+    boxes: NDArray[np.floating]
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    @cached_property
+    def centres(self) -> NDArray[np.floating]:
+        """Centres (n, 2) in pixels."""
+        return np.asarray(0.5 * (self.boxes[:, :2] + self.boxes[:, 2:]))
+
+    @cached_property
+    def sizes(self) -> NDArray[np.floating]:
+        """Widths and heights (n, 2) in pixels."""
+        return np.asarray(self.boxes[:, 2:] - self.boxes[:, :2])
+
+
+@dataclass(frozen=True)
+class Detections(Boxes):
+    """What a detector reports.
+
+    Parameters:
+        boxes (n, 4; pixels): x1, y1, x2, y2.
+        scores (n,; 0-1): in falling order.
+        class_names: n names.
+    """
+
+    boxes: NDArray[np.floating] = field(default_factory=lambda: np.empty((0, 4), np.float32))
+    scores: NDArray[np.floating] = field(default_factory=lambda: np.empty(0, np.float32))
+    class_names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Candidates(Boxes):
+    """Boxes above a floor, before classes and threshold are applied.
+
+    Parameters:
+        boxes (n, 4; pixels): x1, y1, x2, y2.
+        probabilities (n, classes; 0-1): of each class.
+    """
+
+    boxes: NDArray[np.floating]
+    probabilities: NDArray[np.floating]
+
+    @cached_property
+    def scores(self) -> NDArray[np.floating]:
+        """Probabilities (n,) of the likeliest class."""
+        return np.asarray(self.probabilities.max(axis=1, initial=0.0))
+
+
+def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
+    """Indices of the boxes that survive non-maximum suppression over all classes, by falling score.
+
+    Classes compete: there is one object in one place, and an object that is more likely a bird is no drone.
+
+    Parameters:
+        boxes (n, 4): x1, y1, x2, y2.
+        scores (n,): of the boxes.
+        iou (0-1): of two boxes with a larger intersection over union, that of the lower score is removed.
+        nested (0-1): the same for two boxes of which a larger share of the smaller one lies in the other; 1 keeps both.
+    """
+    if not len(boxes):
+        return np.empty(0, np.intp)
+    xywh = np.concatenate([boxes[:, :2], boxes[:, 2:] - boxes[:, :2]], axis=1).astype(np.float64)
+    selected = np.asarray(cv2.dnn.NMSBoxes(xywh, scores.astype(np.float32), 0.0, iou), np.intp).reshape(-1)  # type: ignore[arg-type]
+    if nested >= 1.0 or len(selected) < 2:
+        return selected
+    left = boxes[selected]
+    low, high = np.maximum(left[:, None, :2], left[None, :, :2]), np.minimum(left[:, None, 2:], left[None, :, 2:])
+    area = np.prod(left[:, 2:] - left[:, :2], axis=1)
+    inside = np.clip(high - low, 0.0, None).prod(axis=2) > nested * np.minimum(area[:, None], area[None])
+    stands = np.ones(len(left), bool)
+    for k in range(1, len(left)):
+        stands[k] = not (inside[k, :k] & stands[:k]).any()
+    return np.asarray(selected[stands])

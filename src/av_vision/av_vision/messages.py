@@ -1,0 +1,156 @@
+"""Images, cameras, detections and visibility as ROS messages and back. The only place where they are encoded.
+
+Images are views and one copy, without cv_bridge and without a loop over pixels. What is decoded may be a message of any
+library with the fields of ROS.
+"""
+
+from __future__ import annotations
+
+import sys
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+
+from av_common.camera import PinholeCamera
+from av_interfaces.msg import Visibility as VisibilityMessage
+from av_vision.detections import Detections
+from av_vision.visibility import Visibility
+
+# encoding -> (dtype, channels, OpenCV conversion to BGR or None)
+ENCODINGS: dict[str, tuple[str, int, int | None]] = {
+    'bgr8': ('u1', 3, None), '8UC3': ('u1', 3, None), 'rgb8': ('u1', 3, cv2.COLOR_RGB2BGR),
+    'bgra8': ('u1', 4, cv2.COLOR_BGRA2BGR), '8UC4': ('u1', 4, cv2.COLOR_BGRA2BGR), 'rgba8': ('u1', 4, cv2.COLOR_RGBA2BGR),
+    'mono8': ('u1', 1, None), '8UC1': ('u1', 1, None), 'mono16': ('u2', 1, None), '16UC1': ('u2', 1, None),
+    '32FC1': ('f4', 1, None),
+    'yuv422': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY), 'uyvy': ('u1', 2, cv2.COLOR_YUV2BGR_UYVY),
+    'yuv422_yuy2': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2), 'yuyv': ('u1', 2, cv2.COLOR_YUV2BGR_YUY2),
+    'bayer_rggb8': ('u1', 1, cv2.COLOR_BayerBG2BGR), 'bayer_bggr8': ('u1', 1, cv2.COLOR_BayerRG2BGR),
+    'bayer_gbrg8': ('u1', 1, cv2.COLOR_BayerGR2BGR), 'bayer_grbg8': ('u1', 1, cv2.COLOR_BayerGB2BGR),
+}
+
+
+def image_from_message(message: Any) -> NDArray:
+    """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR uint8, or (h, w) of the encoding's own type.
+
+    The array may share the message's memory. Raises ValueError for an unknown encoding and for data that do not fit.
+    """
+    if hasattr(message, 'format'):
+        return decode_compressed(message.data)
+    if message.encoding not in ENCODINGS:
+        raise ValueError(f'encoding {message.encoding!r} is not known, expected one of {", ".join(ENCODINGS)}')
+    kind, channels, conversion = ENCODINGS[message.encoding]
+    dtype = np.dtype(kind).newbyteorder('>' if message.is_bigendian else '<')
+    row = message.width * channels * dtype.itemsize
+    data = np.frombuffer(message.data, np.uint8)
+    if message.width == 0 or message.height == 0 or message.step < row or data.size < message.height * message.step:
+        raise ValueError(f'{data.size} bytes in rows of {message.step} hold no {message.width}x{message.height} '
+                         f'{message.encoding} image')
+    rows = data[:message.height * message.step].reshape(message.height, message.step)[:, :row]
+    pixels: NDArray = np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)
+    pixels = pixels.astype(dtype.newbyteorder('='), copy=False)
+    pixels = pixels[:, :, 0] if channels == 1 else pixels
+    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+
+
+def decode_compressed(data: bytes | array | NDArray[np.uint8]) -> NDArray:
+    """The image (h, w, 3) or (h, w) in JPEG, PNG or another format of OpenCV; raises ValueError when it is none."""
+    encoded = np.frombuffer(data, np.uint8)
+    image = cv2.imdecode(encoded, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if encoded.size else None
+    if image is None:
+        raise ValueError(f'{encoded.size} bytes of compressed image cannot be decoded')
+    return image
+
+
+def image_message(header: Header, image: NDArray, encoding: str = '') -> Image:
+    """An image as a message.
+
+    Raises ValueError when the image does not have the type and the channels of its encoding.
+
+    Parameters:
+        header: time of capture and optical frame.
+        image (h, w[, channels]): of a type in ENCODINGS.
+        encoding: of ENCODINGS; empty for that of the array's type.
+    """
+    encoding = encoding or encoding_of(image)
+    kind, channels, _ = ENCODINGS[encoding]
+    if image.dtype != np.dtype(kind) or (image.shape[2] if image.ndim == 3 else 1) != channels:
+        raise ValueError(f'an image of shape {image.shape} and type {image.dtype} is not {encoding}')
+    height, width = image.shape[:2]
+    message = Image(header=header, height=height, width=width, encoding=encoding,
+                    is_bigendian=int(sys.byteorder == 'big'), step=width * channels * image.dtype.itemsize)
+    # rclpy would check a list or bytes element by element.
+    message.data = array('B', np.ascontiguousarray(image).tobytes())
+    return message
+
+
+def encoding_of(image: NDArray) -> str:
+    """The encoding of an image (h, w[, channels]) as OpenCV has it; raises ValueError for a type without one."""
+    channels = image.shape[2] if image.ndim == 3 else 1
+    encoding = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8', ('uint16', 1): '16UC1',
+                ('float32', 1): '32FC1'}.get((image.dtype.name, channels))
+    if encoding is None:
+        raise ValueError(f'an image of shape {image.shape} and type {image.dtype} has no encoding')
+    return encoding
+
+
+def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
+    """The calibration of a camera whose images are not rectified. `PinholeCamera.from_camera_info` is the way back."""
+    info = CameraInfo(header=header, width=camera.width, height=camera.height)
+    info.distortion_model = 'rational_polynomial' if len(camera.distortion) > 5 else 'plumb_bob'
+    info.d = list(camera.distortion or (0.0,) * 5)
+    info.k = camera.matrix.ravel().tolist()
+    info.r = np.eye(3).ravel().tolist()
+    info.p = np.column_stack([camera.matrix, np.zeros(3)]).ravel().tolist()
+    return info
+
+
+def detections_message(header: Header, detections: Detections, ids: Sequence[int | str]) -> Detection2DArray:
+    """The detections of an image.
+
+    Parameters:
+        header: the image's, repeated in each detection.
+        detections: boxes in pixels, scores, class names.
+        ids: track number (or origin) of each detection.
+    """
+    message = Detection2DArray(header=header)
+    rows = zip(detections.centres.tolist(), detections.sizes.tolist(), detections.scores.tolist(), detections.class_names,
+               ids, strict=True)
+    for centre, size, score, name, track in rows:
+        hypothesis = ObjectHypothesisWithPose()
+        hypothesis.hypothesis.class_id, hypothesis.hypothesis.score = name, score
+        detection = Detection2D(header=header, results=[hypothesis], id=str(track))
+        detection.bbox.center.position.x, detection.bbox.center.position.y = centre
+        detection.bbox.size_x, detection.bbox.size_y = size
+        message.detections.append(detection)
+    return message
+
+
+def detections_from_message(message: Any) -> tuple[Detections, list[str]]:
+    """The detections of a `Detection2DArray` by their first hypotheses, and their ids; those without one are left out."""
+    known = [one for one in message.detections if one.results]
+    middle = np.array([(one.bbox.center.position.x, one.bbox.center.position.y) for one in known]).reshape(-1, 2)
+    half = 0.5 * np.array([(one.bbox.size_x, one.bbox.size_y) for one in known]).reshape(-1, 2)
+    scores = np.array([one.results[0].hypothesis.score for one in known], float)
+    return Detections(np.concatenate([middle - half, middle + half], axis=1), scores,
+                      tuple(one.results[0].hypothesis.class_id for one in known)), [one.id for one in known]
+
+
+def visibility_message(header: Header, visibility: Visibility) -> VisibilityMessage:
+    """The visibility in the image of a header."""
+    return VisibilityMessage(header=header, visibility=float(visibility.share), range=float(visibility.range))
+
+
+def header_of(message: Any) -> Header:
+    """The header of a message of any library, as one of ROS."""
+    header = message.header
+    if isinstance(header, Header):
+        return header
+    return Header(stamp=Time(sec=int(header.stamp.sec), nanosec=int(header.stamp.nanosec)), frame_id=header.frame_id)

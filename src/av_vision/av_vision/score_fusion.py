@@ -1,0 +1,111 @@
+"""Fusion of the class scores that one object gets in successive images into one posterior probability for each class.
+
+Model: the log-odds from one image, less the prior's, are normal with equal variance for objects of the class and for others,
+and calibrated as the probability from one image is (difference of the means = variance). Any two images of one object have
+the same correlation: an object that resembles a drone does so in every image, and only the remaining error averages out.
+The mean of n such values is a sufficient statistic; its log-likelihood ratio is the mean divided by
+correlation + (1 - correlation) / n (Gaussian discrimination with equal covariances, Bishop 2006, sec. 4.2.1).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LEAST_PROBABILITY = 1e-6  # probabilities are kept this far from 0 and 1
+
+
+def logit(probability: ArrayLike) -> NDArray[np.float64]:
+    """Log-odds of probabilities of any shape, clipped to finite values."""
+    clipped = np.clip(np.asarray(probability, float), LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)
+    return np.asarray(np.log(clipped / (1.0 - clipped)))
+
+
+@dataclass(frozen=True)
+class ScoreFusionModel:
+    """Statistics of the scores of one object over images. Raises ValueError for a value outside its bounds.
+
+    Parameters:
+        prior (log-odds): of a class among all that a detector reports, before an image is seen.
+        correlation (0-1): of the log-odds in any two images of one object.
+        memory_s (s): time in which the weight of an image falls to 1/e; 0 treats each image by itself.
+        floor (0-1): least probability of a candidate box, which also stands for an image without a detection of the object.
+    """
+
+    prior: float = 0.0
+    correlation: float = 1.0
+    memory_s: float = 0.0
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (('prior', -20.0, 20.0), ('correlation', 0.0, 1.0), ('memory_s', 0.0, 1e6), ('floor', 0.0, 1.0)):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str]) -> ScoreFusionModel:
+        """The model in the metadata's `score_fusion` (JSON); without it each image is treated by itself.
+
+        Raises ValueError for an entry that is not understood.
+        """
+        text = metadata.get('score_fusion', '{}')
+        try:
+            return cls(**json.loads(text))
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"the metadata's score_fusion is {text!r}, expected JSON with some of prior, correlation, "
+                             f'memory_s and floor: {error}') from error
+
+
+SINGLE_IMAGE = ScoreFusionModel()  # each image by itself
+
+
+class ScoreFusion:
+    """Recursive posterior of the classes of one object.
+
+    Parameters:
+        model: statistics of the scores.
+        classes: number of classes.
+    """
+
+    def __init__(self, model: ScoreFusionModel, classes: int) -> None:
+        self._model = model
+        self._sum, self._weight, self._squared_weight = np.zeros(classes), 0.0, 0.0
+        self._time = -np.inf
+
+    def add(self, probabilities: ArrayLike, time: float) -> None:
+        """Add an image.
+
+        Parameters:
+            probabilities (classes,): of the classes in this image alone.
+            time (s): of the image, not before the last one.
+        """
+        model = self._model
+        kept = np.exp((self._time - time) / model.memory_s) if model.memory_s > 0.0 and self._weight else 0.0
+        self._sum = kept * self._sum + logit(probabilities)
+        self._weight = kept * self._weight + 1.0
+        self._squared_weight = kept**2 * self._squared_weight + 1.0
+        self._time = time
+
+    def miss(self, time: float) -> None:
+        """Add an image taken at `time` (s) in which the object was not detected."""
+        self.add(np.full(len(self._sum), self._model.floor), time)
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """Weighted mean (classes,) of the log-odds of the images."""
+        return self._sum / self._weight
+
+    @property
+    def count(self) -> float:
+        """Effective number of images: (sum of weights)^2 / sum of squared weights (Kish 1965)."""
+        return self._weight**2 / self._squared_weight
+
+    def probabilities(self) -> NDArray[np.float64]:
+        """Posterior probabilities (classes,)."""
+        model = self._model
+        spread = model.correlation + (1.0 - model.correlation) / self.count
+        return np.asarray(1.0 / (1.0 + np.exp(-model.prior - (self.mean - model.prior) / spread)))

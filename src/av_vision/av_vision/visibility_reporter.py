@@ -1,0 +1,97 @@
+"""Visibility from a stream of images, at most so many times a second, with distances from depth images or flat ground."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.camera import PinholeCamera
+from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy
+from av_common.stamps import to_seconds
+from av_vision.messages import image_from_message
+from av_vision.visibility import Visibility, estimate, ground_distances
+
+LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
+
+
+@dataclass(frozen=True)
+class VisibilitySettings:
+    """How often and for which scene visibility is estimated.
+
+    Parameters:
+        rate (1/s): of estimates; 0 for none.
+        target_distance (m): for which the share of contrast is reported.
+        camera_height (m): over flat ground; 0 when unknown.
+        camera_pitch (rad): downwards from the horizon (REP-103).
+    """
+
+    rate: float = 2.0
+    target_distance: float = 10.0
+    camera_height: float = 0.0
+    camera_pitch: float = 0.0
+
+
+class VisibilityReporter:
+    """Estimates visibility in some of the images.
+
+    Distances come from depth images, or from the camera's height over flat ground; without either only the share of contrast
+    that is left in the image is known.
+
+    Parameters:
+        settings: rate and scene.
+        camera: intrinsics, needed for flat ground alone; None until `on_camera_info`.
+    """
+
+    def __init__(self, settings: VisibilitySettings, camera: PinholeCamera | None = None) -> None:
+        self._settings, self._camera = settings, camera
+        self._next = -math.inf
+        self._ground: NDArray | None = None
+        self._depth: tuple[float, NDArray] | None = None  # time in s, image
+
+    @property
+    def needs_camera(self) -> bool:
+        """Whether intrinsics are wanted and not known yet."""
+        return self._settings.camera_height > 0.0 and self._camera is None
+
+    def on_depth(self, message: Any) -> None:
+        """Take a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
+
+        Raises ValueError for an image that cannot be read.
+        """
+        self._depth = to_seconds(message.header.stamp), image_from_message(message)
+
+    def on_camera_info(self, message: Any) -> None:
+        """Take the first `sensor_msgs/CameraInfo` that holds a calibration."""
+        if self.needs_camera and message.k[0] > 0.0:
+            self._camera = PinholeCamera.from_camera_info(message)
+
+    def report(self, image: NDArray, time: float) -> Visibility | None:
+        """The visibility in an image if an estimate is due.
+
+        Parameters:
+            image (h, w[, channels]): BGR, grey or 16-bit.
+            time (s): of capture; a time more than a period before the last estimate (a looped file) starts over.
+        """
+        rate = self._settings.rate
+        if rate <= 0.0 or self._next - 1.0 / rate <= time < self._next:
+            return None
+        self._next = time + 1.0 / rate
+        return estimate(image, self._distance((image.shape[0], image.shape[1]), time), self._settings.target_distance)
+
+    def reset(self) -> None:
+        """Let the next image be estimated, and forget the last depth image."""
+        self._next, self._depth = -math.inf, None
+
+    def _distance(self, shape: tuple[int, int], time: float) -> NDArray | None:
+        if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
+            depth = self._depth[1]
+            metres = depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0)
+            return metres if metres.shape == shape else None
+        if self._ground is None and self._camera is not None and self._settings.camera_height > 0.0:
+            pitch = rotation_from_rpy(0.0, self._settings.camera_pitch, 0.0)
+            self._ground = ground_distances(self._camera, self._settings.camera_height, pitch @ FLU_TO_OPTICAL.T)
+        return self._ground if self._ground is not None and self._ground.shape == shape else None

@@ -1,0 +1,111 @@
+"""The detection stage: messages in, messages out, without a node."""
+
+import math
+from array import array
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip('av_interfaces.msg', reason='needs the workspace to be built')
+
+import yolo_models
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Header
+
+from av_common.camera import PinholeCamera
+from av_common.parameters import node_parameters
+from av_vision.messages import camera_info_message, image_message
+from av_vision.stage import make_detection_stage
+from av_vision.visibility import ground_distances
+
+CAMERA = PinholeCamera.from_fov(416, 416, math.radians(70.0))
+GROUND = ground_distances(CAMERA, 3.0, np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
+
+
+@pytest.fixture
+def model(tmp_path):
+    return str(yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"}))
+
+
+def header(time):
+    return Header(stamp=Time(sec=int(time), nanosec=round(time % 1 * 1e9)), frame_id='camera_optical_frame')
+
+
+def image_at(time, pixels=None):
+    return image_message(header(time), np.zeros((416, 416, 3), np.uint8) if pixels is None else pixels)
+
+
+def foggy_field(extinction):
+    """Flat ground of dark and bright patches in even fog."""
+    patches = np.where(np.random.default_rng(0).random((416, 416)) < 0.5, 40.0, 120.0)
+    left = np.exp(-extinction * GROUND)
+    return np.repeat((patches * left + 200.0 * (1.0 - left)).astype(np.uint8)[..., None], 3, axis=2)
+
+
+def make(model, camera=None, **parameters):
+    return make_detection_stage(node_parameters('av_vision', 'detector_node', overrides={'model': model, **parameters}), camera)
+
+
+def test_detections_carry_the_header_and_their_tracks(model):
+    stage = make(model)
+    for time in (5.0, 5.25):
+        message, _ = stage.on_image(image_at(time), time + 0.1)
+        assert message.header == header(time)
+        drone, = message.detections
+        assert (drone.id, drone.results[0].hypothesis.class_id) == ('1', 'drone')
+    stage.reset()
+    assert stage.on_image(image_at(6.0), 6.1)[0].detections[0].id == '2'
+
+
+def test_raw_compressed_and_foreign_messages_give_the_same(model):
+    raw, _ = make(model).on_image(image_at(5.0), 5.0)
+    data = array('B', cv2.imencode('.png', np.zeros((416, 416, 3), np.uint8))[1].tobytes())
+    compressed, _ = make(model).on_image(CompressedImage(header=header(5.0), format='png', data=data), 5.0)
+    image = image_at(5.0)
+    fields = {name: getattr(image, name) for name in ('height', 'width', 'encoding', 'is_bigendian', 'step', 'data')}
+    stamp = SimpleNamespace(sec=5, nanosec=0)
+    foreign, _ = make(model).on_image(
+        SimpleNamespace(header=SimpleNamespace(stamp=stamp, frame_id='camera_optical_frame'), **fields), 5.0)
+    assert raw == compressed == foreign
+
+
+def test_visibility_comes_at_its_rate_and_after_a_loop(model):
+    stage = make(model, visibility_rate=2.0)
+    times = [10.0, 10.1, 10.4, 10.5, 10.6, 3.0, 3.1]
+    due = [stage.on_image(image_at(time), time)[1] is not None for time in times]
+    assert due == [True, False, False, True, False, True, False]
+    assert make(model, visibility_rate=0.0).on_image(image_at(1.0), 1.0)[1] is None
+
+
+def test_visibility_has_a_range_where_the_ground_is_known(model):
+    image = image_at(1.0, foggy_field(0.1))
+    unscaled = make(model, camera_height=3.0)
+    assert math.isnan(unscaled.on_image(image, 1.0)[1].range)
+    known = make(model, CAMERA, camera_height=3.0).on_image(image, 1.0)[1]
+    assert known.range == pytest.approx(math.log(20.0) / 0.1, rel=0.2)
+    assert known.visibility == pytest.approx(math.exp(-1.0), abs=0.1)
+    learnt = make(model, camera_height=3.0)
+    learnt.on_camera_info(camera_info_message(header(0.5), CAMERA))
+    assert learnt.on_image(image, 1.0)[1] == known
+
+
+def test_visibility_uses_depth_of_the_same_moment(model):
+    image, depth = image_at(1.0, foggy_field(0.1)), np.where(np.isfinite(GROUND), GROUND, 0.0)
+    stage = make(model)
+    stage.on_depth(image_message(header(1.0), (1e3 * np.clip(depth, 0.0, 60.0)).astype(np.uint16)))
+    assert stage.on_image(image, 1.0)[1].range == pytest.approx(math.log(20.0) / 0.1, rel=0.2)
+    assert math.isnan(stage.on_image(image_at(3.0, foggy_field(0.1)), 3.0)[1].range)
+
+
+def test_images_that_cannot_be_decoded_are_refused_and_the_next_is_used(model):
+    stage = make(model)
+    wrong = image_at(1.0)
+    wrong.encoding = 'pink9'
+    with pytest.raises(ValueError, match='pink9'):
+        stage.on_image(wrong, 1.0)
+    with pytest.raises(ValueError, match='pink9'):
+        stage.on_depth(wrong)
+    assert len(stage.on_image(image_at(2.0), 2.0)[0].detections) == 1

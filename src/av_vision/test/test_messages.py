@@ -1,0 +1,131 @@
+"""Messages against OpenCV, by round trips, and with fields that contradict each other."""
+
+from array import array
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip('av_interfaces.msg', reason='needs the workspace to be built')
+
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header
+
+from av_common.camera import PinholeCamera
+from av_vision.detections import Detections
+from av_vision.messages import (
+    camera_info_message,
+    detections_from_message,
+    detections_message,
+    header_of,
+    image_from_message,
+    image_message,
+    visibility_message,
+)
+from av_vision.visibility import Visibility
+
+RNG = np.random.default_rng(0)
+HEADER = Header(frame_id='camera_optical_frame')
+HEADER.stamp.sec, HEADER.stamp.nanosec = 12, 500
+COLOUR = RNG.integers(0, 256, (7, 11, 3), np.uint8)
+
+
+def message(image, encoding, padding=0, bigendian=False):
+    rows = np.ascontiguousarray(image).view(np.uint8).reshape(image.shape[0], -1)
+    rows = np.pad(rows, ((0, 0), (0, padding)))
+    return SimpleNamespace(height=image.shape[0], width=image.shape[1], encoding=encoding, step=rows.shape[1],
+                           is_bigendian=bigendian, data=array('B', rows.tobytes()))
+
+
+@pytest.mark.parametrize('padding', [0, 5])
+def test_colours_come_out_as_bgr(padding):
+    alpha = np.dstack([COLOUR, np.full((7, 11), 255, np.uint8)])
+    sent = [(COLOUR, 'bgr8'), (COLOUR[..., ::-1], 'rgb8'), (alpha, 'bgra8'), (alpha[..., [2, 1, 0, 3]], 'rgba8')]
+    for image, encoding in sent:
+        assert np.array_equal(image_from_message(message(image, encoding, padding)), COLOUR), encoding
+
+
+def test_grey_16_bit_and_depth_keep_their_numbers():
+    deep = RNG.integers(0, 65536, (7, 11)).astype(np.uint16)
+    assert np.array_equal(image_from_message(message(deep, '16UC1')), deep)
+    assert np.array_equal(image_from_message(message(deep.astype('>u2'), 'mono16', bigendian=True)), deep)
+    assert np.array_equal(image_from_message(message(COLOUR[..., 0], 'mono8', 3)), COLOUR[..., 0])
+    metres = RNG.random((7, 11)).astype(np.float32)
+    assert np.array_equal(image_from_message(message(metres, '32FC1', 4)), metres)
+
+
+@pytest.mark.parametrize('image', [COLOUR, COLOUR[..., 0], np.arange(12, dtype=np.uint16).reshape(3, 4)])
+def test_round_trip(image):
+    sent = image_message(HEADER, image)
+    assert isinstance(sent, Image)
+    assert isinstance(sent.data, array)
+    assert sent.header == HEADER
+    assert np.array_equal(image_from_message(sent), image)
+
+
+def test_compressed():
+    good, data = cv2.imencode('.png', COLOUR)
+    assert good
+    assert np.array_equal(image_from_message(SimpleNamespace(format='png', data=array('B', data.tobytes()))), COLOUR)
+    for junk in (b'', b'junk', data.tobytes()[:20]):
+        with pytest.raises(ValueError, match='cannot be decoded'):
+            image_from_message(SimpleNamespace(format='jpeg', data=array('B', junk)))
+
+
+def test_messages_that_lie_are_refused():
+    short = message(COLOUR, 'bgr8')
+    short.data = short.data[:-1]
+    with pytest.raises(ValueError, match='11x7 bgr8'):
+        image_from_message(short)
+    with pytest.raises(ValueError, match='pink9'):
+        image_from_message(message(COLOUR, 'pink9'))
+    empty = message(COLOUR, 'bgr8')
+    empty.width = 0
+    with pytest.raises(ValueError, match='0x7'):
+        image_from_message(empty)
+
+
+def test_an_image_of_another_type_than_its_encoding_is_refused():
+    with pytest.raises(ValueError, match='is not 16UC1'):
+        image_message(HEADER, COLOUR, '16UC1')
+    with pytest.raises(ValueError, match='has no encoding'):
+        image_message(HEADER, COLOUR.astype(np.float64))
+
+
+@pytest.mark.parametrize('distortion', [(), (0.1, -0.2, 0.001, 0.002, 0.03), (0.1, -0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4)])
+def test_a_camera_comes_back_from_its_message(distortion):
+    camera = PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5, distortion)
+    info = camera_info_message(HEADER, camera)
+    assert info.header == HEADER
+    assert info.distortion_model == ('rational_polynomial' if len(distortion) > 5 else 'plumb_bob')
+    assert np.reshape(info.p, (3, 4))[:, :3] == pytest.approx(camera.matrix)
+    assert PinholeCamera.from_camera_info(info) == camera
+
+
+def test_detections_come_back_from_their_message():
+    detections = Detections(np.array([[1.0, 2.0, 5.0, 10.0], [0.0, 0.0, 2.5, 1.0]]), np.array([0.9, 0.4]), ('drone', 'bird'))
+    message = detections_message(HEADER, detections, (7, 'oracle'))
+    assert {tuple(map(str, (one.header.stamp, one.header.frame_id))) for one in message.detections} == {
+        (str(HEADER.stamp), HEADER.frame_id)}
+    first = message.detections[0]
+    assert (first.bbox.center.position.x, first.bbox.center.position.y, first.bbox.size_x, first.bbox.size_y) == (3, 6, 4, 8)
+    back, ids = detections_from_message(message)
+    assert np.array_equal(back.boxes, detections.boxes)
+    assert np.array_equal(back.scores, detections.scores)
+    assert (back.class_names, ids) == (('drone', 'bird'), ['7', 'oracle'])
+    message.detections[0].results = []
+    assert detections_from_message(message)[1] == ['oracle']
+
+
+def test_no_detection_is_an_empty_array():
+    message = detections_message(HEADER, Detections(), ())
+    assert len(message.detections) == 0
+    assert len(detections_from_message(message)[0]) == 0
+
+
+def test_visibility_and_the_header_of_another_library():
+    sent = visibility_message(HEADER, Visibility(0.25, 0.3))
+    assert (sent.visibility, sent.range) == (0.25, pytest.approx(9.99, abs=0.01))
+    foreign = SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=500), frame_id='camera_optical_frame')
+    assert header_of(SimpleNamespace(header=foreign)) == HEADER
