@@ -5,11 +5,7 @@ run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407)
 
 All that is fitted here comes from the split `validation` alone. Logistic regression (Platt 1999, with the other classes'
 logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the
-<<<<<<< HEAD
-threshold is the best for the clips as a rig sees them, in time (`av_vision.evidence`), and for rendered drones of all sizes
-=======
 threshold is the best for the clips as a rig sees them, in time (`av_vision.score_fusion`), and for rendered drones of all sizes
->>>>>>> 75982c2 (Vision: one detection stage, messages in one place, the field's terms)
 (of builds of their own), with few false drones on birds, airplanes and helicopters.
 """
 
