@@ -8,7 +8,7 @@ from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_interfaces.msg import DoaArray
-from av_vision.image import image_from_message
+from av_vision.messages import image_from_message
 
 
 def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):
