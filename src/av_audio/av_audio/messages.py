@@ -44,8 +44,8 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of that
-    angle as measured, which noise may carry slightly beyond -1..1. The two images of a planar array, one on each side of
-    its plane, are no such cone: the axis is zero and the cosines are NaN.
+    angle as measured, limited to -1..1, with the variance of its error. The two images of a planar array, one on each side
+    of its plane, are no such cone: the axis is zero and the cosines are NaN.
 
     Parameters:
         estimate: directions in the array's frame.
@@ -59,10 +59,11 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
                        level=float(estimate.level_dbfs), axis=_vector(axis))
     directions = angles_to_direction(estimate.azimuth, estimate.elevation)
+    cosine = float(np.clip(estimate.cosine, -1.0, 1.0))  # NaN stays NaN
     message.hypotheses = [Doa(
         direction=_vector(direction), azimuth=float(estimate.azimuth[k]), elevation=float(estimate.elevation[k]),
         azimuth_variance=float(estimate.azimuth_variance[k]), elevation_variance=float(estimate.elevation_variance[k]),
-        cosine=float(estimate.cosine), cosine_variance=float(estimate.cosine_variance),
+        cosine=cosine, cosine_variance=float(estimate.cosine_variance),
         confidence=float(estimate.confidence[k]), ambiguity_group=int(estimate.group[k]),
         end_fire=bool(estimate.end_fire[k])) for k, direction in enumerate(directions)]
     return message

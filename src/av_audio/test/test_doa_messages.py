@@ -1,5 +1,6 @@
 """What a DOA message holds for a line, a plane and a space of microphones, and samples there and back."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -49,10 +50,17 @@ def test_the_cosine_at_end_fire_is_the_measured_one(azimuth):
     """Its variance stays that of the delay, while that of the angle grows."""
     message, estimate = message_of(PAIR, azimuth, noise=1.0)
     broadside, _ = message_of(PAIR, 0.0, noise=1.0)
-    assert message.hypotheses[0].cosine == pytest.approx(estimate.q[0])
+    assert message.hypotheses[0].cosine == pytest.approx(np.clip(estimate.q[0], -1.0, 1.0))
     assert message.hypotheses[0].end_fire
     assert message.hypotheses[0].cosine_variance == pytest.approx(broadside.hypotheses[0].cosine_variance, rel=0.6)
     assert message.hypotheses[0].azimuth_variance > 5.0 * broadside.hypotheses[0].azimuth_variance
+
+
+@pytest.mark.parametrize('measured, expected', [(1.04, 1.0), (-1.04, -1.0), (0.98, 0.98)])
+def test_noise_does_not_carry_the_cosine_beyond_one(measured, expected):
+    _, estimate = message_of(PAIR, 80.0)
+    message = doa_array(dataclasses.replace(estimate, cosine=measured), PAIR, 12.5, 'microphones', 0.5, 'ml')
+    assert [h.cosine for h in message.hypotheses] == pytest.approx([expected, expected])
 
 
 def test_the_cone_of_a_calibrated_pair_has_its_delay_curve_undone():

@@ -30,11 +30,11 @@ def delayed(sound, seconds):
 
 def rig_alone(rng):
     """Four independent rotors that hiss near the microphones (n, 2), of power 1, and the microphones' ego-noise."""
-    heard = np.zeros((round(SECONDS * RATE), 2))
+    sound = np.zeros((round(SECONDS * RATE), 2))
     for place in ROTORS:
         distances = np.linalg.norm(PAIR.positions - place, axis=1)
-        heard += delayed(rng.normal(size=len(heard)), distances / C) / distances
-    return heard / heard.std() + 0.05 * rng.normal(size=heard.shape)
+        sound += delayed(rng.normal(size=len(sound)), distances / C) / distances
+    return sound / sound.std() + 0.05 * rng.normal(size=sound.shape)
 
 
 def target(rng):
@@ -57,8 +57,8 @@ def recording():
 
 
 @pytest.mark.parametrize('method', ['ml', 'phat', 'music', 'mvdr'])
-def test_a_target_is_heard_through_rotors_twice_as_strong(recording, method):
-    """Nobody hears it without the recording, every method with it."""
+def test_a_target_is_located_under_rotors_twice_as_strong(recording, method):
+    """No method locates it without the recording, every method with it."""
     rng = np.random.default_rng(2)
     sound = rig_alone(rng) + np.sqrt(0.5) * target(rng)
     assert np.mean(errors(sound, method) < 8.0) < 0.2
@@ -69,7 +69,7 @@ def test_a_target_is_heard_through_rotors_twice_as_strong(recording, method):
 
 @pytest.mark.parametrize('gain_db', [-60.0, -10.0, 0.0, 10.0])
 def test_the_level_may_differ_from_the_recording(recording, gain_db):
-    """Only where the noise is and how it sounds must be as it was; a rig that stands on the ground is silent."""
+    """Positions and spectra of the noise must be as recorded, its level may differ; on the ground the rig is silent."""
     rng = np.random.default_rng(3)
     gain = 10.0 ** (gain_db / 20.0)
     sound = gain * rig_alone(rng) + max(gain, 0.1) * target(rng)
@@ -78,8 +78,8 @@ def test_the_level_may_differ_from_the_recording(recording, gain_db):
     assert np.median(found) < 2.0
 
 
-def test_a_loud_target_is_heard_no_worse_for_it(recording):
-    """Rotors 10 dB below it: no more than their noise is taken off, not what sounds alike and comes from elsewhere."""
+def test_a_loud_target_is_not_subtracted(recording):
+    """Rotors 10 dB below it: only their noise is subtracted, not a similar sound from elsewhere."""
     rng = np.random.default_rng(6)
     sound = np.sqrt(0.1) * rig_alone(rng) + target(rng)
     assert np.median(errors(sound, recording=recording)) < 1.1 * np.median(errors(sound))
@@ -99,7 +99,7 @@ def test_a_recording_that_does_not_fit_is_refused(samples, rate, complaint):
 
 
 def test_localize_takes_a_file_of_the_rig_alone(recording, tmp_path, capsys):
-    """As in the README: what was recorded while hovering is taken off what is heard in flight."""
+    """As in the guide: noise recorded while hovering is subtracted in flight."""
     rng = np.random.default_rng(5)
     for name, sound in (('alone', recording.samples), ('flight', rig_alone(rng) + np.sqrt(0.5) * target(rng))):
         soundfile.write(tmp_path / f'{name}.wav', 0.1 * sound, RATE)

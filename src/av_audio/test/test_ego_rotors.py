@@ -33,7 +33,7 @@ def test_rotors_are_found_in_noise():
 
 
 @pytest.mark.parametrize('known', [True, False])
-def test_a_target_is_heard_through_ego_rotors_ten_decibels_louder(known):
+def test_a_target_is_located_under_ego_rotors_ten_decibels_louder(known):
     rng = np.random.default_rng(3)
     errors = {'with': [], 'without': []}
     for azimuth in np.radians([-70.0, -30.0, 0.0, 20.0, 50.0, 130.0, 200.0]):
