@@ -1,1 +1,1 @@
-"""What the nodes of the rig share: lifecycle, diagnostics, parameters, angles and frames."""
+"""What all packages share: base of nodes, clocks, parameters, frames, geometry of sensors, configuration files."""

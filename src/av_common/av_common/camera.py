@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,15 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 # OpenCV 4 has a function of its own for a given precision, OpenCV 5 an argument.
-UNDISTORT = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
+UNDISTORT: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
 
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Image size in pixels, focal lengths and principal point in pixels, distortion k1 k2 p1 p2 [k3 [k4 k5 k6 …]].
+    """A pinhole camera with lens distortion.
 
     Points are in the optical frame (REP-103: x right, y down, z forward); pixel (0, 0) is the centre of the top-left pixel.
-    Raises ValueError naming the parameter that no camera can have.
+
+    Parameters:
+        width, height (pixels): size of the image.
+        fx, fy (pixels): focal lengths.
+        cx, cy (pixels): principal point.
+        distortion: coefficients k1 k2 p1 p2 [k3 [k4 k5 k6 ...]] in OpenCV's order; empty for an ideal lens.
+
+    Raises ValueError naming the parameter that is out of range.
     """
 
     width: int
@@ -46,14 +54,19 @@ class PinholeCamera:
 
     @classmethod
     def from_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> PinholeCamera:
-        """An ideal camera of square pixels that looks along the image's centre."""
+        """An ideal camera with square pixels and the principal point in the middle of the image.
+
+        Parameters:
+            width, height (pixels): size of the image.
+            horizontal_fov_rad (rad): angle between its left and right edge, within (0, pi).
+        """
         if not 0.0 < horizontal_fov_rad < math.pi:
             raise ValueError(f'horizontal_fov_rad is {horizontal_fov_rad}, expected an angle between 0 and pi')
         focal = 0.5 * width / math.tan(0.5 * horizontal_fov_rad)
         return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
     @classmethod
-    def from_camera_info(cls, info: object) -> PinholeCamera:
+    def from_camera_info(cls, info: Any) -> PinholeCamera:
         """The camera of a `sensor_msgs/CameraInfo` or anything with its `width`, `height`, `k` (9) and `d`.
 
         Raises ValueError for an uncalibrated one (k[0] is 0, as the message defines) and for other lens models.
@@ -78,11 +91,11 @@ class PinholeCamera:
 
     @cached_property
     def horizontal_fov_rad(self) -> float:
-        """Angle between the left and the right edge of the image, distortion ignored."""
+        """Angle in rad between the left and the right edge of the image, distortion ignored."""
         return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """The same lens seen through an image resized to width x height."""
+        """The camera of the same images resized to width x height pixels."""
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(width, height, self.fx * sx, self.fy * sy,
                              (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.distortion)
@@ -98,14 +111,14 @@ class PinholeCamera:
         return pixels
 
     def on_plane(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Where the lines of sight of pixels (n, 2) meet the plane z = 1 of the optical frame (n, 2), distortion taken out."""
+        """Undistorted points (n, 2) at which the rays through pixels (n, 2) meet the plane z = 1 of the optical frame."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         if not len(pixels) or not self.distortion:
             return (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         return UNDISTORT(pixels[:, None], self.matrix, self._coefficients, R=None, P=None, criteria=PRECISE)[:, 0]
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Unit vectors (n, 3) in the optical frame towards pixels (n, 2), with the distortion taken out."""
+        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2)."""
         plane = self.on_plane(pixels)
         rays = np.column_stack([plane, np.ones(len(plane))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -1,9 +1,9 @@
-"""Dataclasses from YAML: the type hints are the schema, and an error names file, key and value.
+"""Dataclasses from YAML: type hints are the schema, and an error names file, key and value.
 
-A field may carry bounds in its metadata (`bounded`), a class checks what concerns several fields in `__post_init__`.
+A field may carry bounds in its metadata (`bounded`); a class checks several fields together in `__post_init__`.
 Old keys that files may still have are refused with the new one, where a class names both in `RENAMED_KEYS`.
-`Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses, made by the mapping's key `kind`.
-File names are relative to the file that holds them.
+`Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses by the mapping's key `kind`.
+Paths are relative to the file that contains them.
 """
 
 from __future__ import annotations
@@ -20,19 +20,26 @@ import yaml
 
 
 class ConfigError(ValueError):
-    """A file that does not say what it should; the message is `file: key: what is wrong with which value`."""
+    """A configuration file with a wrong key or value; the message is `file: key: value and what is expected`."""
 
 
 def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: float | None = None,
             above: float | None = None, choices: Sequence[str] | None = None) -> Any:
-    """A dataclass field whose value, or each number in it, lies in [low, high], above `above`, or among `choices`."""
+    """A dataclass field with bounds for its value, or for each number in it.
+
+    Parameters:
+        default: the field's default; without one the file must give a value.
+        low, high: smallest and largest value.
+        above: the value must be larger than this.
+        choices: the texts that are allowed.
+    """
     metadata = {'low': low, 'high': high, 'above': above, 'choices': choices}
     return dataclasses.field(default=default, metadata={key: value for key, value in metadata.items()
                                                         if value is not None})
 
 
 def load(cls: type, path: str | Path) -> Any:
-    """Read a YAML file as a dataclass. Raises ConfigError, OSError where there is no such file."""
+    """Read a YAML file as an instance of the dataclass `cls`. Raises ConfigError, or OSError for an unreadable file."""
     path = Path(path)
     try:
         content = yaml.safe_load(path.read_text())
@@ -45,7 +52,14 @@ def load(cls: type, path: str | Path) -> Any:
 
 
 def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
-    """Build a dataclass from a mapping that stands at `key` of a file in `folder`. Raises ConfigError."""
+    """Build an instance of a dataclass from a mapping. Raises ConfigError.
+
+    Parameters:
+        cls: the dataclass.
+        content: the mapping, as YAML gives it.
+        key: where it stands in its file, for messages; empty for the whole file.
+        folder: the file's folder, to which paths in it are relative.
+    """
     if not isinstance(content, dict):
         raise ConfigError(f'{key or "file"}: {content!r}, a mapping expected')
     hints = typing.get_type_hints(cls, include_extras=True)
@@ -96,7 +110,7 @@ def _value(hint: Any, value: Any, place: _Place) -> Any:
         return _sequence(arguments, value, place)
     if dataclasses.is_dataclass(hint):
         reader = getattr(hint, 'from_yaml', None)
-        return reader(value, place.key) if reader else read(hint, value, place.key, place.folder)
+        return reader(value, place.key) if reader else read(typing.cast(type, hint), value, place.key, place.folder)
     if hint is Path and isinstance(value, str):
         return place.folder / Path(value).expanduser()
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
@@ -144,7 +158,7 @@ def _check(value: Any, place: _Place) -> None:
 
 
 def _is_callable(hint: Any) -> bool:
-    """Hints such as `Callable[...] | None` are for Python alone."""
+    """Whether a hint is a function, or `Callable[...] | None`: such fields cannot be set by a file."""
     candidates = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     return any(typing.get_origin(candidate) is typing.get_origin(typing.Callable[[], None]) for candidate in candidates)
 

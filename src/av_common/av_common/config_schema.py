@@ -1,4 +1,4 @@
-"""JSON Schema (draft 2020-12) of a configuration file, from the same type hints that read it: for editors and checks."""
+"""JSON Schema (draft 2020-12) of configuration files, for editors and checks, from the type hints that read them."""
 
 from __future__ import annotations
 
@@ -44,5 +44,5 @@ def _value(hint: Any, bounds: typing.Mapping[str, Any]) -> dict[str, Any]:
         return {'type': 'array', 'prefixItems': [_value(item, bounds) for item in arguments],
                 'minItems': len(arguments), 'maxItems': len(arguments)}
     if dataclasses.is_dataclass(hint):
-        return hint.yaml_schema() if hasattr(hint, 'yaml_schema') else _mapping(hint)
+        return hint.yaml_schema() if hasattr(hint, 'yaml_schema') else _mapping(typing.cast(type, hint))
     return {'type': _TYPES[hint], **{_BOUNDS[name]: bound for name, bound in bounds.items()}}

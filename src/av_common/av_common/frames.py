@@ -1,4 +1,4 @@
-"""Turns between the frames of aerospace (NED, FRD) and of ROS (ENU, FLU; REP-103), and the camera's optical frame.
+"""Conversions between the frames of aerospace (NED, FRD), of ROS (ENU, FLU; REP-103) and of cameras (optical).
 
 Quaternions are (w, x, y, z) unless a name says otherwise, as in transforms3d; messages of ROS hold (x, y, z, w).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,9 +33,9 @@ def frd_to_flu(vector: ArrayLike) -> NDArray:
 
 
 def attitude_ned_to_enu(quaternion: ArrayLike) -> NDArray:
-    """Attitude (w, x, y, z) of an FRD body in NED to that of the same body as FLU in ENU, or back; w is not negative.
+    """Unit attitude (w, x, y, z) of the FRD body in NED as that of the FLU body in ENU, or back; w is not negative.
 
-    It is q1 q q2 with q1 = (0, 1, 1, 0) / sqrt(2), the half turn that swaps north and east, and q2 = (0, 1, 0, 0).
+    The result is q1 q q2 with q1 = (0, 1, 1, 0) / sqrt(2), the half turn that swaps north and east, and q2 = (0, 1, 0, 0).
     """
     w, x, y, z = np.asarray(quaternion, float)
     turned = np.array([w + z, x + y, x - y, w - z]) / np.sqrt(2.0 * (w * w + x * x + y * y + z * z))
@@ -42,21 +43,21 @@ def attitude_ned_to_enu(quaternion: ArrayLike) -> NDArray:
 
 
 def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
-    """Heading (clockwise from north) to yaw (counter-clockwise from east), or back."""
+    """Heading (rad, clockwise from north) to yaw (rad, counter-clockwise from east), or back; any shape."""
     return wrap(np.pi / 2.0 - np.asarray(yaw_rad, float))
 
 
-def heading_of(quaternion: Sequence[ArrayLike]) -> tuple[ArrayLike, ArrayLike]:
-    """Sine and cosine, alike scaled, of the yaw of an attitude (w, x, y, z) of any length, or of columns of them."""
+def heading_of(quaternion: Sequence[Any]) -> tuple[Any, Any]:
+    """Sine and cosine of the yaw, both times the squared norm of the attitude (w, x, y, z); columns of numbers, too."""
     w, x, y, z = quaternion
     return 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
 
 
 def yaw_of(quaternion: Sequence[float]) -> float:
-    """Yaw in rad of an attitude (w, x, y, z) of any length: the direction of the body's x axis seen from above."""
+    """Yaw in rad of an attitude (w, x, y, z) of any norm: the direction of the body's x axis seen from above."""
     return math.atan2(*heading_of(quaternion))
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray:
-    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw in rad (REP-103), from the turned frame to its parent."""
+    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw in rad (REP-103), from the rotated frame to its parent."""
     return euler2mat(roll, pitch, yaw, 'sxyz')

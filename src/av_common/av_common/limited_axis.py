@@ -1,4 +1,4 @@
-"""Motion of one axis that never breaks its limits of angle, rate and acceleration."""
+"""Motion of one axis within its limits of angle, rate and acceleration."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """Limits in rad, rad/s and rad/s^2; an axis that turns without end has infinite angles."""
+    """Limits of an axis, for example of a gimbal's pan.
+
+    Parameters:
+        rate (rad/s), acceleration (rad/s^2): largest magnitudes, positive.
+        lower, upper (rad): smallest and largest angle, around the neutral angle 0; infinite for continuous rotation.
+
+    Raises ValueError for limits that contradict each other.
+    """
 
     rate: float
     acceleration: float
@@ -21,7 +28,7 @@ class AxisLimits:
 
 
 class LimitedAxis:
-    """Follows a target angle; `position` (rad) and `velocity` (rad/s) are what is commanded."""
+    """Follows a target angle; `position` (rad) and `velocity` (rad/s) are the commanded ones."""
 
     def __init__(self, limits: AxisLimits) -> None:
         self.limits = limits
@@ -29,16 +36,20 @@ class LimitedAxis:
         self.velocity = 0.0
 
     def follow(self, error: float, target_rate: float, dt: float, rate: float = math.inf) -> None:
-        """Move for `dt` s so as to close `error` (rad) on a target that itself moves at `target_rate` (rad/s).
+        """Move towards a moving target at the rate from which the axis can still brake, sqrt(2 a e): no overshoot.
 
-        The approach rate is that from which the axis can still brake (sqrt(2 a e)), so that it does not overshoot.
+        Parameters:
+            error (rad): angle to the target.
+            target_rate (rad/s): rate of the target itself.
+            dt (s): duration of the step.
+            rate (rad/s): limit of the rate for this step, in addition to the limit of the axis.
         """
         acceleration = 0.5 * self.limits.acceleration  # half for braking leaves half for the target's manoeuvres
         approach = math.copysign(_brakeable(abs(error), acceleration, dt), error)
         self._drive(approach + target_rate, dt, rate)
 
     def stop(self, dt: float) -> None:
-        """Come to rest as fast as the limits allow."""
+        """Brake for `dt` s as hard as the limits allow."""
         self._drive(0.0, dt, math.inf)
 
     def _drive(self, wanted: float, dt: float, rate: float) -> None:

@@ -1,4 +1,4 @@
-"""Where the microphones are, and which directions they can tell apart."""
+"""Geometry of a microphone array: delays of its pairs, and the directions that delays cannot distinguish."""
 
 from __future__ import annotations
 
@@ -20,10 +20,13 @@ MINIMUM_SPACING_M = 1e-3
 
 @dataclass(frozen=True)
 class DelayCurve:
-    """What a body between two microphones does to their delay.
+    """Effect of a body between two microphones on their delay.
 
-    `cosine` (k,) are cosines of the angle to the array's axis, `measured` (k,) what the delay makes of them (c tau / d
-    of the straight line is the cosine itself). Both rise strictly. Raises ValueError otherwise.
+    Parameters:
+        cosine (k,): cosines of the angle between a direction and the array's axis, strictly increasing.
+        measured (k,): c tau / d at these directions, strictly increasing; in the free field it is the cosine itself.
+
+    Raises ValueError for anything else.
     """
 
     cosine: NDArray
@@ -40,21 +43,28 @@ class DelayCurve:
         object.__setattr__(self, 'measured', measured)
 
     def true_cosine(self, measured: ArrayLike) -> NDArray:
-        """Cosines that belong to measured ones, extended by the curve's end slopes."""
+        """Cosines of the directions at which `measured` is measured; beyond both ends the curve's end slopes count."""
         return _interpolate(np.asarray(measured, dtype=float), self.measured, self.cosine)
 
     def measured_cosine(self, cosine: ArrayLike) -> NDArray:
-        """What will be measured for true cosines: the inverse of `true_cosine`."""
+        """Values measured at directions of these cosines: the inverse of `true_cosine`."""
         return _interpolate(np.asarray(cosine, dtype=float), self.cosine, self.measured)
 
 
 @dataclass(frozen=True)
 class MicrophoneArray:
-    """Positions of m microphones (m, 3) in metres, x forward, y left, z up, in the order of the channels.
+    """A rigid array of microphones.
 
-    Far away sources at the unit vector u reach a pair (i, j) with the delay (arrival at j minus arrival at i)
-    tau = (r_i - r_j) . u / c. Only the part of u inside the array's span shows in delays: `basis` (3, rank) spans it,
-    and q = basis^T u is what an estimator can find. Raises ValueError when the geometry is unusable.
+    The wave of a far source at the unit vector u reaches a pair (i, j) with the delay (arrival at j minus arrival at i)
+    tau = (r_i - r_j) . u / c. Delays depend only on the part of u inside the array's span: `basis` (3, rank) spans it,
+    and q = basis^T u is what an estimator can find.
+
+    Parameters:
+        positions (m, 3) (m): microphones in the order of the channels; x forward, y left, z up.
+        name: the array's name.
+        delay_curve: effect of a body between the microphones of a pair; None in the free field.
+
+    Raises ValueError for an unusable geometry.
     """
 
     positions: NDArray
@@ -76,13 +86,13 @@ class MicrophoneArray:
             if np.linalg.norm(positions[i] - positions[j]) < MINIMUM_SPACING_M:
                 raise ValueError(f'microphones: {i} and {j} are at the same place {positions[i].tolist()}')
         if self.rank == 1 and np.linalg.norm(self.basis[:2, 0]) < 0.1:
-            raise ValueError('microphones: a vertical line cannot tell azimuth; turn it or add a microphone')
+            raise ValueError('microphones: a vertical line cannot measure azimuth; turn it or add a microphone')
         if self.delay_curve is not None and len(positions) != 2:
             raise ValueError(f'delay_curve: belongs to two microphones, not to {len(positions)}')
 
     @classmethod
     def load(cls, path: str | Path) -> MicrophoneArray:
-        """Read an array file. Raises OSError or ValueError that name the file and what is wrong with it."""
+        """Read an array file. Raises OSError, or ValueError with the name of the file and the reason."""
         text = Path(path).expanduser().read_text(encoding='utf-8')
         try:
             content = yaml.safe_load(text)
@@ -101,7 +111,7 @@ class MicrophoneArray:
             raise ValueError(f'array file {path}: {error}') from error
 
     def save(self, path: str | Path, comment: str = '') -> None:
-        """Write an array file that `load` reads."""
+        """Write an array file that `load` reads; `comment` becomes lines of comment at its top."""
         content = {'name': self.name, 'microphones': np.round(self.positions, 6).tolist()}
         if self.delay_curve is not None:
             content['delay_curve'] = {'cosine': np.round(self.delay_curve.cosine, 6).tolist(),
@@ -117,17 +127,17 @@ class MicrophoneArray:
 
     @cached_property
     def pairs(self) -> NDArray:
-        """Every pair of microphones (p, 2), first index smaller."""
+        """Indices (p, 2) of all pairs of microphones, the smaller one first."""
         return np.array(list(combinations(range(self.channels), 2)))
 
     @cached_property
     def baselines(self) -> NDArray:
-        """r_i - r_j of every pair (p, 3), in metres."""
+        """r_i - r_j of all pairs (p, 3) in m."""
         return self.positions[self.pairs[:, 0]] - self.positions[self.pairs[:, 1]]
 
     @cached_property
     def aperture(self) -> float:
-        """Largest distance between two microphones in metres."""
+        """Largest distance between two microphones in m."""
         return float(np.max(np.linalg.norm(self.baselines, axis=1)))
 
     @cached_property
@@ -151,35 +161,40 @@ class MicrophoneArray:
 
     @property
     def rank(self) -> int:
-        """1 for a line, 2 for a plane, 3 for a space of microphones."""
+        """Dimension of the span: 1 for a line, 2 for a plane, 3 for microphones in space."""
         return self.basis.shape[1]
 
     def delays(self, directions: ArrayLike, speed_of_sound: float) -> NDArray:
-        """Delays (n, p) in s of every pair for unit vectors (n, 3) towards far sources, the delay curve included."""
+        """Delays (n, p) in s of all pairs, with the effect of the delay curve.
+
+        Parameters:
+            directions (n, 3): unit vectors towards far sources.
+            speed_of_sound (m/s): see `av_common.acoustics`.
+        """
         projections = np.atleast_2d(np.asarray(directions, dtype=float)) @ self.baselines.T
         if self.delay_curve is not None:
             projections = self.aperture * self.delay_curve.measured_cosine(projections / self.aperture)
         return projections / speed_of_sound
 
     def hypotheses(self, q: ArrayLike) -> NDArray:
-        """Unit vectors (..., k, 3) whose projection on the basis is q (..., rank): the mirror images of one sound.
+        """Unit vectors (..., k, 3) whose projection on the basis is q (..., rank): the mirror images of one source.
 
         A line yields the two horizontal directions on its cone (forward first where it points to the left), a plane
-        the directions on both of its sides (upper first), a space of microphones just one. q outside of the unit ball
+        the directions on both of its sides (upper first), microphones in space just one. q outside of the unit ball
         is moved onto it.
         """
-        q = np.asarray(q, dtype=float)
-        q = q / np.maximum(1.0, np.linalg.norm(q, axis=-1, keepdims=True))
+        projected = np.asarray(q, dtype=float)
+        projected = projected / np.maximum(1.0, np.linalg.norm(projected, axis=-1, keepdims=True))
         if self.rank == 1:
             axis = self.basis[:, 0]
-            spread = np.arccos(np.clip(q / np.hypot(axis[0], axis[1]), -1.0, 1.0))
+            spread = np.arccos(np.clip(projected / np.hypot(axis[0], axis[1]), -1.0, 1.0))
             return angles_to_direction(np.arctan2(axis[1], axis[0]) + spread * [-1.0, 1.0])
-        inside = q @ self.basis.T
+        inside = projected @ self.basis.T
         if self.rank == 3:
             return (inside / np.maximum(np.linalg.norm(inside, axis=-1, keepdims=True), 1e-12))[..., None, :]
         normal = np.cross(self.basis[:, 0], self.basis[:, 1])
         normal = normal * (1.0 if normal[2] >= 0.0 else -1.0)
-        height = np.sqrt(np.maximum(0.0, 1.0 - np.sum(q**2, axis=-1, keepdims=True))) * normal
+        height = np.sqrt(np.maximum(0.0, 1.0 - np.sum(projected**2, axis=-1, keepdims=True))) * normal
         return np.stack([inside + height, inside - height], axis=-2)
 
 

@@ -1,4 +1,4 @@
-"""The base of every node of the rig: lifecycle, start by itself, diagnostics, and a clean end."""
+"""Base of all nodes of the rig: lifecycle, automatic start, diagnostics, and a clean end."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-try:  # a third of the other's load at the rates of the rig
+try:  # a third of the processor time of the other at the rates of the rig
     from rclpy.experimental import EventsExecutor as Executor
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
 RETRY_S = 2.0
-# What a node may meet while it starts and can hope to be rid of later: wrong values, missing files, absent devices.
+# Errors at start-up that may have gone at the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
 
 
@@ -70,7 +70,7 @@ class RigNode(LifecycleNode):
         self._problem = ''
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
-        self._parameter_listener = parameters.ParamListener(self) if parameters else None
+        self._parameter_listener: Any = parameters.ParamListener(self) if parameters else None
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
             description='Configure and activate without a lifecycle manager, and try again when that fails.',
             read_only=True)).value
@@ -83,7 +83,7 @@ class RigNode(LifecycleNode):
 
     @property
     def settings(self) -> Any:
-        """The parameters as they are now, as the generated typed struct."""
+        """The current parameters, as the generated struct."""
         return self._parameter_listener.get_params()
 
     def now(self) -> float:
@@ -96,22 +96,27 @@ class RigNode(LifecycleNode):
         return self._active
 
     def configure(self) -> None:
-        """Build what the parameters describe."""
+        """Build the algorithm and the publishers from the parameters."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Open sources and subscribe."""
 
     def deactivate(self) -> None:
-        """Stop working; `activate` may follow."""
+        """Close what `activate` opened; `activate` may follow."""
 
     def cleanup(self) -> None:
-        """Drop what `configure` built; `configure` may follow."""
+        """Destroy what `configure` built; `configure` may follow."""
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Add what is worth knowing while active; `status.mergeSummary` what is wrong."""
+        """Add values to the diagnostics of an active node; problems by `status.mergeSummary`."""
 
     def while_active(self, create: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """Call `create` (`self.create_subscription`, `self.create_timer`, ...) and undo it on deactivation."""
+        """Create an entity that is destroyed on deactivation.
+
+        Parameters:
+            create: `self.create_subscription`, `create_timer`, `create_service` or `create_publisher`.
+            args, kwargs: passed to `create`.
+        """
         entity = create(*args, **kwargs)
         destroy = {self.create_subscription: self.destroy_subscription, self.create_timer: self.destroy_timer,
                    self.create_service: self.destroy_service, self.create_publisher: self.destroy_publisher}[create]
@@ -146,18 +151,18 @@ class RigNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def finish(self) -> None:
-        """End the process of the node, which has done its work; from any thread."""
+        """End the node's process because its work is done; callable from any thread."""
         self.done.set_result(None)
 
     def close(self) -> None:
-        """Stop working before the process ends, whatever the state."""
+        """Deactivate before the process ends, in any state."""
         if self._active:
             self._active = False
             self._release()
             self._attempt(self.deactivate)
 
     def _refuse_renamed_parameters(self) -> None:
-        """Look whether a file, the launch or the command line gives a value to a name that is gone."""
+        """Raise RenamedParameterError when a file, the launch or the command line uses an old name."""
         for old, new in self.RENAMED_PARAMETERS.items():
             given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
             self.undeclare_parameter(old)
@@ -192,7 +197,7 @@ class RigNode(LifecycleNode):
                                                       clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def trigger_cleanup_keeping_problem(self) -> None:
-        """Return to unconfigured after a failed activation, so that the next attempt reads the parameters anew."""
+        """Return to unconfigured after a failed activation, so that the next attempt reads the parameters again."""
         problem = self._problem
         self.trigger_cleanup()
         self._problem = problem
@@ -208,6 +213,11 @@ class RigNode(LifecycleNode):
         return status
 
 
+def _finish_on_signal(signals: socket.socket, node: RigNode) -> None:
+    if signals.recv(1):
+        node.finish()
+
+
 def run(node_class: Callable[[], RigNode]) -> None:
     """Run a node until it is interrupted: the body of each node's `main`.
 
@@ -216,7 +226,7 @@ def run(node_class: Callable[[], RigNode]) -> None:
     SIGINT and SIGTERM let the callback in progress finish and the node deactivate, with its publishers still alive.
     """
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    # The executor waits in native code, where handlers in Python do not run: a thread is told instead.
+    # The executor waits in native code, where handlers in Python do not run: a thread reads the signal instead.
     signals, wakeup = socket.socketpair()
     wakeup.setblocking(False)
     signal.set_wakeup_fd(wakeup.fileno())
@@ -228,7 +238,7 @@ def run(node_class: Callable[[], RigNode]) -> None:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)
-    threading.Thread(target=lambda: signals.recv(1) and node.finish(), daemon=True).start()
+    threading.Thread(target=_finish_on_signal, args=(signals, node), daemon=True).start()
     executor = Executor()
     executor.add_node(node)
     with suppress(ExternalShutdownException):

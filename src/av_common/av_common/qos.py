@@ -1,13 +1,13 @@
-"""The quality of service of the rig's topics, in one place: a mismatch is silent in ROS 2."""
+"""Quality of service of the rig's topics, in one place since ROS 2 does not report a mismatch."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-# Streams: the newest counts, a lost one is not sent again (as rmw's sensor_data, with room for bursts).
+# Streams: the newest message counts, a lost one is not sent again (rmw's sensor_data with a queue for bursts).
 STREAM = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
-# Pictures are large: a queue of them is only delay.
+# Images are large: a queue of them only adds delay.
 PICTURE = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
-# Results: small and few, must arrive.
+# Results: small and few; each must arrive.
 RESULT = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=20, reliability=ReliabilityPolicy.RELIABLE)
-# Facts that hold until changed, delivered to latecomers as well.
+# Facts that hold until they change; delivered to late subscribers, too.
 LATCHED = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)

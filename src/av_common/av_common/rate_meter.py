@@ -1,4 +1,4 @@
-"""How often something happens, and how long ago it last did."""
+"""Rate of events and time since the last one."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from collections.abc import Callable
 
 
 class RateMeter:
-    """Counts events; tells their rate over the last few seconds and the age of the newest.
+    """Counts events, measures their rate over a window and the time since the newest.
 
-    Ages are by arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look fresh.
+    Times are those of arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look new.
+
+    Parameters:
+        window_s (s): the rate is that over this time.
+        now: returns the time in s.
     """
 
     def __init__(self, window_s: float = 5.0, now: Callable[[], float] = time.monotonic) -> None:
@@ -21,14 +25,14 @@ class RateMeter:
         self._arrivals: deque[float] = deque()
 
     def tick(self) -> None:
-        """An event happened now."""
+        """Count an event that happens now."""
         self.count += 1
         self._arrivals.append(self._now())
         self._forget()
 
     @property
     def rate(self) -> float:
-        """Events per second over the window, 0 before the second event."""
+        """Events per second over the window; 0 before the second event."""
         self._forget()
         if len(self._arrivals) < 2:
             return 0.0
@@ -36,7 +40,7 @@ class RateMeter:
 
     @property
     def age(self) -> float:
-        """Seconds since the newest event, inf before the first."""
+        """Seconds since the newest event; inf before the first."""
         return self._now() - self._arrivals[-1] if self._arrivals else math.inf
 
     def _forget(self) -> None:

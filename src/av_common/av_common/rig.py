@@ -1,4 +1,4 @@
-"""The rig as one description: which array and which camera sit where on the body. Read from `config/rig.yaml`."""
+"""Description of the rig, as in `config/rig.yaml`: array and camera, and where they are mounted on the body."""
 
 from __future__ import annotations
 
@@ -19,26 +19,35 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Mount:
-    """A frame on the body: position in m; fixed-axis roll, pitch, yaw in degrees, from it to the body."""
+    """A frame on the body.
+
+    Parameters:
+        position (m): origin in the body's frame.
+        rpy_deg (degrees): fixed-axis roll, pitch, yaw of the rotation from this frame to the body's.
+    """
 
     position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
     @cached_property
     def rotation(self) -> NDArray:
-        """Rotation matrix (3, 3) that turns vectors of the mounted frame into the body's."""
+        """Rotation matrix (3, 3) from the mounted frame to the body's."""
         return rotation_from_rpy(*np.deg2rad(self.rpy_deg))
 
     def to_body(self, points: NDArray) -> NDArray:
-        """Points (n, 3) of the mounted frame in the body's."""
+        """Points (n, 3) in m of the mounted frame in the body's frame."""
         return np.asarray(points) @ self.rotation.T + np.array(self.position)
 
 
 @dataclass(frozen=True)
 class ArrayMount:
-    """Where the microphones sit; `file` holds their positions in the array's frame.
+    """A microphone array and where it is mounted.
 
-    full_scale_db_spl: sound pressure level at which a sample reaches 1, for simulation.
+    Parameters:
+        file: the array file, with positions in the array's frame.
+        frame: name of the array's frame.
+        mount: the frame on the body.
+        full_scale_db_spl (dB): sound pressure level at which a sample reaches 1, for simulation.
     """
 
     file: Path
@@ -48,18 +57,26 @@ class ArrayMount:
 
     @cached_property
     def geometry(self) -> MicrophoneArray:
-        """The array itself. Raises OSError or ValueError that name the file."""
+        """The array of the file. Raises OSError or ValueError that name the file."""
         return MicrophoneArray.load(self.file)
 
     @property
     def positions(self) -> NDArray:
-        """Microphones (m, 3) in the body's frame."""
+        """Positions (m, 3) in m of the microphones in the body's frame."""
         return self.mount.to_body(self.geometry.positions)
 
 
 @dataclass(frozen=True)
 class CameraMount:
-    """A camera and where it sits: image size in pixels, field of view, distortion k1 k2 p1 p2 [k3 ...]."""
+    """A camera and where it is mounted.
+
+    Parameters:
+        frame, optical_frame: names of the camera's frame (x forward) and of its optical frame (z forward).
+        mount: the frame on the body.
+        width, height (pixels): size of the image.
+        horizontal_fov_deg (degrees): field of view without distortion.
+        distortion: k1 k2 p1 p2 [k3 ...] as in `PinholeCamera`.
+    """
 
     frame: str = 'camera_link'
     optical_frame: str = 'camera_optical_frame'
@@ -71,7 +88,7 @@ class CameraMount:
 
     @cached_property
     def model(self) -> PinholeCamera:
-        """The camera's geometry in its optical frame."""
+        """The camera in its optical frame."""
         ideal = PinholeCamera.from_fov(self.width, self.height, np.deg2rad(self.horizontal_fov_deg))
         return PinholeCamera(self.width, self.height, ideal.fx, ideal.fy, ideal.cx, ideal.cy, self.distortion)
 
@@ -83,7 +100,13 @@ class CameraMount:
 
 @dataclass(frozen=True)
 class Rig:
-    """Everything that is fixed to one body."""
+    """The sensors that are fixed to one body.
+
+    Parameters:
+        array: the microphones.
+        camera: the camera.
+        base_frame: name of the body's frame.
+    """
 
     array: ArrayMount
     camera: CameraMount = field(default_factory=CameraMount)
@@ -91,5 +114,5 @@ class Rig:
 
 
 def load_rig(path: str | Path) -> Rig:
-    """Read a rig's file. Raises ConfigError or OSError that name file, key and value."""
+    """Read the description of a rig. Raises ConfigError with file, key and value, or OSError."""
     return load(Rig, path)

@@ -1,4 +1,4 @@
-"""The target as the rig knows it: plain data between fusion, pointing, replay and messages."""
+"""The track of a target as plain data, for fusion, pointing, replay and messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class State(enum.IntEnum):
-    """State of the machine; the values of `av_interfaces/Bearing`."""
+    """State of the tracker, with the values of `av_interfaces/Bearing`."""
 
     NONE = 0
     VISUAL_ACTIVE = 1
@@ -17,7 +17,7 @@ class State(enum.IntEnum):
 
 
 class Source(enum.IntFlag):
-    """The senses a bearing rests on; the values of `av_interfaces/Bearing`."""
+    """Sensors that contribute to a bearing, with the values of `av_interfaces/Bearing`."""
 
     NOTHING = 0
     SOUND = 1
@@ -25,7 +25,22 @@ class Source(enum.IntFlag):
 
 
 class Track(NamedTuple):
-    """The target as known at `time`; angles mean nothing in `State.NONE`."""
+    """Estimate of the target at `time`; angles have no meaning in `State.NONE`.
+
+    Parameters:
+        time (s): ROS time for which the estimate holds.
+        state, reason, changed (s): state of the tracker, why it is in it, and since when.
+        source: sensors that contribute.
+        azimuth, elevation (rad), azimuth_variance, elevation_variance (rad^2): bearing in the body's frame.
+        azimuth_world (rad), azimuth_world_rate (rad/s): azimuth in the world's frame (ENU) and its rate.
+        measured (s): capture time of the newest measurement in the estimate.
+        front_probability: probability that the target is in the front hemisphere.
+        resolved: whether the hemisphere is resolved.
+        requested_rotation (rad): rotation of the body that would resolve it.
+        sound_confidence, sight_confidence, sound_weight, sight_weight: of either sensor, 0..1.
+        visibility: visibility of the scene, 0..1; NaN where it is unknown.
+        missing: inputs without recent messages.
+    """
 
     time: float
     state: State = State.NONE
@@ -51,5 +66,5 @@ class Track(NamedTuple):
 
     @property
     def hemisphere_probability(self) -> float:
-        """Probability 0.5..1 that the hemisphere of the bearing is the right one."""
+        """Probability 0.5..1 that the bearing is in the right hemisphere."""
         return max(self.front_probability, 1.0 - self.front_probability)
