@@ -1,14 +1,17 @@
-"""What a replay writes."""
+"""The messages that a replay writes."""
 
 from __future__ import annotations
 
 from operator import itemgetter
+from typing import Any
+
+from rclpy.serialization import serialize_message
 
 from av_bags import topics as names
+from av_bags.feed import SECOND
 from av_bags.topics import absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 
-SECOND = 10**9
 BATCH = 1000
 
 
@@ -24,9 +27,9 @@ class OutputQueue:
         self._bag, self._namespace = bag, namespace
         self._waiting: list[tuple[str, int, bytes]] = []
 
-    def put(self, name: str, time: float, data: bytes) -> None:
-        """Take a message of a time in s."""
-        self._waiting.append((name, round(time * SECOND), data))
+    def put(self, name: str, time: float, message: Any, data: bytes = b'') -> None:
+        """Take a message of a time in s; `data` is the message in CDR where that is known."""
+        self._waiting.append((name, round(time * SECOND), data or bytes(serialize_message(message))))
         if len(self._waiting) >= BATCH:
             self.flush()
 

@@ -3,89 +3,113 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
+from rclpy.serialization import deserialize_message, serialize_message
+
+from av_audio.stage import DoaStage
 from av_bags import topics as names
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
-from av_evaluation.replay.messages import MessageMaker
-from av_evaluation.replay.run_recorder import Journal
-from av_evaluation.replay.stages import DetectionReplay, DoaReplay, Output
+from av_evaluation.replay.run_recorder import RunRecorder
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
 from av_pointing.stage import PointingStage
+from av_vision.stage import DetectionStage
+
+Message = TypeVar('Message')
 
 
-class Chain:
-    """Takes what the bag holds by the rig's names of its topics, each with the time at which it came.
+class Pipeline:
+    """Passes messages through the stages of the rig, as middleware would in no time.
 
-    `tell` is given what follows, as the parts of an `Output`. A stage that is None is not computed: what it would say is
-    expected from the bag. Times must not fall.
+    A stage that is None is not computed: its results are expected as messages. Arrivals must not decrease.
+
+    Attributes:
+        problems: why messages could not be used.
+
+    Parameters:
+        doa, detection, fusion, pointing: the stages.
+        recorder: is given measurements and tracks where fusion is not computed.
+        converter: converts directions and detections to measurements for it.
+        publish: is called with topic (the rig's name), time (s) and message of each result.
     """
 
-    def __init__(self, converter: MeasurementConverter, journal: Journal, hearing: DoaReplay | None,
-                 seeing: DetectionReplay | None, fusing: FusionStage | None, pointing: PointingStage | None, make: MessageMaker,
-                 tell: Callable[[str, float, Any], None]) -> None:
-        self._converter, self._journal, self._make, self._tell = converter, journal, make, tell
-        self._hearing, self._seeing, self._fusing, self._pointing = hearing, seeing, fusing, pointing
+    def __init__(self, doa: DoaStage | None, detection: DetectionStage | None, fusion: FusionStage | None,
+                 pointing: PointingStage | None, recorder: RunRecorder, converter: MeasurementConverter,
+                 publish: Callable[[str, float, Any], None]) -> None:
+        self._doa, self._detection, self._fusion, self._pointing = doa, detection, fusion, pointing
+        self._recorder, self._converter, self._publish = recorder, converter, publish
+        self.problems: set[str] = set()
 
-    @property
-    def due(self) -> float:
-        """When something is said next, even if nothing comes."""
-        return math.inf if self._fusing is None else self._fusing.due
+    def advance(self, now: float) -> None:
+        """Publish what is due until `now` (s) without a message."""
+        if self._fusion is not None and self._fusion.due <= now:
+            for output in self._fusion.outputs_until(now):
+                self._publish_fused(output)
 
-    def wait(self, now: float) -> None:
-        """Nothing came until `now`."""
-        for output in self._fusing.outputs_until(now) if self._fusing is not None else ():
-            self._say(output)
+    def take(self, name: str, message: Any, arrival: float) -> None:
+        """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
+        try:
+            if name == names.AUDIO and self._doa is not None:
+                for directions in self._doa.on_audio(message, arrival):
+                    self._publish_sensed(names.DOA, directions, arrival)
+            elif name == names.MOTORS and self._doa is not None:
+                self._doa.on_motor_speeds(message)
+            elif name == names.IMAGE and self._detection is not None:
+                detections, visibility = self._detection.on_image(message, arrival)
+                if visibility is not None:
+                    self._publish_sensed(names.VISIBILITY, visibility, arrival)
+                self._publish_sensed(names.DETECTIONS, detections, arrival)
+            elif self._fusion is not None:
+                self._fuse(self._fusion, name, message, arrival)
+            else:
+                self._follow(name, message, arrival)
+        except ValueError as error:
+            self.problems.add(f'{name}: {error}')
 
-    def take(self, name: str, content: Any, now: float) -> None:
-        """A message, or what it means."""
-        if name == names.AUDIO and self._hearing is not None:
-            self._fuse(self._hearing.take(content, now))
-        elif name == names.MOTORS and self._hearing is not None:
-            self._hearing.on_motor_speeds(content)
-        elif name == names.IMAGE and self._seeing is not None:
-            self._fuse(self._seeing.take(content, now))
-        elif name == names.ODOMETRY:
-            if self._fusing is not None:
-                self._fusing.on_odometry(content, now)
-        elif self._fusing is None:
-            self._follow(name, content, now)
+    def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
+        output = None
+        if name == names.ODOMETRY:
+            fusion.on_odometry(message, arrival)
         elif name == names.VISIBILITY:
-            self._fusing.on_visibility(content)
-        else:
-            take = self._fusing.on_doa if name == names.DOA else self._fusing.on_detections
-            output = take(content, now)
-            if output is not None:
-                self._say(output)
+            fusion.on_visibility(message)
+        elif name == names.DOA:
+            output = fusion.on_doa(message, arrival)
+        elif name == names.DETECTIONS:
+            output = fusion.on_detections(message, arrival)
+        if output is not None:
+            self._publish_fused(output)
 
-    def _follow(self, name: str, content: Any, now: float) -> None:
+    def _follow(self, name: str, message: Any, arrival: float) -> None:
         """Take a message when the bearings are recorded ones."""
         if name == names.DOA:
-            self._journal.on_doa(self._converter.doa(content), now)
+            self._recorder.on_doa(self._converter.doa(message), arrival)
         elif name == names.DETECTIONS:
-            measurement = self._converter.detections(content)
+            measurement = self._converter.detections(message, math.nan)
             if measurement is not None:
-                self._journal.on_camera(measurement, content, now)
+                self._recorder.on_camera(measurement, message, arrival)
         elif name == names.BEARING:
-            self._journal.on_track(track_of_bearing(content), now)
-            self._point(content, now)
+            self._recorder.on_track(track_of_bearing(message), arrival)
+            self._point(message, arrival)
 
-    def _fuse(self, outputs: Iterable[Output]) -> None:
-        """Take what the senses say, read as its reader will find it: with the precision of its fields."""
-        for name, now, data in outputs:
-            self._tell(name, now, data)
-            self.take(name, self._make.deserialise(name, data), now)
+    def _publish_sensed(self, name: str, message: Any, arrival: float) -> None:
+        received = transmitted(message)
+        self._publish(name, arrival, received)
+        self.take(name, received, arrival)
 
-    def _say(self, output: FusionOutput) -> None:
-        """Tell of a track and the command that follows."""
+    def _publish_fused(self, output: FusionOutput) -> None:
         now = to_seconds(output.bearing.header.stamp)
-        self._tell(names.STATE, now, output.state)
-        self._tell(names.BEARING, now, output.bearing)
+        self._publish(names.STATE, now, output.state)
+        self._publish(names.BEARING, now, output.bearing)
         self._point(output.bearing, now)
 
     def _point(self, bearing: Any, now: float) -> None:
         if self._pointing is not None:
-            self._tell(names.COMMAND, now, self._pointing.on_bearing(bearing, now))
+            self._publish(names.COMMAND, now, self._pointing.on_bearing(bearing, now))
+
+
+def transmitted(message: Message) -> Message:
+    """A message as a subscriber finds it: with the precision of its fields."""
+    return deserialize_message(serialize_message(message), type(message))

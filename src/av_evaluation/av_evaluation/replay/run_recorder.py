@@ -1,4 +1,4 @@
-"""What a replay finds, for tables and pictures: the same columns as the monitor's."""
+"""Results of a replay for tables and figures: the same columns as the monitor's."""
 
 from __future__ import annotations
 
@@ -15,15 +15,21 @@ from av_evaluation.runs.recording import Recording
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
-class Journal:
-    """Writes a RunLog. Delays are in the bag's time: computing takes none."""
+class RunRecorder:
+    """A `FusionObserver` that writes a `RunLog`. Delays are in the time of the arrivals: computing takes none.
+
+    Attributes:
+        log: measurements, tracks and true poses.
+
+    Parameters:
+        recording: also takes the most confident measurement of each `DoaArray`, or None.
+    """
 
     def __init__(self, recording: Recording | None = None) -> None:
-        """`recording` gets the sounds, too."""
         self.log, self._recording = RunLog(), recording
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
-        """See `FusionObserver`; the most confident measurement of a window is logged."""
+        """Log the most confident measurement of a window."""
         if self._recording is not None:
             self._recording.sounds.setdefault('ml', []).extend(measurements[:1])
         for doa in measurements[:1]:
@@ -32,7 +38,7 @@ class Journal:
                                doa.confidence, arrival - doa.time - 0.5 * doa.window)
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
-        """See `FusionObserver`; the best detection is logged. Names of boxes tell a simulated detector."""
+        """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
         best = measurement.best
         self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
                            arrival - measurement.time)
@@ -40,13 +46,13 @@ class Journal:
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
 
     def on_track(self, track: Track, time: float) -> None:
-        """See `FusionObserver`."""
+        """Log the track at `time` (s)."""
         known = track.state != State.NONE
         self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
                            time - track.measured if known else math.nan)
 
-    def know(self, name: str, odometry: Any) -> None:
-        """The true pose of target or rig."""
+    def on_truth(self, name: str, odometry: Any) -> None:
+        """Log a true pose, `name` being that of its topic: TRUE_TARGET or TRUE_RIG of `av_bags.topics`."""
         time, position, q = to_seconds(odometry.header.stamp), odometry.pose.pose.position, odometry.pose.pose.orientation
         if name == names.TRUE_TARGET:
             self.log.target.add(time, position.x, position.y, position.z)
