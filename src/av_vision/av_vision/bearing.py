@@ -14,11 +14,14 @@ STEPS = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
 
 @dataclass(frozen=True)
 class BearingModel:
-    """How far a box's centre may lie from the target's, as standard deviations.
+    """Standard deviations of a box's centre from the target's. Raises ValueError for a negative one.
 
-    box_fraction: of the box's side, for detectors place the centre less surely the larger the object; pixel_sigma: of a
-    vanishing box, in pixels; calibration_sigma_rad: of the camera's intrinsics and mounting. A detection of low score is
-    placed worse: its variance in pixels grows by 1/score.
+    The variance in pixels grows by 1/score, since detections of low score are placed less precisely.
+
+    Parameters:
+        box_fraction: of the box's side, since the centre of a large object is placed less precisely.
+        pixel_sigma (pixels): of a vanishing box.
+        calibration_sigma_rad (rad): of the camera's intrinsics and mounting.
     """
 
     box_fraction: float = 0.08
@@ -39,7 +42,14 @@ class BearingModel:
 
 @dataclass(frozen=True)
 class Bearings:
-    """Azimuths and elevations (n,) in rad in the camera's body frame (x forward, y left, z up), variances in rad squared."""
+    """Bearings in the camera's body frame (x forward, y left, z up).
+
+    Parameters:
+        azimuth (n,; rad): counter-clockwise from x.
+        elevation (n,; rad): upwards.
+        azimuth_variance (n,; rad^2): of the azimuth.
+        elevation_variance (n,; rad^2): of the elevation.
+    """
 
     azimuth: NDArray[np.float64]
     elevation: NDArray[np.float64]
@@ -49,10 +59,17 @@ class Bearings:
 
 def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
                       model: BearingModel = BearingModel()) -> Bearings:
-    """Bearings of boxes with centres and sizes (n, 2) in pixels and scores (n,).
+    """Bearings of boxes in the camera's body frame, with first-order error propagation.
 
-    First-order error propagation: the variance in pixels goes through the numeric Jacobian of the camera model (so distortion
-    and the stretch of the pinhole towards the edges are in it), and the calibration's variance is added.
+    The variance in pixels is multiplied by the numeric Jacobian of the camera model, which includes distortion and the stretch
+    of the pinhole towards the edges; the calibration's variance is added.
+
+    Parameters:
+        camera: intrinsics.
+        centres (n, 2; pixels): of the boxes.
+        sizes (n, 2; pixels): widths and heights.
+        scores (n,; 0-1): of the detections.
+        model: standard deviations of the centres.
     """
     centres = np.asarray(centres, float).reshape(-1, 2)
     x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).T
@@ -60,4 +77,4 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
     slopes = angles[:, 1::2] - angles[:, 2::2]  # of azimuth and elevation, along x and y, by pixel
     azimuth_variance, elevation_variance = (
         np.square(slopes) * model.pixel_variance(sizes, scores).T).sum(axis=1) + model.calibration_sigma_rad**2
-    return Bearings(*angles[:, 0], azimuth_variance, elevation_variance)
+    return Bearings(angles[0, 0], angles[1, 0], azimuth_variance, elevation_variance)

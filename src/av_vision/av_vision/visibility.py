@@ -1,9 +1,9 @@
-"""How far one can see in a picture, so that "nothing detected" can be weighed.
+"""Meteorological visibility in an image, by which fusion weighs a missing detection.
 
-Through even air of extinction b (1/m) a thing of radiance J at distance d is seen as J e^(-bd) + A (1 - e^(-bd)), A being
+Through even air of extinction b (1/m) an object of radiance J at distance d appears as J e^(-bd) + A (1 - e^(-bd)), A being
 the light scattered into the view (Koschmieder 1924); a target's contrast falls as e^(-bd) (Beer-Lambert), to 5 % at ln(20)/b.
-Where distances are known (a depth picture, or the height of the camera over flat ground) b follows from how contrasts
-shrink with distance; without a scale only the share of contrast that is left in the picture as a whole can be told.
+Where distances are known (a depth image, or the height of the camera over flat ground) b follows from the decrease of
+contrast with distance; without a scale only the share of contrast that is left in the whole image can be estimated.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from av_vision.image import to_bgr8
 
 LEFT_AT_RANGE = 0.05  # of the contrast, by definition of the meteorological range (WMO No. 8)
 BINS = 16  # of distance
-QUANTILES = (0.05, 0.2, 0.5, 0.8)  # of brightness in a bin; the brightest things may be lamps or walls
+QUANTILES = (0.05, 0.2, 0.5, 0.8)  # of brightness in a bin; the brightest objects may be lamps or walls
 ANCHOR = 1.0  # how much the sky's brightness counts as the light of the air, in grey levels
-USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright things of a scene: a uniform picture is fog, not paint
+USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
 LEAST_PIXELS = 30
-DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be told
+DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
 
 
 @dataclass(frozen=True)
 class Visibility:
-    """What is left of a target's contrast.
+    """Remaining contrast and extinction.
 
-    `share` of it reaches the camera from the distance asked for, 0-1; `extinction` in 1/m and `range` in m, where 5 % are
-    left; nan where they cannot be told.
+    Parameters:
+        share (0-1): of a target's contrast that reaches the camera from the given distance.
+        extinction (1/m): of the air; nan where it cannot be estimated.
     """
 
     share: float
@@ -41,14 +42,17 @@ class Visibility:
 
     @property
     def range(self) -> float:
-        """Meteorological range in m."""
+        """Meteorological range in m, where 5 % of the contrast are left; nan where it cannot be estimated."""
         return -math.log(LEFT_AT_RANGE) / self.extinction
 
 
 def ground_distances(camera: PinholeCamera, height: float, rotation: NDArray) -> NDArray[np.float32]:
-    """Distances (h, w) in m to flat ground `height` m below the camera; inf at and above the horizon.
+    """Distances (h, w) in m to flat ground; inf at and above the horizon.
 
-    `rotation` (3, 3) turns vectors of the optical frame into a level frame with z up.
+    Parameters:
+        camera: intrinsics.
+        height (m): of the camera over the ground.
+        rotation (3, 3): from the optical frame to a level frame with z up.
     """
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     down = -(camera.rays(np.stack([columns, rows], -1).reshape(-1, 2)) @ np.asarray(rotation).T)[:, 2]
@@ -57,7 +61,13 @@ def ground_distances(camera: PinholeCamera, height: float, rotation: NDArray) ->
 
 
 def estimate(image: NDArray, distance: NDArray | None = None, target_distance: float = 10.0) -> Visibility:
-    """Visibility in a picture (h, w[, 3]); `distance` (h, w) in m to what each pixel shows, nan or 0 unknown, inf the sky."""
+    """Visibility in an image.
+
+    Parameters:
+        image (h, w[, 3]): of any depth.
+        distance (h, w; m): to the surface in each pixel, nan or 0 unknown, inf the sky; None without a scale.
+        target_distance (m): of the target whose share of contrast is estimated.
+    """
     grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
     if distance is None:
         return Visibility(contrast_left(grey))
@@ -68,8 +78,8 @@ def estimate(image: NDArray, distance: NDArray | None = None, target_distance: f
 def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> float:
     """Extinction in 1/m from brightness (h, w) against distance (h, w) in m; nan where too few distances are in view.
 
-    In each of some bins of distance quantiles of brightness are taken; each follows A + (J - A) e^(-bd) with its own J and
-    common A and b, fitted with a robust loss.
+    Each quantile of brightness follows A + (J - A) e^(-bd) over bins of distance, with its own J and common A and b, fitted
+    with a robust loss.
     """
     near = np.isfinite(distance) & (distance > 0.3)
     if near.sum() < 4 * LEAST_PIXELS:
@@ -107,9 +117,9 @@ def _fit(at: NDArray, levels: NDArray, sky: float | None) -> float:
 
 
 def contrast_left(grey: NDArray[np.float32]) -> float:
-    """A picture's own measure of clearness, 0-1, without scale: how far its darkest parts are from the light of the air.
+    """Clearness of an image, 0-1, without scale: the difference between its darkest parts and the light of the air.
 
-    The dark-channel idea (He, Sun, Tang 2009) on brightness: in clear air something dark is somewhere in view.
+    The dark-channel prior (He, Sun, Tang 2009) on brightness: in clear air some part of the view is dark.
     """
     small = cv2.resize(grey, (160, 120), interpolation=cv2.INTER_AREA)
     air, dark = np.percentile(small, [95.0, 2.0])

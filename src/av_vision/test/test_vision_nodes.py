@@ -2,6 +2,7 @@
 
 import time
 from array import array
+from threading import Event
 
 import cv2
 import numpy as np
@@ -49,7 +50,7 @@ class Rig:
         self.observer.create_subscription(kind, topic, messages.append, qos)
         return messages
 
-    def spin_until(self, condition, limit_s=15.0):
+    def spin_until(self, condition, limit_s=120.0):
         end = time.monotonic() + limit_s
         while not condition():
             assert time.monotonic() < end, 'waited in vain'
@@ -80,6 +81,10 @@ def image_at(stamp=5, encoding='bgr8', image=None):
     return image_message(header, np.zeros((416, 416, 3), np.uint8) if image is None else image, encoding)
 
 
+def stamps_of(messages):
+    return {(message.header.stamp.sec, message.header.stamp.nanosec) for message in messages}
+
+
 def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
     path = tmp_path / 'video.avi'
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 20.0, (64, 48))
@@ -87,15 +92,16 @@ def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
         writer.write(np.full((48, 64, 3), 8 * k, np.uint8))
     writer.release()
     images, infos = rig.collect(Image, 'camera/image_raw', PICTURE), rig.collect(CameraInfo, 'camera/camera_info', RESULT)
-    rig.start(CameraNode, file=str(path), horizontal_fov_deg=90.0)
-    rig.spin_until(lambda: len(images) > 10 and len(infos) > 10)
+    rig.start(CameraNode, file=str(path), horizontal_fov_deg=90.0, loop=True)
+    rig.spin_until(lambda: len(images) > 10 and stamps_of(images) <= stamps_of(infos))
     assert image_from_message(images[0]).shape == (48, 64, 3)
     assert {message.header.frame_id for message in (*images, *infos)} == {'camera_optical_frame'}
     assert infos[0].k[0] == pytest.approx(32.0)
     stamps = [message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec for message in images]
     levels = [round(image_from_message(message)[0, 0, 0] / 8.0) for message in images]
-    assert np.diff(stamps) == pytest.approx(np.diff(levels) / 20.0, abs=1e-6)
-    assert {message.header.stamp.nanosec for message in images} <= {message.header.stamp.nanosec for message in infos}
+    frames = 20.0 * np.diff(stamps)  # a slow machine leaves frames out
+    assert frames == pytest.approx(np.rint(frames), abs=1e-4)
+    assert np.array_equal(np.rint(frames) % 30, np.diff(levels) % 30)
 
 
 def test_detections_carry_header_names_and_ids(rig, model):
@@ -152,15 +158,19 @@ def test_only_the_newest_image_waits(rig, model, monkeypatch):
     node = rig.start(DetectorNode, model=model)
     images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
-    look = node._stage.detector.detector.candidates
-    monkeypatch.setattr(node._stage.detector.detector, 'candidates', lambda *given: (time.sleep(0.3), look(*given))[1])
-    for stamp in range(1, 31):
-        images.publish(image_at(stamp))
+    detector, busy, done = node._stage.detector.detector, Event(), Event()
+    candidates = detector.candidates
+    monkeypatch.setattr(detector, 'candidates', lambda *given: (busy.set(), done.wait(), candidates(*given))[2])
+    images.publish(image_at(1))
+    rig.spin_until(busy.is_set)
+    sent = iter(range(2, 1000))
+    while node._latest.dropped <= 10:
+        images.publish(image_at(next(sent)))
         rig.executor.spin_once(timeout_sec=0.02)
-    rig.spin_until(lambda: found and found[-1].header.stamp.sec >= 29)
-    assert len(found) < 15
-    assert node._latest.dropped + len(found) <= 30
-    assert node._latest.dropped > 10
+    done.set()
+    rig.spin_until(lambda: len(found) > 1)
+    assert found[0].header.stamp.sec == 1
+    assert found[1].header.stamp.sec > 10
 
 
 def test_compressed_images_and_the_debug_image_on_demand(rig, model):

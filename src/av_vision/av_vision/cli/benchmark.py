@@ -33,7 +33,7 @@ def milliseconds(call: Callable[[], object]) -> float:
 def tensor_of(detector: Detector, image: NDArray) -> NDArray:
     """The input of the network for an image."""
     model = detector.model
-    size = fitting_size(*image.shape[:2], model.longest) if model.dynamic_size else model.size
+    size = fitting_size(image.shape[0], image.shape[1], model.longest) if model.dynamic_size else model.size
     return to_tensor([letterbox(image, *size)[0]], model.layout.rgb, model.layout.scale, model.dtype)
 
 
@@ -75,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     if args.square:
         images = [image[:min(image.shape[:2]), :min(image.shape[:2])] for image in images]
-    print('model                          network ms  image to detections ms    ratio  (median; best tenth)')
+    print('model                          network ms    image to detections ms  ratio  (median; best tenth)')
     for name, (bare, whole) in compare(detectors, images, args.rounds).items():
         best = [float(np.percentile(t, 10)) for t in (bare, whole)]
         print(f'{name:30} {np.median(bare):10.2f} {np.median(whole):25.2f} {np.median(whole / bare):6.2f}  '

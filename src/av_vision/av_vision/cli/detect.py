@@ -33,7 +33,7 @@ class VideoWriter:
     def write(self, image: NDArray) -> None:
         """Append a BGR frame."""
         if self._video is None:
-            self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter_fourcc(*'mp4v'), self._rate, image.shape[1::-1])
+            self._video = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*'mp4v'), self._rate, image.shape[1::-1])
             if not self._video.isOpened():
                 raise SourceError(f'{self._path} cannot be written as a video')
             self._size = image.shape[:2]

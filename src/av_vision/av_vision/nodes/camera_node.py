@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -45,7 +46,7 @@ class CameraNode(RigNode):
         self._depths = self.create_publisher(Image, 'camera/depth/image_raw', PICTURE) if settings.depth else None
         self._motions = self.create_publisher(Imu, 'imu/data_raw', STREAM) if settings.imu else None
 
-    def _make_source(self, settings: object) -> Source:
+    def _make_source(self, settings: Any) -> Source:
         if settings.source == 'file':
             if not settings.file:
                 raise ValueError('file is empty, expected a video, an image or a folder of images')
@@ -87,7 +88,8 @@ class CameraNode(RigNode):
         rate.x, rate.y, rate.z = angular_velocity
         force.x, force.y, force.z = acceleration
         message.orientation_covariance[0] = -1.0  # REP-145: there is no orientation
-        self._motions.publish(message)
+        if self._motions is not None:
+            self._motions.publish(message)
 
     def _camera_of(self, image: CapturedImage) -> PinholeCamera:
         height, width = image.pixels.shape[:2]

@@ -86,12 +86,14 @@ class FileSource:
         wait: called with the seconds until the next frame is due; None for an interruptible wait on the system's clock.
     """
 
-    def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time) -> None:
+    def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time,
+                 wait: Callable[[float], object] | None = None) -> None:
         self.skipped = 0
         self._recording = Recording(path, rate)
         self._loop = loop
         self._now = now
         self._closed = threading.Event()
+        self._wait = wait or self._closed.wait
 
     def open(self) -> None:
         """Start at the first frame, now."""
@@ -102,16 +104,14 @@ class FileSource:
 
     def read(self) -> CapturedImage | None:
         """The next frame at its time; None at the end of a file that is not looped."""
-        item = next(self._frames, None)
-        if item is None:
+        while (item := next(self._frames, None)) is None:
             if not self._loop or self._last < 0:
                 return None
             self._start += (self._last + 1) / self._recording.rate
             self._frames, self._last = self._recording.frames(self._in_time), -1
-            return self.read()
         self._last, image = item
         due = self._start + self._last / self._recording.rate
-        self._closed.wait(max(due - self._now(), 0.0))
+        self._wait(max(due - self._now(), 0.0))
         return CapturedImage(image, due)
 
     def close(self) -> None:

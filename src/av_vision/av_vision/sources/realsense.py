@@ -146,7 +146,7 @@ class RealSenseSource:
         value = (data.x, data.y, data.z)
         if frame.get_profile().stream_type() == self._rs.stream.accel:
             self._acceleration = value
-        elif hasattr(self, '_acceleration'):
+        elif self.on_motion is not None and hasattr(self, '_acceleration'):
             taken = self._motion_clock.date(1e-3 * frame.get_timestamp(), self.now())
             if taken is not None:
                 self.on_motion(taken, value, self._acceleration)

@@ -132,12 +132,12 @@ class Detector:
                 boxes = self._in_image(boxes, scale) + np.array([x, y, x, y], np.float32)
                 whole = whole_in_tile(boxes, (x, y), side, width, height)
                 found.append(self._named(boxes[whole], probabilities[whole]))
-        return tuple(np.concatenate(parts) for parts in zip(*found, strict=True))
+        return np.concatenate([boxes for boxes, _ in found]), np.concatenate([table for _, table in found])
 
     def _infer(self, image: NDArray[np.uint8], floor: float, longest: int) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names, before suppression."""
         model, layout = self.model, self.model.layout
-        size = self._input_size(*image.shape[:2], longest)
+        size = self._input_size(image.shape[0], image.shape[1], longest)
         fitted, scale = letterbox(image, *size)
         output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
         boxes, probabilities = layout.decode(output, size, floor)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 LETTERBOX_GREY = 114  # the grey that YOLO models are trained with
 
@@ -17,7 +19,8 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
     scale = min(height / image.shape[0], width / image.shape[1])
     if scale != 1.0:
         size = max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1)
-        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR)
+        method = cv2.INTER_AREA if scale < 0.5 else cv2.INTER_LINEAR
+        image = np.asarray(cv2.resize(image, size, interpolation=method), np.uint8)
     if image.shape[:2] == (height, width):
         return image, scale
     canvas = np.full((height, width, 3), LETTERBOX_GREY, np.uint8)
@@ -28,10 +31,11 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
 def fitting_size(image_height: int, image_width: int, longest: int, multiple: int = 32) -> tuple[int, int]:
     """Height and width, multiples of `multiple`, into which an image fits when its longer side becomes `longest`."""
     scale = longest / max(image_height, image_width)
-    return tuple(max(int(np.ceil(round(side * scale) / multiple)), 1) * multiple for side in (image_height, image_width))
+    height, width = (max(math.ceil(round(side * scale) / multiple), 1) * multiple for side in (image_height, image_width))
+    return height, width
 
 
-def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: np.dtype) -> NDArray:
+def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: DTypeLike) -> NDArray:
     """Images of one size (h, w, 3) BGR as a batch (n, 3, h, w) in RGB or BGR, times `scale`."""
     tensor = np.empty((len(images), 3, *images[0].shape[:2]), dtype)
     for image, planes in zip(images, tensor, strict=True):

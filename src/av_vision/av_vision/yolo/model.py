@@ -6,6 +6,7 @@ import ast
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime
@@ -86,13 +87,13 @@ class Model:
             raise ModelError(f'{self.path} takes batches of {one.shape[0]}, expected 1 or a dynamic batch')
         return one
 
-    def _longest(self, wanted: int, size: list[int | str | None]) -> int:
+    def _longest(self, wanted: int, size: list[Any]) -> int:
         if not self.dynamic_size:
             if wanted not in (0, max(size)):
                 raise ModelError(f'input_size is {wanted}, but {self.path} has the fixed input {size[0]}x{size[1]}')
-            return max(size)
+            return int(max(size))
         if wanted == 0:
-            stated = parsed(self.metadata.get('imgsz', '640'))
+            stated: Any = parsed(self.metadata.get('imgsz', '640'))
             wanted = max(stated) if isinstance(stated, (list, tuple)) else int(stated)
         if wanted < 32 or wanted % 32:
             raise ModelError(f'input_size is {wanted}, expected a multiple of 32')
