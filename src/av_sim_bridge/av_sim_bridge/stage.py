@@ -45,16 +45,14 @@ Output = tuple[str, Any]    # topic and message
 class BridgeSettings:
     """Numbers of the vehicles, and which topics the bridge serves.
 
-    Parameters
-    ----------
+    Parameters:
         rig_id: the simulator's number of the rig.
         target_id: number of the first target.
         targets: how many targets there are, numbered from `target_id` on.
         world_frame: frame of positions (ENU) in odometry and truth.
-        follow_odometry: the rig is moved by somebody else, whose `odometry` goes to the simulator.
+        follow_odometry: something else moves the rig, and its `odometry` goes to the simulator.
         oracle_detections: the visual oracle's reports become `detections`.
         ring_buffer_bytes: size of the buffer between the receiver of sound and `read_audio`.
-
     """
 
     rig_id: int = 1
@@ -78,12 +76,10 @@ class BridgeStage:
     Each stream is meant for one thread; `read_audio` and `decode_*` may run in others. `target_topics` is the topic of
     each target's truth, by the simulator's number.
 
-    Parameters
-    ----------
+    Parameters:
         rig: number of microphones, camera and frames.
         layout: format of the samples on the wire.
         settings: see BridgeSettings.
-
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:

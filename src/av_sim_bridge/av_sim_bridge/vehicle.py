@@ -18,10 +18,16 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class VehicleState:
-    """State at one time (s).
+    """State of a vehicle at one time, in ENU and FLU.
 
-    Position m, velocity m/s and acceleration m/s^2 in ENU, attitude w x y z from FLU to ENU, turn rate rad/s in FLU,
-    rotor speeds in rpm (8,).
+    Parameters:
+        time (s): of the state.
+        position (m, ENU): (3,).
+        velocity (m/s, ENU): (3,).
+        acceleration (m/s^2, ENU): (3,).
+        attitude_wxyz: unit quaternion from FLU to ENU, (4,).
+        rate_flu (rad/s, FLU): turn rate, (3,).
+        rotor_rpm (1/min): rotor speeds, (8,).
     """
 
     time: float

@@ -13,7 +13,12 @@ from av_common.config_reader import ConfigError
 
 @dataclass(frozen=True)
 class Profile:
-    """Piecewise linear through (times, values), constant before and after."""
+    """A quantity that is piecewise linear in time, and constant before and after.
+
+    Parameters:
+        times (s): of the points, rising.
+        values: at these times.
+    """
 
     times: tuple[float, ...] = (0.0,)
     values: tuple[float, ...] = (0.0,)

@@ -18,7 +18,15 @@ FARTHEST = 100.0         # m/s; beyond, a given pose is taken at once, for nothi
 
 @dataclass(frozen=True)
 class Turn:
-    """Yaw from `start` s on, while one rate is aimed at: angles in rad, rates in rad/s, counter-clockwise."""
+    """Yaw while one rate is aimed at, counter-clockwise.
+
+    Parameters:
+        start (s): beginning of the turn.
+        yaw0 (rad): yaw at the start.
+        rate0 (rad/s): rate at the start.
+        aim (rad/s): rate that is approached.
+        acceleration (rad/s^2): of the rate.
+    """
 
     start: float
     yaw0: float
@@ -42,7 +50,12 @@ class Turn:
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """Motion along the scenario's trajectory, with a turn about the vertical."""
+    """Motion along the scenario's trajectory, with a turn about the vertical.
+
+    Parameters:
+        path: positions (k, 3) in ENU at times (k,).
+        turn: yaw against time.
+    """
 
     path: Position
     turn: Turn
@@ -64,7 +77,13 @@ class PlannedMotion:
 
 @dataclass(frozen=True)
 class FollowedMotion:
-    """The rig on its way from one given pose to the next, evenly."""
+    """Motion of the rig from one given pose to the next at constant velocity and turn rate.
+
+    Parameters:
+        begin, end (s): of the motion.
+        position0, position1 (m, ENU): at its begin and end, (3,).
+        rotation0, rotation1: from the body to ENU at its begin and end.
+    """
 
     begin: float
     end: float

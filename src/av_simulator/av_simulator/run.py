@@ -28,7 +28,13 @@ BLOCKS_PER_SECOND = 30
 
 @dataclass(frozen=True)
 class Bearing:
-    """Where a target is, seen from the rig's body: azimuth and elevation in rad, distance in m."""
+    """Direction of a target in the rig's body frame.
+
+    Parameters:
+        azimuth (rad): counter-clockwise from ahead.
+        elevation (rad): upwards.
+        distance (m): from the origin of the body.
+    """
 
     azimuth: float
     elevation: float
@@ -37,7 +43,13 @@ class Bearing:
 
 @dataclass(frozen=True)
 class TruthSample:
-    """The true state of everything at one time (s); one bearing for each target."""
+    """The true state of everything at one time.
+
+    Parameters:
+        time (s): of the states.
+        rig: state of the rig.
+        targets: state of each target.
+    """
 
     time: float
     rig: VehicleState
@@ -54,7 +66,14 @@ class TruthSample:
 
 @dataclass(frozen=True)
 class Step:
-    """What happened between two times (s)."""
+    """What happened between two times.
+
+    Parameters:
+        begin, end (s): of the step.
+        sound: (samples, microphones) float32, 1 = full scale.
+        images: views taken within the step, with their images.
+        truth: true states within the step.
+    """
 
     begin: float
     end: float

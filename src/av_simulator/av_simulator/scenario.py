@@ -1,4 +1,4 @@
-"""What happens in a simulated world, read from YAML: who flies where, how the weather is, what there is to hear."""
+"""Scenarios of the simulated world, read from YAML: trajectories, weather, scene, sound and faults."""
 
 from __future__ import annotations
 
@@ -37,9 +37,15 @@ Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 @dataclass(frozen=True)
 class Target:
-    """A drone: `size` in m from rotor tip to rotor tip.
+    """A drone. It emits the signal of its profile, or `signal` if there is one.
 
-    It emits the signal of the profile `drone` of config/drones, or `signal` if there is one.
+    Parameters:
+        trajectory: where it flies.
+        name: for figures.
+        size (m): from rotor tip to rotor tip.
+        drone: name of a profile in config/drones.
+        signal: what it emits instead of the profile.
+        gain_db (dB): on its signal.
     """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
@@ -61,7 +67,15 @@ class Target:
 
 @dataclass(frozen=True)
 class RigMotion:
-    """How the rig moves by itself. Its yaw follows commands once there are any; `yaw_rate_deg` holds until then."""
+    """Motion of the rig without commands; from the first command on its yaw follows these.
+
+    Parameters:
+        trajectory: where it moves.
+        yaw_deg (deg): at the beginning, counter-clockwise from east.
+        yaw_rate_deg (deg/s): until the first command.
+        max_yaw_rate_deg (deg/s): limit of commanded rates.
+        max_yaw_acceleration_deg (deg/s^2): limit of their change.
+    """
 
     trajectory: Trajectory = field(default_factory=lambda: Static((0.0, 0.0, 1.5)))
     yaw_deg: float = 0.0
@@ -72,10 +86,15 @@ class RigMotion:
 
 @dataclass(frozen=True)
 class Smoke:
-    """A cloud of smoke or a bank of fog that drifts and spreads, from `begin` to `end`.
+    """A cloud of smoke or a bank of fog that drifts and spreads. As it spreads it thins: its mass stays the same.
 
-    radius: standard deviation in m, growing by `growth` m/s.  density: extinction in its centre in 1/m at the beginning;
-    as it spreads it thins, so that what it consists of stays the same.
+    Parameters:
+        position (m, ENU): centre at the beginning.
+        density (1/m): extinction in the centre at the beginning.
+        radius (m): standard deviation at the beginning.
+        growth (m/s): of the radius.
+        velocity (m/s, ENU): of the drift.
+        begin, end (s): when it exists.
     """
 
     position: Vector
@@ -100,9 +119,16 @@ class Smoke:
 class Weather:
     """Air and light. Profiles are a number, or a list of [time, value].
 
-    fog: extinction in 1/m; of an object's contrast one sees exp(-fog * distance).  fog_layer_m: height over which fog
-    thins to 1/e.  daylight: 1 at noon, 0.005 at night.  exposure: of the camera, 1 being right at noon.
-    absorption: whether air absorbs sound (ISO 9613-1).  attenuation: how sound falls with distance.
+    Parameters:
+        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): of the air.
+        fog (1/m): extinction; an object keeps exp(-fog * distance) of its contrast.
+        fog_layer_m (m): height over which fog thins to 1/e, None for even fog.
+        smoke: clouds.
+        rain_mm_h (mm/h): rain.
+        daylight: 1 at noon, 0.005 at night.
+        exposure: of the camera, 1 being right at noon.
+        absorption: whether air absorbs sound (ISO 9613-1).
+        attenuation: how sound falls with distance.
     """
 
     temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
@@ -126,7 +152,12 @@ class Weather:
 
 @dataclass(frozen=True)
 class Faults:
-    """What goes wrong on purpose: the microphones' clock is fast by `clock_ppm`, datagrams get lost."""
+    """Faults of the sensors and the network.
+
+    Parameters:
+        clock_ppm (ppm): by which the microphones' clock is fast.
+        lost_datagrams (0 to 1): share of datagrams that are not sent.
+    """
 
     clock_ppm: float = bounded(0.0, low=-1000.0, high=1000.0)
     lost_datagrams: float = bounded(0.0, low=0.0, high=1.0)
@@ -136,7 +167,18 @@ class Faults:
 class Scenario:
     """One reproducible run: the same scenario and seed give the same world.
 
-    `scene` is only seen, `ground`, `room` and `reverberation` are only heard, `obstacles` are both.
+    Parameters:
+        name, description: for logs and figures.
+        targets: one or more.
+        duration (s): of the run.
+        seed: of everything random.
+        rig: motion without commands.
+        weather: air and light.
+        scene: what images show.
+        obstacles: in images and in sound.
+        ground, room, reverberation: in sound only.
+        noise: at the microphones.
+        faults: of sensors and network.
     """
 
     name: str

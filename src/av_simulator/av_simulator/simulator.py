@@ -84,7 +84,17 @@ class WireOptions:
 
 @dataclass
 class SimulatorCounts:
-    """What was sent, and what went wrong: images skipped for lack of time, late blocks."""
+    """What was sent, and what went wrong.
+
+    Parameters:
+        audio_frames, images, commands: sent and received.
+        images_skipped: for lack of time.
+        malformed_commands: datagrams on the control port that are no command.
+        late_blocks: sound later than LATE.
+        resynchronised: shifts of the schedule.
+        unsent: datagrams that the system refused.
+        lost_on_purpose: by `faults.lost_datagrams`.
+    """
 
     audio_frames: int = 0
     images: int = 0
@@ -107,8 +117,8 @@ class Simulator:
         send: takes each datagram and its address (host, port); by default a UDP socket.
     """
 
-    LATE = 0.1        # s behind real time from which a block counts as late
-    HOPELESS = 1.0    # s behind real time after which the schedule begins anew
+    LATE = 0.1         # s behind real time from which a block counts as late
+    MOST_LATE = 1.0    # s behind real time after which the schedule is shifted
 
     def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
@@ -188,7 +198,7 @@ class Simulator:
         targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
         events: list[tuple[float, Callable[[float], None]]] = [
             (moment, partial(self._send_truth, states)) for moment, *states in zip(moments, *targets, strict=True)]
-        events += [(moment, self._ask_for_image) for moment in times(begin, end, options.image_rate)]
+        events += [(moment, self._request_image) for moment in times(begin, end, options.image_rate)]
         events += [(moment, self._send_time_sync) for moment in times(begin, end, 1.0)]
         return sorted(events, key=lambda event: event[0])
 
@@ -213,11 +223,11 @@ class Simulator:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
                 log.warning('fell %.0f ms behind real time at %.1f s', 1e3 * lag, moment)
-        if lag > self.HOPELESS:
+        if lag > self.MOST_LATE:
             self._start += lag
             self.counts.resynchronised += 1
             if self.counts.resynchronised in (1, 10, 100, 1000):
-                log.warning('%.1f s behind real time: going on from here, for the %d. time', lag,
+                log.warning('%.1f s behind real time: schedule shifted, %d times until now', lag,
                             self.counts.resynchronised)
 
     def _take_commands(self) -> None:
@@ -272,11 +282,12 @@ class Simulator:
         self._send(encode_time_sync(TimeSync(RIG_ID, self._start_ms, now, round(moment))), self.options.ports.time_sync,
                    TIME_SYNC_GROUP)
 
-    def _ask_for_image(self, moment: float) -> None:
+    def _request_image(self, moment: float) -> None:
         if self._lag(moment) > self.LATE:    # sound cannot wait, an image can be left out
             self.counts.images_skipped += 1
             return
-        if self._renderer is None or not self._renderer.ask(self.world.view(round(moment * self.options.image_rate), moment)):
+        view = self.world.view(round(moment * self.options.image_rate), moment)
+        if self._renderer is None or not self._renderer.request(view):
             self.counts.images_skipped += 1
 
     def _send_images(self, frames: list[CameraFrame]) -> None:

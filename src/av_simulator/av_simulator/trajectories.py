@@ -29,7 +29,13 @@ class Static:
 
 @dataclass(frozen=True)
 class Line:
-    """Straight on at constant velocity (m/s), at `position` at `time`."""
+    """A straight line at constant velocity.
+
+    Parameters:
+        position (m, ENU): at `time`.
+        velocity (m/s, ENU): constant.
+        time (s): when it is at `position`.
+    """
 
     position: Vector
     velocity: Vector
@@ -43,7 +49,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Circle:
-    """Around `center`, counter-clockwise unless the period is negative, with radius and height that may breathe."""
+    """A circle whose radius and height may swing.
+
+    Parameters:
+        center (m, ENU): x, y, z.
+        radius (m): mean.
+        period (s): of a turn, counter-clockwise unless negative.
+        start_deg (deg): at time 0, counter-clockwise from east.
+        radius_swing (m), radius_period (s): sine of the radius.
+        height_swing (m), height_period (s): sine of the height.
+    """
 
     center: Vector
     radius: float = bounded(10.0, above=0.0)
@@ -71,7 +86,16 @@ class Circle:
 
 @dataclass(frozen=True)
 class FigureEight:
-    """A lemniscate of Gerono, `length` along `heading_deg` (counter-clockwise from east) and `width` across."""
+    """A lemniscate of Gerono.
+
+    Parameters:
+        center (m, ENU): x, y, z.
+        length (m): along `heading_deg`.
+        width (m): across.
+        period (s): of one round.
+        heading_deg (deg): counter-clockwise from east.
+        phase_deg (deg): at time 0.
+    """
 
     center: Vector
     length: float = bounded(20.0, above=0.0)
@@ -115,7 +139,16 @@ class Waypoints:
 
 @dataclass(frozen=True)
 class Steps:
-    """Around `center` in steps, as a loudspeaker is carried around a tripod: `dwell` s at rest, `move` s on the way."""
+    """A circle in steps, as a loudspeaker is carried around a tripod.
+
+    Parameters:
+        center (m, ENU): x, y, z.
+        radius (m): of the circle.
+        step_deg (deg): of one step.
+        dwell (s): at rest.
+        move (s): from one place to the next.
+        start_deg (deg): first place.
+    """
 
     center: Vector
     radius: float = bounded(3.0, above=0.0)
@@ -136,7 +169,14 @@ class Steps:
 
 @dataclass(frozen=True)
 class RandomFlight:
-    """Wanders smoothly inside a box of half extents `extent` around `center`; changes take about `period` s."""
+    """A smooth random flight inside a box.
+
+    Parameters:
+        center (m, ENU): of the box.
+        extent (m): half extents of the box.
+        period (s): of changes, roughly.
+        seed: of the flight.
+    """
 
     center: Vector
     extent: Vector = (10.0, 10.0, 2.0)

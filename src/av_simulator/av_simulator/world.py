@@ -29,10 +29,18 @@ INSTANT = 160   # samples between the instants at which the microphones' positio
 
 
 class World:
-    """One rig and its targets. `advance` moves on by one step; states and views may be asked for within that step."""
+    """One rig and its targets. `advance` moves on by one step; states and views are available within that step.
+
+    Raises ValueError or OSError for recordings and arrays that cannot be read.
+
+    Parameters:
+        scenario: what happens.
+        rig: microphones and camera.
+        seed: instead of the scenario's.
+        sample_rate (Hz): of the microphones.
+    """
 
     def __init__(self, scenario: Scenario, rig: Rig, seed: int | None = None, sample_rate: int = 48_000):
-        """seed: instead of the scenario's. Raises ValueError or OSError for recordings and arrays that cannot be read."""
         self.scenario, self.rig, self.sample_rate = scenario, rig, sample_rate
         self.seed = scenario.seed if seed is None else seed
         self.dynamics = RigDynamics(scenario.rig)
@@ -70,7 +78,7 @@ class World:
                 *(_seen(obstacle) for obstacle in self.scenario.obstacles)]
 
     def advance(self, samples: int) -> NDArray:
-        """Move on by a number of samples, a multiple of INSTANT; what the microphones hear meanwhile, (samples, m)."""
+        """Move on by a number of samples, a multiple of INSTANT; the sound of the microphones meanwhile, (samples, m)."""
         if samples <= 0 or samples % INSTANT:
             raise ValueError(f'samples: {samples}, a positive multiple of {INSTANT} expected')
         end = (self._samples + samples) / self.sample_rate
@@ -139,7 +147,7 @@ def with_recording(scenario: Scenario, file: str | Path) -> Scenario:
 
 
 def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float) -> Scenario:
-    """The scenario heard and seen from another place (m, ENU)."""
+    """The scenario with the rig at another place (m, ENU) and yaw (deg)."""
     rig = dataclasses.replace(scenario.rig, trajectory=Static((x, y, z)), yaw_deg=yaw_deg)
     return dataclasses.replace(scenario, rig=rig)
 

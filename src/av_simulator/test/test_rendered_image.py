@@ -165,7 +165,7 @@ def test_every_kind_of_air_can_be_rendered(rng, atmosphere):
     assert atmosphere.optical_depth(EYE.astype(np.float32), directions, np.ones(9)).dtype == np.float32
 
 
-def test_light_scales_the_picture_and_gain_brings_noise():
+def test_light_scales_the_image_and_gain_brings_noise():
     grey = np.full((480, 640, 3), 100, np.uint8)
     effects = CameraEffects(640, 480, 1)
     noon, dusk = effects.apply(grey, view()), effects.apply(grey, view(daylight=0.1, exposure=10.0))

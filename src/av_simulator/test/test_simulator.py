@@ -163,7 +163,7 @@ def test_sound_and_truth_agree_within_5_ms(streams):
     assert listener.audio.stamp(heard) - flight == pytest.approx(stamps[emitted], abs=5e-3)
 
 
-def test_picture_and_truth_agree_within_5_ms(streams):
+def test_image_and_truth_agree_within_5_ms(streams):
     _, listener = streams
     stamps = np.array([stamp for number, _, stamp in listener.states if number == 2])
     positions = np.array([state.position for number, state, _ in listener.states if number == 2])

@@ -18,10 +18,13 @@ from av_sim_bridge.wire.error import WireError
 
 @dataclass(frozen=True)
 class AudioBlock:
-    """Samples (n, channels) of the wire's type; first_sample counts from the start and jumps over losses.
+    """Consecutive samples of a stream.
 
-    time: capture of the first sample in s of the sender's clock, None in a bare stream.
-    arrival: s, when the block's last sample was received.
+    Parameters:
+        first_sample: number of the first one, counted from the start of the stream; it jumps over losses.
+        samples (n, channels): of the wire's type.
+        arrival (s): when the last sample was received.
+        time (s): capture of the first sample on the sender's clock, None in a bare stream.
     """
 
     first_sample: int
@@ -42,10 +45,14 @@ class AudioCounts:
 
 
 class AudioDecoder:
-    """Decodes either kind of stream; the header is recognised by its magic number."""
+    """Decodes streams with and without headers; the header is recognised by its magic number.
+
+    Parameters:
+        layout: format of the samples.
+        lateness: returns the seconds by which the sender is known to be late, from streams that carry stamps.
+    """
 
     def __init__(self, layout: AudioFormat, lateness: Callable[[], float] = float):
-        """lateness(): seconds by which the sender is known to be late, from streams that carry stamps."""
         self.layout = layout
         self._lateness = lateness
         self.counts = AudioCounts()

@@ -11,9 +11,14 @@ Item = TypeVar('Item')
 
 
 class Consumer(Generic[Item]):
-    """Calls `work` for each item on a thread of its own; while it is busy the newest `depth` items wait.
+    """A worker thread for items that receivers hand over.
 
-    Older ones are dropped and counted in `dropped`, failures (ValueError) in `failed`.
+    Older items are dropped and counted in `dropped`, failures (ValueError) in `failed`.
+
+    Parameters:
+        name: of the thread.
+        work: called with each item, on the thread.
+        depth: items that wait at most; the newest are kept.
     """
 
     def __init__(self, name: str, work: Callable[[Item], None], depth: int = 4):

@@ -14,7 +14,12 @@ _LEAST_SPREAD_S = 1e-6    # a source that is kept straight ahead moves by some, 
 
 
 class DirectionCheck:
-    """Collects the delay between the first two channels, by the peak of their cross-correlation, every few blocks."""
+    """Collects the delay between the first two channels, by the peak of their cross-correlation, every 0.1 s.
+
+    Parameters:
+        sample_rate (Hz): of the samples.
+        largest_delay_s (s): delays that are searched, in both directions.
+    """
 
     def __init__(self, sample_rate: int, largest_delay_s: float = 2e-3):
         self._block = int(_BLOCK_S * sample_rate)

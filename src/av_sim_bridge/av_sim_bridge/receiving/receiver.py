@@ -45,10 +45,15 @@ def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '',
 
 
 class Receiver:
-    """One port, one thread. Malformed datagrams are counted, and the newest complaint is kept."""
+    """One port, one thread. Malformed datagrams are counted, and the newest complaint is kept.
+
+    Parameters:
+        name: of the stream.
+        source: a bound UDP socket, which this object closes.
+        handle: called with datagram, arrival (s of the system's clock) and the sender's address; may raise WireError.
+    """
 
     def __init__(self, name: str, source: socket.socket, handle: Handler):
-        """handle(datagram, arrival in s of the system's clock, sender's address) may raise WireError."""
         self.name = name
         self.meter = RateMeter()
         self.malformed = 0

@@ -32,12 +32,10 @@ class AudioStream:
 
     It takes one sender at a time; another one after a second of silence, or when its datagrams have a header.
 
-    Parameters
-    ----------
+    Parameters:
         layout: format of the samples on the wire.
         ring: receives the samples, numbered from the start of the stream.
         clock: the sender's clock, shared by all streams of one simulator.
-
     """
 
     SILENCE = 1.0    # s
@@ -119,11 +117,9 @@ class CaptureStamps:
 class ImageStream:
     """Fragments to images; the oracle's reports belong to the image whose fragments came last.
 
-    Parameters
-    ----------
+    Parameters:
         clock: the sender's clock, shared by all streams of one simulator.
         stamps: shared with the other sensors of the same camera, such as depth; by default its own.
-
     """
 
     def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None) -> None:

@@ -16,7 +16,13 @@ _LOUDEST = 16.0   # a float sample beyond this (24 dB over full scale) is not so
 
 @dataclass(frozen=True)
 class AudioFormat:
-    """How samples are laid out: sample_format `s16le` or `f32le`, channels, sample_rate in Hz."""
+    """Layout of samples on the wire. Raises ValueError for an impossible one.
+
+    Parameters:
+        sample_format: `s16le` or `f32le`.
+        channels: interleaved channels.
+        sample_rate (Hz): samples a second of each channel.
+    """
 
     sample_format: str = 's16le'
     channels: int = 2
@@ -59,7 +65,13 @@ class AudioFormat:
 
 @dataclass(frozen=True)
 class AudioHeader:
-    """sequence: datagrams since the stream began; frames: in this one; time: s, capture of the first frame."""
+    """Header of an audio datagram, of this project.
+
+    Parameters:
+        sequence: datagrams since the stream began.
+        frames: samples of each channel in this datagram.
+        time (s): capture of the first sample.
+    """
 
     sequence: int
     frames: int

@@ -18,7 +18,15 @@ _NEW = struct.Struct('<6i1d')   # magic, packet length with header, sequence, pa
 
 @dataclass(frozen=True)
 class Fragment:
-    """One piece of an encoded image. sequence: 0..count - 1; time: s, capture in the sender's clock."""
+    """One part of an encoded image.
+
+    Parameters:
+        sequence: 0 to count - 1.
+        count: fragments of the image.
+        time (s): capture on the sender's clock.
+        payload: bytes of the image.
+        frame_id: number of the image in RFlySim's new header, None in the old one.
+    """
 
     sequence: int
     count: int
@@ -29,7 +37,13 @@ class Fragment:
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """A complete image as the sender encoded it (JPEG or PNG)."""
+    """A complete image as the sender encoded it (JPEG or PNG).
+
+    Parameters:
+        time (s): capture on the sender's clock.
+        data: the file.
+        frame_id: number of the image in RFlySim's new header, None in the old one.
+    """
 
     time: float
     data: bytes

@@ -13,7 +13,14 @@ _LAYOUT = struct.Struct('<2i1d6f')
 
 @dataclass(frozen=True)
 class ImuSample:
-    """Specific force in m/s^2 and turn rate in rad/s, both (3,) in FRD; time in s of the sender's clock."""
+    """Inertial measurement in FRD.
+
+    Parameters:
+        sequence: counts up by one.
+        time (s): on the sender's clock.
+        acceleration_frd (m/s^2): specific force, (3,).
+        rate_frd (rad/s): turn rate, (3,).
+    """
 
     sequence: int
     time: float

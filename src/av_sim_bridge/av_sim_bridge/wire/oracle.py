@@ -14,7 +14,13 @@ MOST_BOXES = 1000
 
 @dataclass(frozen=True)
 class OracleBox:
-    """One target in the picture: corners in pixels, score 0..1 that a detector would find it."""
+    """One target in the image.
+
+    Parameters:
+        target_id: the simulator's number of the vehicle.
+        score (0 to 1): probability that a detector would find it.
+        min_x, min_y, max_x, max_y (px): corners.
+    """
 
     target_id: int
     score: float

@@ -15,8 +15,11 @@ _MOVE_BODY, _MOVE_GIMBAL = 1, 2
 class RigControl:
     """One command, in the rig's frame (x forward, y left, z up).
 
-    mode: as in av_interfaces/PointingCommand.  yaw_rate: rad/s counter-clockwise, or None to leave the body alone.
-    pan, tilt: rad, counter-clockwise from x and up, or None to leave the gimbal alone.
+    Parameters:
+        sequence: counts up by one.
+        mode: as in av_interfaces/PointingCommand.
+        yaw_rate (rad/s): counter-clockwise; None leaves the body alone.
+        pan, tilt (rad): counter-clockwise from x, and up; None leaves the gimbal alone.
     """
 
     sequence: int

@@ -11,7 +11,14 @@ _LAYOUT = struct.Struct('<2i3q')
 
 @dataclass(frozen=True)
 class TimeSync:
-    """Unix time in ms at which the sender's clock was zero, Unix time in ms now, and a counter."""
+    """The sender's clock against Unix time.
+
+    Parameters:
+        copter_id: number of the vehicle.
+        start_ms (ms): Unix time at which the sender's clock was zero.
+        now_ms (ms): Unix time of sending.
+        heartbeat: counts up by one.
+    """
 
     copter_id: int
     start_ms: int

@@ -18,10 +18,18 @@ _MOTORS = 8
 class VehicleTruth:
     """State of one vehicle: position and velocity in NED, attitude as the rotation NED <- FRD.
 
-    time: s, sender's clock.  position_ned: m, (3,).  velocity_ned: m/s, (3,).
-    euler_rad: roll, pitch, yaw, (3,).  quaternion_wxyz: (4,).  motor_rpm: (8,).
-    acceleration_frd: m/s^2 and rate_frd: rad/s, (3,), None in the short layout.
-    gps: latitude deg, longitude deg, altitude m, (3,).
+    Parameters:
+        copter_id: number of the vehicle.
+        vehicle_type: of RFlySim.
+        time (s): on the sender's clock.
+        position_ned (m): (3,).
+        velocity_ned (m/s): (3,).
+        euler_rad (rad): roll, pitch, yaw, (3,).
+        quaternion_wxyz: (4,).
+        motor_rpm (1/min): (8,).
+        acceleration_frd (m/s^2): (3,), None in the short layout.
+        rate_frd (rad/s): (3,), None in the short layout.
+        gps (deg, deg, m): latitude, longitude, altitude, (3,).
     """
 
     copter_id: int
@@ -57,7 +65,7 @@ def is_truth(datagram: bytes) -> bool:
 
 
 def decode_truth(datagram: bytes) -> VehicleTruth:
-    """Decode either layout, told apart by length and magic. Raises WireError."""
+    """Decode either layout, distinguished by length and magic. Raises WireError."""
     truth = _decode_short(datagram) if len(datagram) == _SHORT.size else _decode_long(datagram)
     check_finite([truth.time, *truth.position_ned, *truth.velocity_ned, *truth.euler_rad, *truth.quaternion_wxyz],
                  'truth')

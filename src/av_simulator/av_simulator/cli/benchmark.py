@@ -41,17 +41,17 @@ def _sound(world: World, seconds: float) -> float:
     """Processor seconds for one second of sound, after the first one."""
     block = world.sample_rate // BLOCKS_PER_SECOND
 
-    def hear() -> None:
+    def advance() -> None:
         world.advance(block)
 
-    _measured(hear, BLOCKS_PER_SECOND)
-    return _measured(hear, int(seconds * BLOCKS_PER_SECOND))[0] * BLOCKS_PER_SECOND
+    _measured(advance, BLOCKS_PER_SECOND)
+    return _measured(advance, int(seconds * BLOCKS_PER_SECOND))[0] * BLOCKS_PER_SECOND
 
 
 def _image(world: World, count: int) -> tuple[float, float]:
     """Processor and wall seconds for one image with the first drone in the middle, JPEG included."""
     renderer = world.renderer()
-    # Look at the drone: the dearest case, for then its visible part is measured too.
+    # Turn to the drone: the most expensive case, since its visible part is measured, too.
     rig = world.rig_state(world.time)
     east, north, _ = world.scenario.targets[0].trajectory(world.time)[0] - rig.position
     half = np.arctan2(north, east) / 2

@@ -31,7 +31,7 @@ DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=Relia
 NAMESPACE = f'soak_{os.getpid()}'    # several may run side by side
 SAMPLE_RATE = 48_000
 SETTLED = 0.2          # share of the run after which memory may not grow any more: buffers have been filled once by then
-PATIENCE = 60.0        # s without a sign of life after which a run is given up
+PATIENCE = 60.0        # s without data after which a run is aborted
 # What the bridge counts that may not happen on loopback.
 LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
 
@@ -70,7 +70,7 @@ class Memory:
 
 
 class Listener(Node):
-    """Hears what the bridge publishes: whether the sound is without a gap, and what the bridge says was lost."""
+    """Receives what the bridge publishes: sound, whose gaps it counts, and the losses in /diagnostics."""
 
     def __init__(self) -> None:
         super().__init__('listener', namespace=NAMESPACE)
@@ -134,22 +134,22 @@ def _start_simulator(options: argparse.Namespace) -> subprocess.Popen:
 
 def _watch(listener: Listener, bridge: Memory, simulator: Memory, options: argparse.Namespace) -> int:
     expected = math.ceil(options.duration * BLOCKS_PER_SECOND) * SAMPLE_RATE // BLOCKS_PER_SECOND
-    began = shown = heard_at = time.monotonic()
-    heard = 0
+    began = shown = received_at = time.monotonic()
+    received = 0
     while listener.frames < expected:
         _spin(listener, 1.0)
         now = time.monotonic()
-        if listener.frames > heard:
-            heard, heard_at = listener.frames, now
+        if listener.frames > received:
+            received, received_at = listener.frames, now
         bridge.take()
         simulator.take()
         if bridge.process.poll() is not None or simulator.process.poll() not in (None, 0):
             raise RuntimeError('a process has ended')
-        if now - heard_at > PATIENCE:
+        if now - received_at > PATIENCE:
             break
         if now - shown >= options.every:
             shown = now
-            print(f'{now - began:7.0f} s: {heard} frames, lost {listener.lost or "none"}; resident memory: bridge '
+            print(f'{now - began:7.0f} s: {received} frames, lost {listener.lost or "none"}; resident memory: bridge '
                   f'{bridge.samples[-1]:.1f}, simulator {simulator.samples[-1]:.1f} MiB', flush=True)
     listener.counts = {}    # what was counted until now may be a second old
     _wait(listener, lambda: bool(listener.counts), [bridge.process], 'no diagnostics')

@@ -28,7 +28,12 @@ _TOPICS = {
 
 
 class BagRecorder:
-    """Writes each step of a world into a rosbag2 (mcap) that must not exist yet."""
+    """Writes each step of a world into a rosbag2 (mcap).
+
+    Parameters:
+        folder: of the bag; must not exist.
+        world: gives the rig and the sample rate.
+    """
 
     def __init__(self, folder: Path, world: World):
         self._rig, self._rate = world.rig, world.sample_rate

@@ -25,6 +25,12 @@ class FileRecorder:
     rig's frame), `boxes.csv` (one row for each target of each image, px). With `everything` also
     `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
     ids, thermal in hundredths of a kelvin.
+
+    Parameters:
+        folder: made if needed.
+        world: gives rig, targets and sample rate.
+        image_rate (Hz): of the video, 0 for none.
+        everything: write frames with all layers.
     """
 
     def __init__(self, folder: Path, world: World, image_rate: float, everything: bool = False):

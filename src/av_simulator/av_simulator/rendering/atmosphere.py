@@ -16,7 +16,10 @@ _LAYERED_FROM = 1e-4   # slope of a ray from which on the thinning of fog along 
 class Cloud:
     """A Gaussian cloud of smoke or fog at one instant.
 
-    centre: m ENU (3,).  radius: standard deviation in m.  density: extinction at the centre in 1/m.
+    Parameters:
+        centre (m, ENU): (3,).
+        radius (m): standard deviation.
+        density (1/m): extinction at the centre.
     """
 
     centre: NDArray
@@ -41,8 +44,11 @@ class Cloud:
 class Atmosphere:
     """The air at one instant: light from a distance d keeps exp(-optical depth) of its contrast (Beer-Lambert).
 
-    fog: extinction in 1/m at the ground.  layer_m: height over which it falls to 1/e, None for even fog.
-    rain_mm_h: rain of R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
+    Parameters:
+        fog (1/m): extinction at the ground.
+        layer_m (m): height over which it falls to 1/e, None for even fog.
+        rain_mm_h (mm/h): rain of R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
+        clouds: of smoke or fog.
     """
 
     fog: float = 0.0

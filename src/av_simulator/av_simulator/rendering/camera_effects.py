@@ -18,12 +18,17 @@ _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
 
 
 class CameraEffects:
-    """Effects of one camera on images (height, width, 3) uint8."""
+    """Effects of one camera on images (height, width, 3) uint8.
+
+    Parameters:
+        width, height (px): of the images.
+        seed: of noise and rain.
+    """
 
     def __init__(self, width: int, height: int, seed: int):
         self._seed = seed
         random = np.random.default_rng([seed, 13])
-        # Noise is drawn once and used again, moved: drawing it anew would cost more than the image.
+        # Noise is drawn once and used again, moved: new noise would cost more than the image.
         self._noise = random.standard_normal((2 * height, 2 * width)).astype(np.float32)
         self._shape = (height, width)
 

@@ -36,7 +36,7 @@ def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tupl
           fovy_deg: float, samples: int, seed: int) -> tuple[str, dict[str, bytes]]:
     """XML and assets of a model. drones: size in m and number of rotors of each.  size: width and height of images.
 
-    Raises ValueError for more drones than can be told apart.
+    Raises ValueError for more drones than can be distinguished.
     """
     if len(drones) > MOST_DRONES:
         raise ValueError(f'targets: {len(drones)} of them, at most {MOST_DRONES} can be rendered')

@@ -30,7 +30,7 @@ class CameraFrame:
         view: what was rendered.
         jpeg: the image.
         boxes: the visual oracle's report.
-        depth: depth (mm) as PNG of 16 bit; empty where none was asked for.
+        depth: depth (mm) as PNG of 16 bit; empty without.
     """
 
     view: View
@@ -75,7 +75,7 @@ class RenderProcess:
         """Whether a frame is on its way."""
         return self._waiting > 0
 
-    def ask(self, view: View) -> bool:
+    def request(self, view: View) -> bool:
         """Request a frame; False where too many are waited for already."""
         if self._waiting >= MOST_WAITING:
             return False

@@ -40,14 +40,23 @@ SKY_DISTANCE = 3000.0                                     # m, over which fog li
 
 
 class SceneRenderer:
-    """Renders what one camera sees of one scene. To be used by the thread that made it, as OpenGL demands."""
+    """Renders what one camera sees of one scene. To be used by the thread that made it, as OpenGL demands.
+
+    Raises RuntimeError where there is no way to render without a screen.
+
+    Parameters:
+        camera: pinhole model with distortion.
+        scene: what stands in the scene, and its ground and sky.
+        drones: size (m) and number of rotors of each drone.
+        seed: of everything random in the scene.
+        obstacles: solids beside those of the scene.
+        air_c (deg C): temperature of the air, for thermal images.
+        samples: samples a pixel, against jagged edges.
+        everything: whether segmentation and thermal image are made of every view.
+    """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
                  obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False):
-        """drones: size in m and rotors of each.  everything: make segmentation and thermal image of every view.
-
-        Raises RuntimeError where there is no way to render without a screen.
-        """
         self._mujoco = _import_mujoco()
         self._camera, self._everything, self._air_c = camera, everything, air_c
         self._effects = CameraEffects(camera.width, camera.height, seed)

@@ -16,10 +16,16 @@ Colour = tuple[float, float, float]   # red, green, blue, 0..1
 
 @dataclass(frozen=True)
 class Solid:
-    """One simple body: shape `box`, `cylinder` (upright), `ellipsoid` or `cone` (upright).
+    """One simple body.
 
-    centre: m ENU.  half_size: half extents in m along its own axes, which are turned by `yaw` (rad) about the vertical.
-    surface: name of a texture, or '' for a plain one.  warmer_k: how much warmer than the air it is.
+    Parameters:
+        shape: `box`, `cylinder` (upright), `ellipsoid` or `cone` (upright).
+        centre (m, ENU): x, y, z.
+        half_size (m): half extents along its own axes.
+        colour (0 to 1): red, green, blue.
+        yaw (rad): turn about the vertical.
+        surface: name of a texture, '' for none.
+        warmer_k (K): temperature above that of the air.
     """
 
     shape: str

@@ -20,9 +20,15 @@ BODY_SIZE = np.array([0.16, 0.09, 0.06])
 
 @dataclass(frozen=True)
 class Drone:
-    """A drone in view: position m ENU (3,), rotation (3, 3) from its body (FLU) to ENU, size m from tip to tip.
+    """A drone in view.
 
-    rotors: how many.  turned: how far each rotor has turned, in rad (rotors,).
+    Parameters:
+        target_id: the simulator's number.
+        position (m, ENU): (3,).
+        rotation: from its body (FLU) to ENU, (3, 3).
+        size (m): from rotor tip to rotor tip.
+        rotors: how many.
+        turned (rad): angle of each rotor, (rotors,).
     """
 
     target_id: int
@@ -35,10 +41,18 @@ class Drone:
 
 @dataclass(frozen=True)
 class View:
-    """One instant as a camera at `position` (3,) with `rotation` (3, 3) from its optical frame to ENU has it before it.
+    """What a camera images at one instant.
 
-    index: number of the image, which also seeds its noise.  daylight: 1 at noon, 0.005 at night.  exposure: gain of
-    the image, 1 being right at noon.  image_motion: px/s (2,) of what stands still in the middle of the image.
+    Parameters:
+        index: number of the image, which also seeds its noise.
+        time (s): of the instant.
+        position (m, ENU): of the camera, (3,).
+        rotation: from the optical frame to ENU, (3, 3).
+        atmosphere: the air.
+        drones: in the scene.
+        daylight: 1 at noon, 0.005 at night.
+        exposure: gain of the image, 1 being right at noon.
+        image_motion (px/s): of stationary things in the middle of the image, (2,).
     """
 
     index: int
@@ -58,10 +72,14 @@ class View:
 
 @dataclass(frozen=True)
 class TruthBox:
-    """What is really there: the box around a target's visible pixels (min_x, min_y, max_x, max_y), None where there are none.
+    """The true appearance of a target.
 
-    visible_fraction: of the pixels that it would cover if nothing stood before it.  transmission: share of its contrast
-    that the air leaves.  distance: m.
+    Parameters:
+        target_id: the simulator's number.
+        box (px): min_x, min_y, max_x, max_y of its visible pixels, None where there are none.
+        visible_fraction: visible pixels over those it would cover without occluders.
+        transmission: share of its contrast that the air leaves.
+        distance (m): from the camera.
     """
 
     target_id: int
@@ -73,10 +91,15 @@ class TruthBox:
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """bgr: (height, width, 3) uint8.  boxes: what the visual oracle reports.  truth: one entry for each drone.
+    """A rendered view. Layers that the renderer does not make are None.
 
-    depth: (height, width) float32, m along the optical axis, inf for the sky.  segmentation: (height, width) int32,
-    target ids, 0 for all else.  Both None where the renderer makes none.
+    Parameters:
+        bgr: (height, width, 3) uint8.
+        boxes: the visual oracle's report.
+        truth: one entry for each drone.
+        depth (m): along the optical axis, inf for the sky, (height, width) float32.
+        segmentation: target ids, 0 for all else, (height, width) int32.
+        thermal (deg C): apparent temperature, (height, width) float32.
     """
 
     bgr: NDArray
@@ -126,7 +149,13 @@ def outline(drone: Drone) -> NDArray:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Where a drone's outline falls in the image: its box cut at the edges, its uncut width, the share inside."""
+    """Where a drone's outline falls in the image.
+
+    Parameters:
+        box (px): min_x, min_y, max_x, max_y, cut at the edges of the image.
+        width_px (px): before the cut.
+        in_view: share of the box inside the image.
+    """
 
     box: tuple[float, float, float, float]
     width_px: float

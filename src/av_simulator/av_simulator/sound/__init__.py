@@ -1,4 +1,4 @@
-"""What microphones hear of moving sources: propagation, signals and noise. See docs/reference/simulated_sound.md."""
+"""What microphones receive of moving sources: propagation, signals and noise. See docs/reference/simulated_sound.md."""
 
 from av_simulator.sound.attenuation import Attenuation
 from av_simulator.sound.directivity import CardioidDirectivity, RotorDirectivity

@@ -1,4 +1,4 @@
-"""When what a microphone hears now was emitted."""
+"""When what a microphone receives now was emitted."""
 
 from __future__ import annotations
 

@@ -16,9 +16,12 @@ from av_simulator.sound.stream import CHUNK, Stream
 
 @dataclass(frozen=True)
 class EgoRotors:
-    """Rotor hubs (rotors, 3) and microphones (m, 3) in m in one body frame, and the signal of the whole vehicle.
+    """The rig's own rotors. The body is rigid: every rotor keeps its distance and delay to every microphone.
 
-    The body is rigid, so that every rotor keeps its distance and delay to every microphone wherever the rig flies.
+    Parameters:
+        signal: of the whole vehicle.
+        rotors (m, body frame): hubs, (rotors, 3).
+        microphones (m, body frame): (m, 3).
     """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}

@@ -1,4 +1,4 @@
-"""What the sources send along each ray, filtered by what happens on the way, for one frame of what is heard."""
+"""What the sources send along each ray, filtered by what happens on the way, for one frame of what is received."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ class FrameMaker:
         self._before: tuple[NDArray, NDArray] | None = None
 
     def make(self, sent: NDArray, factors: NDArray | None, spread: int) -> Frame:
-        """The frame at whose beginning what was sent at samples `sent` (sources, rays) is heard by the array's centre.
+        """The frame at whose beginning what was sent at samples `sent` (sources, rays) is received by the array's centre.
 
         factors (sources, rays, F) are the responses along the rays at `frequency_hz`; without them nothing is filtered.
-        `spread` is how many samples earlier or later than the centre a microphone may hear something.
+        `spread` is how many samples earlier or later than the centre a microphone may receive something.
         """
         first = np.floor(sent).astype(int) - spread - BEFORE - 2
         length = int(self.samples * (1.0 + FASTEST)) + 2 * spread + TAPS + 4

@@ -16,7 +16,13 @@ FLOW_RESISTIVITY = {
 
 @dataclass(frozen=True)
 class Ground:
-    """A level plane of a `surface` named in FLOW_RESISTIVITY, or with a `flow_resistivity` of its own in Pa s/m^2."""
+    """A level plane.
+
+    Parameters:
+        surface: a name in FLOW_RESISTIVITY.
+        flow_resistivity (Pa s/m^2): instead of that of the surface.
+        height_m (m): z of the plane.
+    """
 
     surface: str = 'grass'
     flow_resistivity: float | None = None

@@ -16,7 +16,10 @@ from av_simulator.sound.attenuation import Attenuation
 class Medium:
     """Air at rest.
 
-    `absorption` turns on that of ISO 9613-1. As `attenuation` any function from distances in m to gains will do.
+    Parameters:
+        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): of the air.
+        absorption: whether it absorbs (ISO 9613-1).
+        attenuation: gains of distances in m; any function will do.
     """
 
     temperature_c: float = 20.0

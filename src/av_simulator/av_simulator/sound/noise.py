@@ -22,7 +22,14 @@ _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)
 
 @dataclass(frozen=True)
 class Snr:
-    """Power of a source, at `distance_m` in the open, over that of all noise at one microphone, both inside `band_hz`."""
+    """Power of a source over that of all noise at one microphone.
+
+    Parameters:
+        ratio_db (dB): of both powers in the band.
+        distance_m (m): of the source, in the open.
+        source: its number.
+        band_hz (Hz): lower and upper end of the band.
+    """
 
     ratio_db: float
     distance_m: float = 10.0

@@ -57,7 +57,15 @@ class Obstacle(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Box(Obstacle):
-    """A box of `size` (x, y, z) in m about `center` (x, y, z), turned by `yaw_deg`; a thin one is a wall or a whiteboard."""
+    """A box; a thin one is a wall or a whiteboard.
+
+    Parameters:
+        center (m, ENU): x, y, z.
+        size (m): x, y, z.
+        yaw_deg (deg): turn about the vertical.
+        absorption: of its faces, one value or one for each octave.
+        reflects: whether it mirrors sound.
+    """
 
     center: Sequence[float]
     size: Sequence[float]
@@ -92,7 +100,13 @@ class Box(Obstacle):
 
 @dataclass(frozen=True, eq=False)
 class Trunk(Obstacle):
-    """A tree trunk or a column at (x, y), from z = `bottom` to `top` in m, as an octagon. It does not mirror."""
+    """A tree trunk or a column, as an octagon. It does not mirror.
+
+    Parameters:
+        center (m, ENU): x, y.
+        radius (m): of the corners.
+        top, bottom (m): z of its ends.
+    """
 
     center: Sequence[float]
     radius: float = 0.2

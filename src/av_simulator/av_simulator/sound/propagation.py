@@ -23,11 +23,18 @@ class Propagation:
 
     Delays and spreading are those of each microphone at each sample; what depends on frequency (air, ground, faces,
     edges, directivity) is computed for the array's centre at the beginning of each frame of about 20 ms.
+
+    Parameters:
+        sample_rate (Hz): of the microphones.
+        clock_ratio: true interval between the microphones' samples over the nominal one.
+        sources: all sources.
+        signals: of each source.
+        medium: the air.
+        surroundings: ground, obstacles and room.
     """
 
     def __init__(self, sample_rate: int, clock_ratio: float, sources: Sequence[Source], signals: Sequence[Stream],
                  medium: Medium, surroundings: Surroundings):
-        """`clock_ratio` is the true interval between the microphones' samples over the nominal one."""
         self._rate, self._ratio = sample_rate, clock_ratio
         self._sources, self._medium = list(sources), medium
         self._maker = FrameMaker(sample_rate, signals)
@@ -41,16 +48,16 @@ class Propagation:
         self._spread = 0
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
-        """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
+        """Pressure (m, samples) in Pa during a block received at positions (k, m, 3)."""
         self._begin_frames(start, samples, positions)
         grid = BlockGrid(start, samples, moving=bool(np.any(positions != positions[0])))
         receivers = along_block(positions, start, samples, grid.instants)
-        heard = np.zeros((positions.shape[1], samples))
+        received = np.zeros((positions.shape[1], samples))
         for number in range(len(self._sources)):
-            heard += self._hear(number, grid, receivers)
-        return heard
+            received += self._receive(number, grid, receivers)
+        return received
 
-    def _hear(self, number: int, grid: BlockGrid, receivers: NDArray) -> NDArray:
+    def _receive(self, number: int, grid: BlockGrid, receivers: NDArray) -> NDArray:
         """Pressure (m, samples) of one source at receivers (m, intervals, 4, 3)."""
         first_frame = grid.samples[0] // self._maker.samples
         frame_of = grid.samples // self._maker.samples - first_frame
@@ -88,7 +95,7 @@ class Propagation:
             self._frames[index] = self._frame(index * length * self._ratio, microphones.mean(axis=0))
 
     def _frame(self, heard_at: float, centre: NDArray) -> Frame:
-        """What is heard by the array's centre (3,) from a moment on, in samples of true time."""
+        """What is received by the array's centre (3,) from a moment on, in samples of true time."""
         images = self._mirrors @ centre + self._shifts
         sent = np.empty((len(self._sources), len(images)))
         factors = None if self._plain else np.zeros((*sent.shape, len(self._air)), complex)

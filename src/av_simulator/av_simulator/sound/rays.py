@@ -59,10 +59,10 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
 
 
 class Shade:
-    """What obstacles leave of sound on straight ways; those far from a way are not looked at."""
+    """What obstacles leave of sound on straight ways; those far from a way are skipped."""
 
     def __init__(self, obstacles: Sequence[Obstacle], frequency_hz: NDArray, speed_of_sound: float):
-        # Nothing is heard at 0 Hz, where an edge would lose nothing and the step would spread to its neighbours.
+        # Nothing is received at 0 Hz, where an edge would lose nothing and the step would spread to its neighbours.
         self.frequency_hz, self.speed_of_sound = np.maximum(frequency_hz, frequency_hz[1]), speed_of_sound
         self._obstacles = list(obstacles)
         corners = [obstacle.footprint for obstacle in obstacles]
@@ -101,11 +101,11 @@ class GroundRay:
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
         """See Ray."""
-        above, heard_above = source[2] - self._ground.height_m, receiver[2] - self._ground.height_m
-        if above < 0.0 or heard_above < 0.0:
+        above, received_above = source[2] - self._ground.height_m, receiver[2] - self._ground.height_m
+        if above < 0.0 or received_above < 0.0:
             return None
         path = self.mirror @ receiver + self.shift - source
-        touched = source + path * (above / max(above + heard_above, 1e-9))
+        touched = source + path * (above / max(above + received_above, 1e-9))
         reflected = ground_factor(self._ground, path, self._shade)
         return reflected * self._shade.factor(source, touched) * self._shade.factor(touched, receiver)
 

@@ -17,7 +17,7 @@ from av_simulator.sound.medium import Medium
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream
 
-_PRE_DELAY_S = 0.02  # before it come the reflections that are told one by one
+_PRE_DELAY_S = 0.02  # before it come the reflections that are computed one by one
 _ALIKE_M = 0.1  # over so much of the way of source or microphones the answer is alike, as a diffuse field of 1 kHz is
 
 
@@ -28,7 +28,7 @@ class ReverbZone:
     `decay_s` is the time of 60 dB below the frequencies that air swallows. `density` is the number of separate echoes
     in a second; `diffusion`, 0 to 1, the share of the energy that is smooth instead. `gain_db` is the energy of all
     reverberation over that of the direct sound at 1 m; by default it follows from Sabine's formula and the zone's
-    volume. Within `edge_m` of the box the zone fades in; a partner that stays outside is heard as 1/r of its distance
+    volume. Within `edge_m` of the box the zone fades in; a partner that stays outside is received as 1/r of its distance
     to the box.
     """
 
@@ -70,8 +70,8 @@ class ReverbZone:
 class Reverberation:
     """The answer of all zones at microphones with a given layout (m, 3).
 
-    A room answers anew wherever source and microphones are: with one answer for all places, a steady tone would seem to
-    come from one and the same direction for ever.
+    The response of a room changes with the places of source and microphones: with one response for all places, a steady
+    tone would always come from the same direction.
     """
 
     def __init__(self, zones: Sequence[ReverbZone], sample_rate: int, clock_ratio: float, sources: Sequence[Source],
@@ -83,7 +83,7 @@ class Reverberation:
         self._convolutions = [[MovingConvolution(answer) for answer in answers] for _ in self._sources]
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
-        """Pressure (m, samples) in Pa during a block heard at positions (k, m, 3)."""
+        """Pressure (m, samples) in Pa during a block received at positions (k, m, 3)."""
         centre = positions.mean(axis=1, keepdims=True)
         grid = BlockGrid(start, samples, moving=bool(np.any(centre != centre[0])))
         listener = along_block(centre, start, samples, grid.instants)[0]
@@ -96,11 +96,11 @@ class Reverberation:
             sent_at = grid.samples * self._ratio - grid.to_samples(delay.reshape(listener.shape[:-1])) * self._rate
             first = int(np.floor(sent_at.min())) - BEFORE - 1
             sent = signal.read(first, int(sent_at.max()) + AFTER + 3)
-            heard = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
+            received = db_to_ratio(source.gain_db) * interpolate(sent[None], np.zeros(samples, int), sent_at - first)
             ways = np.moveaxis(np.concatenate([place[None], microphones / np.sqrt(len(microphones))]), -1, 1)
             where = grid.to_samples(ways.reshape(-1, *listener.shape[:-1]))
             for zone, convolution in zip(self._zones, convolutions, strict=True):
-                pressure += convolution.process(grid.to_samples(zone.weight(place, listener)) * heard, where)
+                pressure += convolution.process(grid.to_samples(zone.weight(place, listener)) * received, where)
         return pressure
 
 
@@ -134,7 +134,7 @@ class Answer:
         return cls(rfft(parts, 4 * block).astype(np.complex64), turns, phases, block)
 
     def shares(self, place: NDArray) -> NDArray[np.float32]:
-        """How much of both is heard (parts, 2) of each part; the squares sum to 1."""
+        """How much of both is received (parts, 2) of each part; the squares sum to 1."""
         angles = self.turns @ place + self.phases
         return np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
 

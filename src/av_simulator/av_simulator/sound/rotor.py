@@ -124,7 +124,7 @@ def _look_up(wave: NDArray, places: NDArray) -> NDArray:
 
 
 class _Turns:
-    """How often each rotor has turned: the integral of its speed from time zero, both ways, whatever is asked first."""
+    """Turns of each rotor: the integral of its speed from time zero, forwards and backwards, in any order of access."""
 
     def __init__(self, signal: RotorSignal, speed: Speed, sample_rate: int, key: Sequence[int]):
         rotors = len(signal.rotor_hz)

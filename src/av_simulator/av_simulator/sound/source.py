@@ -11,7 +11,14 @@ from av_simulator.sound.source_signals import SourceSignal
 
 @dataclass(frozen=True)
 class Source:
-    """A point that sounds. `position` gives world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well."""
+    """A point that emits sound.
+
+    Parameters:
+        position: world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well.
+        signal: sound pressure at 1 m.
+        gain_db (dB): on the signal.
+        directivity: gain by direction and frequency, None for all around.
+    """
 
     position: Position
     signal: SourceSignal

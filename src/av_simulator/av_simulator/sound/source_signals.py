@@ -43,7 +43,12 @@ class FormulaSignal:
 
 @dataclass(frozen=True)
 class ToneSignal:
-    """A sine of one frequency."""
+    """A sine of one frequency.
+
+    Parameters:
+        frequency_hz (Hz): of the sine.
+        level_db_spl (dB SPL): at 1 m.
+    """
 
     frequency_hz: float = 1000.0
     level_db_spl: float = 74.0
@@ -56,10 +61,16 @@ class ToneSignal:
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """A sound file of any format and rate that libsndfile reads; channels are averaged unless one is chosen.
+    """A sound file of any format and rate that libsndfile reads.
 
-    The level is that of the whole file at 1 m. `pitch` above 1 plays it faster and higher. A loop is joined by a
-    cross-fade of `fade_s`; without a loop it begins at `start_s` and is followed by silence.
+    Parameters:
+        file: its path.
+        level_db_spl (dB SPL): of the whole file at 1 m.
+        pitch: above 1 plays it faster and higher.
+        loop: repeat it, joined by a cross-fade; without, silence follows.
+        start_s (s): when it begins.
+        channel: which one; None for the mean of all.
+        fade_s (s): length of the cross-fade.
     """
 
     file: str | Path

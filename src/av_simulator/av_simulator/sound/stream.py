@@ -16,14 +16,14 @@ SIGNAL_CHUNKS = 64  # kept of a signal, 5 s at 48 kHz: more than sound needs fro
 class Stream:
     """A signal made in chunks of CHUNK samples that begin at multiples of CHUNK, before sample 0 as well.
 
-    A chunk depends on its index alone, so what is read does not depend on how it is read.
+    A chunk depends on its index alone, so the samples do not depend on the order of reading.
+
+    Parameters:
+        make: samples index * CHUNK ... (index + 1) * CHUNK - 1 of an index, along the last axis.
+        kept: chunks that are kept rather than made again.
     """
 
     def __init__(self, make: Callable[[int], NDArray], kept: int = 4):
-        """`make(index)` gives samples index * CHUNK ... (index + 1) * CHUNK - 1 along its last axis.
-
-        The last `kept` chunks are not made again.
-        """
         self._chunk = lru_cache(maxsize=kept)(make)
 
     def read(self, start: int, stop: int) -> NDArray:

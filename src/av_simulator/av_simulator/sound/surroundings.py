@@ -16,10 +16,13 @@ from av_simulator.sound.reverberation import ReverbZone
 
 @dataclass(frozen=True)
 class Room:
-    """A box around everything, whose walls mirror sound up to `order` times (image sources, Allen and Berkley 1979).
+    """A box around everything, whose walls mirror sound (image sources, Allen and Berkley 1979).
 
-    `absorption` is that of all walls, unless `wall_absorption` gives one for each: at the least and greatest x, y and
-    z.
+    Parameters:
+        minimum, maximum (m, ENU): corners.
+        absorption: of all walls, one value or one for each octave.
+        wall_absorption: of the walls at the least and greatest x, y and z, instead.
+        order: reflections of a ray at most.
     """
 
     minimum: Sequence[float]
@@ -47,7 +50,14 @@ class Room:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """The ground, obstacles that shade and mirror, a room, and zones with late reverberation. A room's floor is its ground."""
+    """What stands around source and microphones.
+
+    Parameters:
+        ground: a plane.
+        obstacles: shade and mirror.
+        room: walls; its floor is its ground.
+        zones: with late reverberation.
+    """
 
     ground: Ground | None = None
     obstacles: Sequence[Annotated[Obstacle, OBSTACLES]] = ()

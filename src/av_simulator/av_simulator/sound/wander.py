@@ -15,6 +15,11 @@ class Wander:
 
     It is a sum of sines (Shinozuka 1972) and nearly Gaussian. Its rates spread from 0.04 % of `fastest_hz` to
     `fastest_hz`, most of them low.
+
+    Parameters:
+        key: seed.
+        fastest_hz (Hz): highest rate.
+        channels: independent processes.
     """
 
     def __init__(self, key: Sequence[int], fastest_hz: float, channels: int = 1):

@@ -1,4 +1,4 @@
-"""What the microphones of a moving rig hear."""
+"""What the microphones of a moving rig receive."""
 
 from __future__ import annotations
 
@@ -18,17 +18,27 @@ from av_simulator.sound.surroundings import Surroundings
 
 
 class SoundWorld:
-    """Renders what each microphone hears, block by block.
+    """Renders the signal of each microphone, block by block.
 
     The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where
     the microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however
     time is cut into blocks; with moving microphones, blocks must be multiples of 80 samples for that.
+
+    Parameters:
+        sample_rate (Hz): 8000 or more.
+        sources: all sources.
+        medium: the air.
+        microphones: how many.
+        noise: at the microphones.
+        seed: of everything random.
+        full_scale_pa (Pa): pressure that gives a sample of 1.
+        surroundings: ground, obstacles, room, reverberation.
+        clock_ppm (ppm): by which the microphones' clock is fast.
     """
 
     def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
                  noise: Noise | None = None, seed: int = 0, full_scale_pa: float = 1.0,
                  surroundings: Surroundings | None = None, clock_ppm: float = 0.0):
-        """`full_scale_pa` is the pressure that gives a sample of 1; the microphones' clock is fast by `clock_ppm`."""
         if sample_rate < 8000:
             raise ValueError(f'sample_rate is {sample_rate}, expected 8000 Hz or more')
         self._rate, self._sources, self._microphones = sample_rate, list(sources), microphones
@@ -72,11 +82,11 @@ class SoundWorld:
         start, self._next = self._next, self._next + n
         if self._noise_stream is None:
             self._noise_stream = self._begin(positions[0])
-        heard = self._propagation.render(start, n, positions)
-        heard += self._noise_gain * self._noise_stream.read(start, start + n)
+        received = self._propagation.render(start, n, positions)
+        received += self._noise_gain * self._noise_stream.read(start, start + n)
         if self._reverberation is not None:
-            heard += self._reverberation.render(start, n, positions)
-        return (heard.T / self._full_scale_pa).astype(np.float32)
+            received += self._reverberation.render(start, n, positions)
+        return (received.T / self._full_scale_pa).astype(np.float32)
 
     def _begin(self, layout: NDArray) -> Stream:
         """The noise, and reverberation, of the array's geometry (m, 3); wind is that of the array as it stands now."""

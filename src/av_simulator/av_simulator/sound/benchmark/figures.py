@@ -55,7 +55,7 @@ def fly_by() -> Iterator[Figure]:
 
 
 def moving_rig(block: int = 1600) -> Iterator[Figure]:
-    """The same tone from a source at rest, heard by a rig that flies past at 10 m/s and turns at 90 degrees a second."""
+    """The same tone from a source at rest, received by a rig that flies past at 10 m/s and turns at 90 degrees a second."""
     c, samples = Medium().speed_of_sound, 2 * RATE
     source = np.array([0.0, 10.0, 1.5])
 
@@ -67,12 +67,13 @@ def moving_rig(block: int = 1600) -> Iterator[Figure]:
 
     signal = FormulaSignal(lambda t: np.sin(2 * np.pi * 1000.0 * t))
     world = SoundWorld(RATE, [Source(lambda t: np.broadcast_to(source, (len(t), 3)), signal)], noise=Noise(None))
-    heard = np.concatenate([world.render(block, microphones((start + np.arange(0, block + 1, 160)) / RATE))
+    received = np.concatenate([world.render(block, microphones((start + np.arange(0, block + 1, 160)) / RATE))
                             for start in range(0, samples, block)])
     times = np.arange(samples) / RATE
     distance = np.linalg.norm(microphones(times) - source, axis=-1)
     truth = np.sin(2 * np.pi * 1000.0 * (times[:, None] - distance / c)) / distance
-    yield Figure('error against the analytic signal', float(10 * np.log10(np.mean((heard - truth) ** 2) / np.mean(truth**2))),
+    error = np.mean((received - truth) ** 2) / np.mean(truth**2)
+    yield Figure('error against the analytic signal', float(10 * np.log10(error)),
                  'dB', most=-55.0)
 
 
@@ -103,8 +104,8 @@ def air() -> Iterator[Figure]:
 
 def _amplitudes(signal: FormulaSignal, tones: NDArray, distance: float, medium: Medium) -> NDArray:
     source = Source(lambda t: np.broadcast_to([distance, 0.0, 0.0], (len(t), 3)), signal)
-    heard = SoundWorld(RATE, [source], medium, 1, Noise(None)).render(RATE + RATE // 2, np.zeros((2, 1, 3)))
-    return np.abs(np.fft.rfft(heard[RATE // 2:, 0]))[tones]
+    received = SoundWorld(RATE, [source], medium, 1, Noise(None)).render(RATE + RATE // 2, np.zeros((2, 1, 3)))
+    return np.abs(np.fft.rfft(received[RATE // 2:, 0]))[tones]
 
 
 def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
@@ -118,7 +119,7 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
     signal = FormulaSignal(lambda t: np.interp(t - 0.05, (np.arange(255) - 127) / rate, pulse, left=0.0, right=0.0))
     source = Source(lambda t: np.broadcast_to(place, (len(t), 3)), signal)
     walls = Surroundings(room=Room([0.0, 0.0, 0.0], size, (absorption,), order=order))
-    heard = SoundWorld(rate, [source], noise=Noise(None), surroundings=walls).render(rate // 2, np.array([pair, pair]))
+    received = SoundWorld(rate, [source], noise=Noise(None), surroundings=walls).render(rate // 2, np.array([pair, pair]))
     pra.constants.set('c', Medium().speed_of_sound)
     pra.constants.set('rir_hpf_enable', False)
     theirs = pra.ShoeBox(size, fs=rate, materials=pra.Material(absorption), max_order=order)
@@ -128,9 +129,9 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
     late = pra.constants.get('frac_delay_length') // 2
     sent = signal.stream(rate, [0], source.position).read(0, rate // 2)
     known = np.array([np.convolve(sent, responses[0])[late:late + rate // 2] for responses in theirs.rir]).T
-    alike = min(np.corrcoef(heard[:, channel], known[:, channel])[0, 1] for channel in range(2))
+    alike = min(np.corrcoef(received[:, channel], known[:, channel])[0, 1] for channel in range(2))
     yield Figure(f'room of order {order}, correlation with pyroomacoustics', float(alike), least=0.99)
-    ratio = _decay_s(heard[:, 0], rate) / _decay_s(known[:, 0], rate)
+    ratio = _decay_s(received[:, 0], rate) / _decay_s(known[:, 0], rate)
     yield Figure(f'room of order {order}, T60 over that of pyroomacoustics', ratio, least=0.9, most=1.1)
 
 

@@ -46,7 +46,7 @@ class FlyBy:
         return (approach + np.sqrt(approach**2 + a * (away**2).sum(axis=1))) / a
 
     def doppler(self, microphone: NDArray) -> NDArray:
-        """Frequencies (n,) that a microphone hears: f / (1 - M cos), M cos taken where and when the sound was sent."""
+        """Frequencies (n,) that a microphone receives: f / (1 - M cos), M cos taken where and when the sound was sent."""
         sent_from = self.position(self.times - self.delay(microphone))
         towards = microphone - sent_from
         mach = towards @ np.asarray(self.velocity) / np.linalg.norm(towards, axis=1) / self.medium.speed_of_sound
@@ -82,18 +82,18 @@ def deviation(fly_by: FlyBy, rendered: NDArray) -> Deviation:
     """Compare (n, 2) samples with the closed form; a rendering shorter than the truth is compared as far as it goes."""
     inner = slice(_EDGE, len(rendered) - _EDGE)
     truth = fly_by.truth()[:len(rendered)]
-    heard = hilbert(rendered.astype(float), axis=0)[inner]
+    received = hilbert(rendered.astype(float), axis=0)[inner]
     difference = rendered[inner] - truth.real[inner]
     error = np.mean(difference**2) / np.mean(truth.real[inner] ** 2)
     exact = truth[inner]
-    phase = np.angle(heard * np.conj(exact))
+    phase = np.angle(received * np.conj(exact))
     formula_hz = np.array([fly_by.doppler(microphone)[:len(rendered)][inner] for microphone in PAIR]).T
-    off_hz = np.diff(np.unwrap(np.angle(heard), axis=0), axis=0) * RATE / (2 * np.pi) - formula_hz[:-1]
+    off_hz = np.diff(np.unwrap(np.angle(received), axis=0), axis=0) * RATE / (2 * np.pi) - formula_hz[:-1]
     late = phase / (2 * np.pi * formula_hz)
     between = late[:, 0] - late[:, 1]
     step = RATE // 50
     smooth_hz = off_hz[:len(off_hz) // step * step].reshape(-1, step, 2).mean(axis=1)
-    level = 20 * np.log10(np.abs(heard) / np.abs(exact))
+    level = 20 * np.log10(np.abs(received) / np.abs(exact))
     return Deviation(
         error_db=float(10 * np.log10(error)), delay_us=1e6 * float(max(*_rms(late), _rms(between))),
         frequency_hz=float(np.max(_rms(off_hz))), doppler_hz=float(np.abs(smooth_hz).max()),

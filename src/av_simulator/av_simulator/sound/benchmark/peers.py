@@ -26,7 +26,7 @@ def with_pyroomacoustics(fly_by: FlyBy, ground: bool = False) -> tuple[NDArray, 
     pra.constants.set('rir_hpf_enable', False)
     late = pra.constants.get('frac_delay_length') // 2
     samples, before = len(fly_by.times), RATE // 5
-    heard = np.zeros((samples + before + RATE, len(PAIR)))
+    received = np.zeros((samples + before + RATE, len(PAIR)))
     begin = time.process_time()
     for start in range(0, samples + before, _BLOCK):
         sent_at = (start - before + np.arange(_BLOCK)) / RATE
@@ -39,8 +39,8 @@ def with_pyroomacoustics(fly_by: FlyBy, ground: bool = False) -> tuple[NDArray, 
         tone = np.sin(2 * np.pi * fly_by.tone_hz * sent_at)
         for channel, responses in enumerate(room.rir):
             for response in responses:
-                heard[start:start + _BLOCK + len(response) - 1, channel] += oaconvolve(tone, response)
-    return heard[before + late:before + late + samples], time.process_time() - begin
+                received[start:start + _BLOCK + len(response) - 1, channel] += oaconvolve(tone, response)
+    return received[before + late:before + late + samples], time.process_time() - begin
 
 
 def with_acoular(fly_by: FlyBy, upsampling: int = 16) -> tuple[NDArray, float]:
@@ -55,8 +55,8 @@ def with_acoular(fly_by: FlyBy, upsampling: int = 16) -> tuple[NDArray, float]:
         signal=tone, mics=acoular.MicGeom(pos_total=PAIR.T), env=acoular.Environment(c=fly_by.medium.speed_of_sound),
         trajectory=acoular.Trajectory(points=points), up=upsampling)
     begin = time.process_time()
-    heard = np.concatenate([block.copy() for block in source.result(_BLOCK)])
-    return heard, time.process_time() - begin
+    received = np.concatenate([block.copy() for block in source.result(_BLOCK)])
+    return received, time.process_time() - begin
 
 
 def with_pyroadacoustics(fly_by: FlyBy, ground: bool = True) -> tuple[NDArray, float]:
@@ -73,5 +73,5 @@ def with_pyroadacoustics(fly_by: FlyBy, ground: bool = True) -> tuple[NDArray, f
     scene.set_simulation_params('Sinc', ground, ground)
     begin = time.process_time()
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        heard = scene.simulate()
-    return np.asarray(heard).T, time.process_time() - begin
+        received = scene.simulate()
+    return np.asarray(received).T, time.process_time() - begin
