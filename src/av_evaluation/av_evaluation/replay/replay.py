@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,6 +31,7 @@ from av_evaluation.runs.recording import Recording, RecordingTracker
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
+from av_fusion.tracker_protocol import Tracker
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
 from av_vision.stage import DetectionStage, make_detection_stage
@@ -183,7 +185,7 @@ class Replay:
         for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
                 self._note(f'{found.missing[name]}: {WITHOUT[name]}')
-        beside = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+        beside: tuple[str, ...] = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
         beside += (names.VISIBILITY,) if images == names.DETECTIONS else ()
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}
@@ -197,7 +199,7 @@ class Replay:
         self._converter = MeasurementConverter(self._frames.rotation, fusion.target_classes, camera)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
-            tracker = make_tracker(fusion)
+            tracker: Tracker = make_tracker(fusion)
             if self._recording is not None:
                 tracker = RecordingTracker(tracker, self._recording)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker)
@@ -205,7 +207,8 @@ class Replay:
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
         doa = self._doa_stage(rig)
-        self._compared = {method: self._doa_stage(rig, method=method) for method in estimators if doa is not None}
+        others = {method: self._doa_stage(rig, method=method) for method in estimators}
+        self._compared = {method: stage for method, stage in others.items() if stage is not None}
         self._pipeline = Pipeline(doa, self._detection_stage(camera), self._fusion, pointing, self._recorder,
                                   self._converter, self._publish)
 
@@ -224,7 +227,7 @@ class Replay:
                                     camera)
 
     def _parameters(self, package: str, node: str, given: dict[str, Any] | None = None) -> SimpleNamespace:
-        files = (find_config('rig_params'), *self._settings.parameters)
+        files: list[str | Path] = [find_config('rig_params'), *self._settings.parameters]
         return node_parameters(package, node, files, given, self._settings.namespace)
 
     def _camera(self, rig: Rig) -> PinholeCamera:
