@@ -20,7 +20,7 @@ from av_bags.errors import BagError
 from av_bags.reader import Bag
 from av_common.angles import wrap
 from av_common.clock import SenderClock
-from av_common.frames import yaw_of
+from av_common.frames import attitude_of, yaw_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
 from av_vision.messages import image_from_message, image_message
@@ -122,7 +122,7 @@ class Poses:
         """The pose as Odometry."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
         q = pose.orientation
-        time, yaw = to_seconds(message.header.stamp), yaw_of([q.w, q.x, q.y, q.z])
+        time, yaw = to_seconds(message.header.stamp), yaw_of(attitude_of(q))
         rate = 0.0
         if self._before is not None and time > self._before[0]:
             rate = float(wrap(yaw - self._before[1])) / (time - self._before[0])

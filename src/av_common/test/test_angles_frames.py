@@ -7,11 +7,14 @@ import math
 import numpy as np
 import pytest
 from transforms3d.euler import euler2quat
+from transforms3d.quaternions import quat2mat
 
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, direction_to_angles, wrap
 from av_common.frames import (
     FLU_TO_OPTICAL,
+    FRD_TO_FLU,
+    NED_TO_ENU,
     attitude_ned_to_enu,
     frd_to_flu,
     ned_to_enu,
@@ -49,6 +52,15 @@ def test_heading_and_yaw(heading_deg, yaw_deg):
     assert math.degrees(yaw_ned_to_enu(math.radians(heading_deg))) == pytest.approx(yaw_deg)
     quaternion = euler2quat(math.radians(heading_deg), 0.0, 0.0, 'rzyx')
     assert math.degrees(yaw_of(attitude_ned_to_enu(quaternion))) == pytest.approx(yaw_deg, abs=1e-9)
+
+
+def test_an_attitude_is_turned_as_its_rotation_matrix():
+    """Any attitude, of any norm, there and back."""
+    for attitude in np.random.default_rng(3).normal(size=(50, 4)):
+        turned = attitude_ned_to_enu(attitude)
+        assert np.allclose(quat2mat(turned), NED_TO_ENU @ quat2mat(attitude) @ FRD_TO_FLU.T)
+        assert np.allclose(quat2mat(attitude_ned_to_enu(turned)), quat2mat(attitude))
+        assert np.linalg.norm(turned) == pytest.approx(1.0) and turned[0] >= 0.0
 
 
 def test_pitch_up_points_the_nose_up():

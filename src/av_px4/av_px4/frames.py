@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_common.angles import angles_to_direction, direction_to_angles
-from av_common.frames import frd_to_flu, ned_to_enu, yaw_of
+from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu, yaw_of
 
 # px4_msgs/VehicleOdometry's numbers of frames.
 POSE_FRAME_NED = 1
@@ -43,21 +43,11 @@ def pose_from_px4(position_ned: ArrayLike, attitude: ArrayLike, velocity: ArrayL
     norm = math.hypot(*map(float, attitude))
     if not abs(norm - 1.0) < 0.1:  # not >: NaN is refused, too
         raise ValueError(f'attitude has norm {norm:.3g}, expected 1')
-    enu = attitude_to_enu(attitude) / norm
+    enu = attitude_ned_to_enu(attitude)
     position, velocity, rate = np.nan_to_num(np.array([position_ned, velocity, rate_frd], float))
     velocity_flu = (quat2mat(enu).T @ ned_to_enu(velocity) if velocity_frame == VELOCITY_FRAME_NED
                     else frd_to_flu(velocity) if velocity_frame == VELOCITY_FRAME_BODY_FRD else np.zeros(3))
     return Pose(ned_to_enu(position), enu, velocity_flu, frd_to_flu(rate))
-
-
-def attitude_to_enu(attitude: ArrayLike) -> NDArray:
-    """Attitude (w, x, y, z) of an FRD body in NED to that of the same body as FLU in ENU.
-
-    The same as av_common's, up to the quaternion's sign, in closed form: q' = (0, 1, 1, 0)/sqrt(2) q (0, 1, 0, 0), a hundred
-    times a second.
-    """
-    w, x, y, z = map(float, attitude)
-    return np.array([w + z, x + y, x - y, w - z]) * math.sqrt(0.5)
 
 
 def gimbal_degrees(pan: float, tilt: float) -> tuple[float, float]:

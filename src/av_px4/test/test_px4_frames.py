@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from transforms3d.euler import euler2quat
 
-from av_common.frames import attitude_ned_to_enu
 from av_px4.continuity import ContinuousPose, HeldPosition
-from av_px4.frames import Pose, attitude_to_enu, gimbal_angles, gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
+from av_px4.frames import Pose, gimbal_angles, gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
 
 QUADRANTS = [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)]   # pan (left +), tilt (up +) in deg
 
@@ -24,11 +23,6 @@ class TestPose:
     @pytest.mark.parametrize(('heading', 'yaw'), [(0.0, 90.0), (90.0, 0.0), (180.0, -90.0), (-90.0, 180.0), (45.0, 45.0)])
     def test_heading_clockwise_from_north_is_yaw_counter_clockwise_from_east(self, heading, yaw):
         assert math.cos(px4_pose(heading).yaw - math.radians(yaw)) == pytest.approx(1.0)
-
-    def test_attitude_is_that_of_av_common(self):
-        for attitude in np.random.default_rng(3).normal(size=(50, 4)):
-            attitude /= np.linalg.norm(attitude)
-            assert abs(np.dot(attitude_to_enu(attitude), attitude_ned_to_enu(attitude))) == pytest.approx(1.0)
 
     def test_position_and_velocity(self):
         pose = px4_pose(90.0, position=(1.0, 2.0, -3.0), velocity=(0.0, 4.0, 1.0), rate=(0.1, 0.2, 0.3))

@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 from transforms3d.quaternions import quat2mat
 from vision_msgs.msg import Detection2DArray
 
+from av_common.frames import attitude_of
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import AudioFrame
 from av_sim_bridge.vehicle import VehicleState
@@ -43,7 +44,7 @@ def odometry_message(header: Header, child_frame: str, state: VehicleState) -> O
 def vehicle_state(message: Odometry) -> VehicleState:
     """The state that an Odometry in ENU and FLU describes. Raises ValueError for a pose that is not finite or not a pose."""
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
-    attitude = np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+    attitude = np.array(attitude_of(orientation))
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     values = np.array([position.x, position.y, position.z, linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
     norm = float(np.linalg.norm(attitude))

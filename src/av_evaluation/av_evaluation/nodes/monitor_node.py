@@ -15,7 +15,7 @@ from rclpy.clock_type import ClockType
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
-from av_common.frames import yaw_of
+from av_common.frames import attitude_of, yaw_of
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -119,7 +119,7 @@ class MonitorNode(RigNode):
         position, q = message.pose.pose.position, message.pose.pose.orientation
         if self._logging:
             self._log.rig.add(to_seconds(message.header.stamp), position.x, position.y, position.z,
-                              yaw_of([q.w, q.x, q.y, q.z]))
+                              yaw_of(attitude_of(q)))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

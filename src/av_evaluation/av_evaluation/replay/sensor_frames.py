@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_bags.reader import Bag
+from av_common.frames import attitude_of
 from av_common.rig import Rig
 
 
@@ -26,7 +27,7 @@ class SensorFrames:
         for _, _, data in bag.messages([topic]):
             for transform in bag.decode(topic, data).transforms:
                 q = transform.transform.rotation
-                self._parents[transform.child_frame_id] = (transform.header.frame_id, quat2mat([q.w, q.x, q.y, q.z]))
+                self._parents[transform.child_frame_id] = (transform.header.frame_id, quat2mat(attitude_of(q)))
 
     def rotation(self, frame: str) -> NDArray | None:
         """From `frame` to the body; None where neither transforms nor the description know it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nav_msgs.msg import Odometry
 
-from av_common.frames import yaw_of
+from av_common.frames import attitude_of, yaw_of
 from av_common.stamps import to_seconds
 from av_fusion.tracker_protocol import Tracker
 
@@ -13,4 +13,4 @@ def add_odometry(tracker: Tracker, message: Odometry) -> None:
     """Give a tracker the yaw and yaw rate of an Odometry; one without attitude (a zero quaternion) is ignored."""
     q = message.pose.pose.orientation
     if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w > 0.5:
-        tracker.add_pose(to_seconds(message.header.stamp), yaw_of((q.w, q.x, q.y, q.z)), message.twist.twist.angular.z)
+        tracker.add_pose(to_seconds(message.header.stamp), yaw_of(attitude_of(q)), message.twist.twist.angular.z)

@@ -9,6 +9,8 @@ from rclpy.time import Time
 from tf2_ros import Buffer, TransformException, TransformListener
 from transforms3d.quaternions import quat2mat
 
+from av_common.frames import attitude_of
+
 
 class TfRotations:
     """Looks up how sensor frames are rotated on the rig's body.
@@ -39,6 +41,6 @@ class TfRotations:
             except TransformException as error:
                 self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'
                 return None
-            self._rotations[frame] = quat2mat([q.w, q.x, q.y, q.z])
+            self._rotations[frame] = quat2mat(attitude_of(q))
             self.problem = ''
         return self._rotations[frame]

@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from diagnostic_updater import DiagnosticStatusWrapper
 
+from av_common.frames import attitude_ned_to_enu
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT
 from av_common.rate_meter import RateMeter
@@ -17,7 +18,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import ExternalMode
-from av_px4.frames import attitude_to_enu, levelled, pose_from_px4
+from av_px4.frames import levelled, pose_from_px4
 from av_px4.gimbal import Claim, Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.nodes import px4_messages as px4
@@ -237,7 +238,7 @@ class Px4Node(RigNode):
                  and inputs.command_age <= timeouts.command and inputs.bearing_age <= timeouts.bearing)
         pan, tilt = command.pan, command.tilt
         if self._settings.gimbal.lock_to_horizon and self._attitude is not None and math.isfinite(pan + tilt):
-            pan, tilt = levelled(pan, tilt, attitude_to_enu(self._attitude))
+            pan, tilt = levelled(pan, tilt, attitude_ned_to_enu(self._attitude))
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= timeouts.status else None,

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
-from transforms3d.quaternions import mat2quat
 
 from av_bags.topics import FRAMES, absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
-from av_common.frames import FLU_TO_OPTICAL
+from av_common.rig_messages import static_transforms
+from av_common.stamps import to_stamp
 from av_sim_bridge import messages
 from av_simulator.run import Step
 from av_simulator.world import World
@@ -40,7 +39,7 @@ class BagRecorder:
         self._writer = BagWriter(folder)
         for topic, kind in _TOPICS.items():
             self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
-        self._write('/tf_static', EPOCH, self._static_frames())
+        self._write('/tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
 
     def write(self, step: Step) -> None:
         """Append one step."""
@@ -67,17 +66,3 @@ class BagRecorder:
 
     def _write(self, topic: str, time: float, message: object) -> None:
         self._writer.write(absolute(topic), round(time * 1e9), serialize_message(message))
-
-    def _static_frames(self) -> TFMessage:
-        rig = self._rig
-        mounted = [(rig.base_frame, part.frame, part.mount.position, part.mount.rotation)
-                   for part in (rig.array, rig.camera)]
-        optical = (rig.camera.frame, rig.camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)
-        frames = []
-        for parent, child, position, rotation in [*mounted, optical]:
-            frame = TransformStamped(header=messages.make_header(EPOCH, parent), child_frame_id=child)
-            place, turn = frame.transform.translation, frame.transform.rotation
-            place.x, place.y, place.z = map(float, position)
-            turn.w, turn.x, turn.y, turn.z = map(float, mat2quat(rotation))
-            frames.append(frame)
-        return TFMessage(transforms=frames)

@@ -1,0 +1,23 @@
+"""The frames of the rig as tf has them."""
+
+from pathlib import Path
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from transforms3d.quaternions import quat2mat
+
+from av_common.frames import attitude_of
+from av_common.rig import load_rig
+from av_common.rig_messages import static_transforms
+
+
+def test_frames_of_the_shipped_rig():
+    rig = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml')
+    array, camera, optical = static_transforms(rig, Time(sec=5))
+    assert [frame.child_frame_id for frame in (array, camera, optical)] == [
+        rig.array.frame, rig.camera.frame, rig.camera.optical_frame]
+    assert (array.header.frame_id, optical.header.frame_id, array.header.stamp.sec) == (rig.base_frame, rig.camera.frame, 5)
+    place = camera.transform.translation
+    assert (place.x, place.y, place.z) == tuple(rig.camera.mount.position)
+    steps = [quat2mat(attitude_of(frame.transform.rotation)) for frame in (camera, optical)]
+    assert np.allclose(steps[0] @ steps[1], rig.camera.optical_to_body)
