@@ -41,7 +41,7 @@ NEAR_INPUT = 320  # ... and what fills much of the image is seen as large as it 
 LOWEST = 0.01
 FALSE = 0.05  # share of images without a drone that may show one
 # How the images of one thing belong together. Fitted once, to an earlier network's validation tracks, and held: of few clips
-# of known places it learns to be too sure at new ones (model card). Beyond 2 s memory changes the likelihood by less than 1 %;
+# of known places it learns to be too sure at new ones (HISTORY.md). Beyond 2 s memory changes the likelihood by less than 1 %;
 # the shorter it is, the sooner a mind is changed.
 SCORE_FUSION = ScoreFusionModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
 
