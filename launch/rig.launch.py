@@ -32,7 +32,7 @@ from av_fusion.launching import (
 )
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
-            'and build and source it; see docs/px4.md')
+            'and build and source it; see docs/guides/px4.md')
 ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
@@ -51,7 +51,7 @@ ARGUMENTS = {
     'port_offset': ('0', 'source:=sim or udp: added to every UDP port, for rigs side by side; multiples of 250 up to 1750 meet '
                     'neither DDS nor the ports that Linux lends', None),
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
-    'px4': ('false', "turn PX4's gimbal and body, take its attitude as odometry; needs av_px4 and px4_msgs, see docs/px4.md",
+    'px4': ('false', "move PX4's gimbal and body, take its pose as odometry; needs av_px4, px4_msgs: docs/guides/px4.md",
             ['true', 'false']),
     'enable_pointing': ('', 'let commands move the rig from the start; empty: with simulators only, not with px4',
                         ['', 'true', 'false']),

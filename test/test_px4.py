@@ -110,5 +110,5 @@ def test_without_px4_msgs_the_launch_says_what_to_install():
     """`px4:=true` ends at once, with the package, its branch and the page that tells more."""
     rig = RigProcess('px4:=true')
     assert rig.finish(timeout=60.0) != 0
-    assert 'https://github.com/PX4/px4_msgs' in rig.output and 'docs/px4.md' in rig.output
+    assert 'https://github.com/PX4/px4_msgs' in rig.output and 'docs/guides/px4.md' in rig.output
     assert not rig.leftovers()

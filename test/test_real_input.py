@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from machine_load import skip_figures_where_overloaded
 from real_recordings import CLIPS, COCO, boxes_of, moving_drone, needs_data
 from rig_process import RigProcess
 from udp_ports import free_offset
@@ -27,6 +28,8 @@ def test_a_real_drone_is_followed_by_ear(tmp_path):
     moving_drone(tmp_path / 'drone.wav', azimuths, step_s=0.5)
     rig = RigProcess('source:=file', f'audio:={tmp_path}/drone.wav', f'out:={tmp_path}/out', 'duration:=22')
     assert rig.finish() == 0, rig.output
+    assert not rig.leftovers()
+    skip_figures_where_overloaded()
     fused, sound = read(tmp_path / 'out' / 'fused.csv'), read(tmp_path / 'out' / 'sound.csv')
     elapsed = fused['time'] - (sound['time'][0] - 0.25)
     moving = (fused['state'] > 0) & (elapsed > 2.0) & (elapsed < 0.5 * (len(azimuths) - 1))
@@ -34,7 +37,6 @@ def test_a_real_drone_is_followed_by_ear(tmp_path):
     error = np.abs(np.degrees(np.arcsin(np.sin(fused['azimuth'][moving]))) - truth)
     assert np.ptp(elapsed[moving]) > 14.0 and np.ptp(truth) > 90.0
     assert np.median(error) < 3.0 and np.percentile(error, 90) < 5.0
-    assert not rig.leftovers()
 
 
 def test_a_real_drone_is_followed_by_eye(tmp_path):
@@ -43,6 +45,8 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
     rig = RigProcess('source:=file', f'video:={CLIPS}/video/{clip}.mp4', f'model:={COCO}', 'classes:=airplane,bird,kite',
                      f'out:={tmp_path}', 'duration:=14')
     assert rig.finish() == 0, rig.output
+    assert not rig.leftovers()
+    skip_figures_where_overloaded()
     sight = read(tmp_path / 'sight.csv')
     seen = np.isfinite(sight['azimuth'])
     assert seen.mean() > 0.5 and seen.sum() > 50
@@ -53,7 +57,6 @@ def test_a_real_drone_is_followed_by_eye(tmp_path):
     assert np.degrees(np.median(nearest)) < 0.5
     fused = read(tmp_path / 'fused.csv')
     assert (fused['state'] == 1).mean() > 0.4
-    assert not rig.leftovers()
 
 
 def test_the_simulated_drone_emits_a_recording(tmp_path):
@@ -61,5 +64,6 @@ def test_the_simulated_drone_emits_a_recording(tmp_path):
     rig = RigProcess('scenario:=circle', f'drone_recording:={CLIPS}/audio/DRONE_001.flac', 'duration:=20', f'out:={tmp_path}',
                      f'port_offset:={free_offset()}')
     assert rig.finish() == 0, rig.output
-    assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output
     assert not rig.leftovers()
+    skip_figures_where_overloaded()
+    assert rig.value('coverage') > 80.0 and rig.value('median error') < 3.0, rig.output

@@ -10,6 +10,7 @@ import socket
 import time
 
 import pytest
+from machine_load import skip_figures_where_overloaded
 from rig_process import RigProcess
 from udp_ports import free_offset
 
@@ -26,12 +27,13 @@ def test_the_simulated_drone_is_tracked(tmp_path, port_offset):
     """From behind, in fog, to its end: exit code 0, small errors, the right hemisphere, nothing left behind."""
     rig = RigProcess('duration:=30', f'out:={tmp_path}', f'port_offset:={port_offset}')
     assert rig.finish() == 0, rig.output
-    assert rig.value('coverage') > 90.0, rig.output  # a machine that stalls leaves gaps; see test_offline_run for none
+    assert (tmp_path / 'bearing.png').stat().st_size > 20_000
+    assert not rig.leftovers()
+    skip_figures_where_overloaded()    # without gaps on any machine: test_offline_run.py
+    assert rig.value('coverage') > 90.0, rig.output
     assert rig.value('median error') < 3.0, rig.output
     assert rig.value('front/back told in') < 10.0, rig.output
-    assert (tmp_path / 'bearing.png').stat().st_size > 20_000
     assert json.loads((tmp_path / 'metrics.json').read_text())['senses']['fused']['coverage'] > 0.9
-    assert not rig.leftovers()
 
 
 def test_ctrl_c_ends_everything(port_offset):
@@ -85,8 +87,9 @@ def test_garbage_on_every_port_is_survived(port_offset):
             sender.sendto(chaos.randbytes(size), ('127.0.0.1', port + port_offset))
         time.sleep(0.05)
     assert rig.finish() == 0, rig.output
-    assert rig.value('coverage') > 70.0
     assert not rig.leftovers()
+    skip_figures_where_overloaded()
+    assert rig.value('coverage') > 70.0
 
 
 @pytest.mark.parametrize(('argument', 'complaint'), [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import (
     PackageNotFoundError,
@@ -153,7 +154,7 @@ def ends_with(last: Node | None, duration: float = 0.0) -> list[LaunchDescriptio
         last: the process whose end is the run's, None where only `duration` or Ctrl-C ends it
         duration (s): end after this time without `last`; 0 for none
     """
-    def check(event: object, context: LaunchContext) -> None:
+    def check(event: Any, context: LaunchContext) -> None:
         if not context.is_shutdown and not (last is not None and event.action is last and event.returncode == 0):
             raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')
     shutdown = EmitEvent(event=Shutdown(reason='the run is over'))

@@ -1,1 +1,1 @@
-"""PX4 and the rig: its gimbal and body are pointed, its attitude is the rig's odometry."""
+"""Connection to PX4: the pointing command moves its gimbal and body, its pose is the rig's odometry."""

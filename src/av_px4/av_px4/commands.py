@@ -1,4 +1,4 @@
-"""The only commands to the autopilot that this package can make: they move a gimbal and nothing else."""
+"""The MAVLink commands that this package can make: they concern a gimbal and nothing else."""
 
 from __future__ import annotations
 
@@ -13,7 +13,12 @@ RELEASE = -3.0             # as system and component of 1001: give up control
 
 @dataclass(frozen=True)
 class Command:
-    """A `VehicleCommand`: its number and param1 to param7. Raises ValueError for any number that is not ALLOWED."""
+    """A `VehicleCommand`. Raises ValueError for a number that is not ALLOWED, or another count of parameters than 7.
+
+    Parameters:
+        command: number of the MAVLink command
+        params (7 values, units as MAVLink's): param1 to param7
+    """
 
     command: int
     params: tuple[float, ...]
@@ -26,10 +31,23 @@ class Command:
 
 
 def configure(system: float, component: float, gimbal_id: int) -> Command:
-    """Claim the gimbal manager's primary control, or with RELEASE twice give it up; secondary control is left alone."""
+    """Claim or release the primary control of the gimbal manager; the secondary control stays as it is.
+
+    Parameters:
+        system: MAVLink id of the system in control, RELEASE to give control up
+        component: MAVLink id of the component in control, RELEASE to give control up
+        gimbal_id: number of the gimbal, 0 for all
+    """
     return Command(GIMBAL_CONFIGURE, (system, component, -1.0, -1.0, 0.0, 0.0, float(gimbal_id)))
 
 
 def pitch_yaw(pitch_deg: float, yaw_deg: float, flags: int, gimbal_id: int) -> Command:
-    """Point the gimbal: pitch up and yaw to the right in degrees; rates are left to the gimbal."""
+    """Point the gimbal; the gimbal chooses the rates.
+
+    Parameters:
+        pitch_deg (deg): up
+        yaw_deg (deg): to the right
+        flags: MAVLink's GIMBAL_MANAGER_FLAGS
+        gimbal_id: number of the gimbal, 0 for all
+    """
     return Command(GIMBAL_PITCH_YAW, (pitch_deg, yaw_deg, math.nan, math.nan, float(flags), 0.0, float(gimbal_id)))

@@ -12,14 +12,14 @@ from transforms3d.quaternions import qmult, quat2mat
 from av_common.angles import wrap
 from av_px4.frames import Pose
 
-LONGEST_GAP = 0.5  # s between poses over which their rates tell what the estimator corrected
+LONGEST_GAP = 0.5  # s between poses over which their rates predict the next one well enough
 
 
 class ContinuousPose:
-    """The pose in a frame that never jumps (REP-105 `odom`): what a reset moved is taken back from there on.
+    """The pose in a frame that never jumps (REP-105 `odom`): the jumps of the estimator's resets are removed.
 
-    PX4 counts its resets. The correction is what the newest pose differs by from the last one carried on by its own
-    rates: it needs no second topic, and so no order between topics.
+    PX4 counts its resets. The jump is the difference between the newest pose and the last one extrapolated by its own
+    rates. This needs no second topic, and so no order between topics.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,13 @@ class ContinuousPose:
         self._shift = np.zeros(3)   # m, added after the turn
 
     def add(self, time: float, pose: Pose, counter: int) -> Pose:
-        """The continuous pose of an estimated one; time in s, counter as the estimator sends it."""
+        """The continuous pose of an estimated one.
+
+        Parameters:
+            time (s): when the pose was valid
+            pose: in the estimator's frame
+            counter: the estimator's count of resets
+        """
         if self._last is not None and counter != self._last[2] and 0.0 <= time - self._last[0] <= LONGEST_GAP:
             self._correct(time - self._last[0], self._last[1], pose)
         self._last = (time, pose, counter)
@@ -51,7 +57,7 @@ class ContinuousPose:
 
 
 class HeldPosition:
-    """The place to hold, in the estimator's own frame: it moves along when the estimator corrects itself."""
+    """The position to hold, in the estimator's own frame (NED): the estimator's resets move it, too."""
 
     def __init__(self) -> None:
         self.current: NDArray | None = None   # m (3,), the newest position, None while there is none
@@ -59,7 +65,14 @@ class HeldPosition:
         self._counters: tuple[int, int] | None = None
 
     def update(self, position: NDArray, counters: tuple[int, int], corrections: NDArray, valid: bool) -> None:
-        """Take a local position (3,), its counts of resets (horizontal, vertical) and by how much the last ones moved it."""
+        """Take the vehicle's position.
+
+        Parameters:
+            position (m, (3,)): in the estimator's frame
+            counters: the estimator's counts of resets, horizontal and vertical
+            corrections (m, (3,)): by how much the newest resets moved the position
+            valid: whether the estimator vouches for the position
+        """
         if not (valid and np.all(np.isfinite(position))):
             self.current = None
             return
@@ -70,13 +83,13 @@ class HeldPosition:
         self.current, self._counters = np.array(position, float), counters
 
     def hold(self) -> NDArray | None:
-        """The place (3,): where the vehicle was when holding began; None without a position to begin with."""
+        """The position to hold, m (3,): that of the vehicle at the first call; None while there was none."""
         if self.held is None:
             self.held = self.current
         return self.held
 
     def release(self) -> None:
-        """Hold nothing; the next `hold` begins anew."""
+        """Hold nothing; the next `hold` takes the position of that time."""
         self.held = None
 
 

@@ -1,7 +1,7 @@
-"""A mode of this rig's own in PX4 ("AV Track"), which the pilot selects: registration, and staying registered.
+"""An external mode of PX4 ("AV Track"), which the pilot selects: its registration, and how long that holds.
 
-PX4 asks every registered component several times a second whether it can run, and leaves the mode when there is no
-answer. Its questions are also this side's proof that the registration still holds.
+PX4 asks every registered component several times a second whether it can run, and leaves the mode when no answer
+arrives. Its requests also prove to this side that the registration still holds.
 """
 
 from __future__ import annotations
@@ -14,13 +14,18 @@ from av_px4.guard import EXTERNAL_MODES
 
 API_VERSION = 1        # px4_ros2_api_version
 RETRY_S = 2.0          # between requests for registration
-LOST_AFTER_S = 2.0     # without a question PX4 has forgotten the registration, or is gone
-GRACE_S = 5.0          # for the first question
+LOST_AFTER_S = 2.0     # without a request: PX4 has lost the registration, or is gone
+GRACE_S = 5.0          # for the first request
 
 
 @dataclass(frozen=True)
 class Register:
-    """Ask for a mode of this name."""
+    """A request to register an external mode.
+
+    Parameters:
+        request_id: number by which the reply is recognised
+        name: name of the mode in the ground station
+    """
 
     request_id: int
     name: str
@@ -28,7 +33,13 @@ class Register:
 
 @dataclass(frozen=True)
 class Registration:
-    """What PX4 gave: numbers to answer with, and the nav_state of the mode."""
+    """A registration that PX4 has granted.
+
+    Parameters:
+        name: name of the mode
+        arming_check_id: number by which arming checks are answered
+        mode_id: nav_state of the mode
+    """
 
     name: str
     arming_check_id: int
@@ -37,7 +48,13 @@ class Registration:
 
 @dataclass(frozen=True)
 class Answer:
-    """To one of PX4's questions: whether the mode can run."""
+    """Reply to an arming check.
+
+    Parameters:
+        request_id: number of PX4's request
+        registration_id: number of the registration
+        can_run: whether the mode can run now
+    """
 
     request_id: int
     registration_id: int
@@ -45,7 +62,14 @@ class Answer:
 
 
 class ExternalMode:
-    """Registers, answers, notices when the registration is lost, and registers again."""
+    """Client of PX4's registration: it registers, answers arming checks, and registers again after a loss.
+
+    Raises ValueError for a name that PX4 cannot store.
+
+    Parameters:
+        name: name of the mode in the ground station, 1 to 24 bytes
+        seed: of the random request numbers, for tests
+    """
 
     def __init__(self, name: str = 'AV Track', seed: int | None = None) -> None:
         if not 0 < len(name.encode()) < 25:
@@ -72,7 +96,10 @@ class ExternalMode:
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
                  arming_check_id: int, mode_id: int) -> Registration | None:
-        """Take a reply; returns the registration when this one grants it. Replies to others are ignored."""
+        """Take a reply at `time` (s, monotonic); returns the registration if it is granted. Replies to others are ignored.
+
+        The other parameters are fields of RegisterExtComponentReply.
+        """
         if request_id != self._request_id or name != self.name:
             return None
         self._request_id = None
@@ -89,7 +116,14 @@ class ExternalMode:
         return self.registration
 
     def on_question(self, time: float, request_id: int, can_run: bool, valid_mask: int | None = None) -> Answer | None:
-        """The answer to PX4's question. valid_mask: which registrations PX4 counts as alive (1.17 and later)."""
+        """The answer to an arming check, None while nothing is registered.
+
+        Parameters:
+            time (s): monotonic
+            request_id: number of PX4's request
+            can_run: whether the mode can run now
+            valid_mask: bits of the registrations that PX4 counts as alive, None before PX4 1.17
+        """
         if self.registration is None:
             return None
         number = self.registration.arming_check_id
@@ -105,5 +139,5 @@ class ExternalMode:
         return self.registration.mode_id
 
     def forget(self, why: str) -> None:
-        """The registration no longer holds."""
+        """Drop the registration; `why` becomes the complaint."""
         self.registration, self.complaint = None, why

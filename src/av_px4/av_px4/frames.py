@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
 from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu, yaw_of
 
+Floats: TypeAlias = Sequence[float] | NDArray
 # px4_msgs/VehicleOdometry's numbers of frames.
 POSE_FRAME_NED = 1
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
@@ -19,7 +22,14 @@ VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
 
 @dataclass(frozen=True)
 class Pose:
-    """Position m (3,) in ENU, attitude (w, x, y, z) from FLU to ENU, velocity m/s and turn rate rad/s (3,) in FLU."""
+    """Pose and twist of the vehicle in ROS's frames.
+
+    Parameters:
+        position (m, (3,)): in ENU
+        attitude_wxyz ((4,)): quaternion (w, x, y, z), ENU <- FLU
+        velocity_flu (m/s, (3,)): in the body's frame
+        rate_flu (rad/s, (3,)): turn rate in the body's frame
+    """
 
     position: NDArray
     attitude_wxyz: NDArray
@@ -28,15 +38,23 @@ class Pose:
 
     @property
     def yaw(self) -> float:
-        """Rad, counter-clockwise from east."""
-        return yaw_of(self.attitude_wxyz)
+        """Heading, rad, counter-clockwise from east."""
+        return yaw_of([float(part) for part in self.attitude_wxyz])
 
 
-def pose_from_px4(position_ned: ArrayLike, attitude: ArrayLike, velocity: ArrayLike, rate_frd: ArrayLike,
+def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate_frd: Floats,
                   pose_frame: int = POSE_FRAME_NED, velocity_frame: int = VELOCITY_FRAME_NED) -> Pose:
-    """A pose in ROS's frames. What PX4 does not know (NaN) becomes 0, but for the attitude.
+    """A pose in ROS's frames. Unknown values (NaN) become 0, except in the attitude.
 
-    attitude: (w, x, y, z), NED <- FRD. Raises ValueError for what is no attitude, or in a frame that is not NED.
+    Raises ValueError for a quaternion that is not of norm 1, or a frame that is not NED.
+
+    Parameters:
+        position_ned (m, (3,)): position
+        attitude ((4,)): quaternion (w, x, y, z), NED <- FRD
+        velocity (m/s, (3,)): in the frame that `velocity_frame` names
+        rate_frd (rad/s, (3,)): turn rate in the body's frame
+        pose_frame: number of the frame of position and attitude in VehicleOdometry
+        velocity_frame: number of the frame of the velocity in VehicleOdometry; unknown ones give 0 m/s
     """
     if pose_frame != POSE_FRAME_NED:
         raise ValueError(f'pose_frame is {pose_frame}, expected {POSE_FRAME_NED} (NED)')
@@ -51,29 +69,34 @@ def pose_from_px4(position_ned: ArrayLike, attitude: ArrayLike, velocity: ArrayL
 
 
 def gimbal_degrees(pan: float, tilt: float) -> tuple[float, float]:
-    """Pitch (up) and yaw (to the right) in degrees, as MAVLink has them, of pan (to the left) and tilt (up) in rad."""
+    """MAVLink's pitch (deg, up) and yaw (deg, to the right) of pan (rad, to the left) and tilt (rad, up)."""
     return math.degrees(tilt), -math.degrees(pan)
 
 
-def gimbal_angles(attitude: ArrayLike) -> tuple[float, float]:
-    """Pan and tilt in rad of a gimbal's attitude (w, x, y, z), FRD in the vehicle's forward-right-down frame."""
+def gimbal_angles(attitude: Floats) -> tuple[float, float]:
+    """Pan and tilt (rad) of a gimbal's attitude (w, x, y, z), from its FRD frame to the vehicle's."""
     forward = frd_to_flu(quat2mat(np.asarray(attitude, float))[:, 0])
     pan, tilt = direction_to_angles(forward)
     return float(pan), float(tilt)
 
 
-def levelled(pan: float, tilt: float, attitude_wxyz: ArrayLike) -> tuple[float, float]:
-    """Pan and tilt (rad) seen from the horizon, of a direction seen from a body of that attitude (FLU to ENU).
+def levelled(pan: float, tilt: float, attitude_wxyz: Floats) -> tuple[float, float]:
+    """Pan and tilt (rad) in the body's frame, turned into the level frame of the same heading.
 
-    A gimbal whose roll and pitch are locked to the horizon is told these.
+    A gimbal whose roll and pitch are locked to the horizon expects angles in the level frame.
+
+    Parameters:
+        pan (rad): to the left, in the body's frame; may lie beyond half a turn
+        tilt (rad): up, in the body's frame
+        attitude_wxyz ((4,)): quaternion of the body, ENU <- FLU
     """
     direction = quat2mat(np.asarray(attitude_wxyz, float)) @ angles_to_direction(pan, tilt)
     azimuth, elevation = direction_to_angles(direction)
-    azimuth = float(azimuth) - yaw_of(attitude_wxyz)
+    azimuth = float(azimuth) - yaw_of([float(part) for part in attitude_wxyz])
     # pan may lie beyond half a turn: stay on its branch
     return azimuth + 2.0 * math.pi * round((pan - azimuth) / (2.0 * math.pi)), float(elevation)
 
 
 def yawspeed_ned(yaw_rate: float) -> float:
-    """PX4's yaw speed (rad/s, clockwise seen from above) of a yaw rate (rad/s, counter-clockwise), or back."""
+    """PX4's yaw speed (rad/s, clockwise seen from above) of a yaw rate (rad/s, counter-clockwise), or the reverse."""
     return -yaw_rate

@@ -1,4 +1,4 @@
-"""Who owns the gimbal, and what it is told: claim, point, watch the acknowledgements, give it back."""
+"""Client of PX4's gimbal manager: claim the gimbal, point it, watch the acknowledgements, give it back."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
 
 
 class Claim(enum.Enum):
-    """Where the ownership stands."""
+    """State of the gimbal's ownership."""
 
     NONE = 'not claimed'
     ASKED = 'claimed, not yet acknowledged'
@@ -27,10 +27,18 @@ class Claim(enum.Enum):
 
 @dataclass(frozen=True)
 class GimbalSettings:
-    """Ids as MAVLink's, times in s, limits of pan and tilt in rad.
+    """Ids and limits. Raises ValueError for an id of the autopilot, or limits that leave no time to stop.
 
-    component: this rig's own, never 1 (the autopilot's).  ack_timeout: silence after which acknowledgements count as
-    lost.  retry: pause between claims.  need_ack: False where the firmware sends no acknowledgements (PX4 1.14's default).
+    Parameters:
+        component: MAVLink component id of this rig, never 1 (the autopilot's)
+        gimbal_id: number of the gimbal, 0 for all
+        flags: MAVLink's GIMBAL_MANAGER_FLAGS
+        pan (rad, rad/s, rad/s^2): limits of the pan axis, to the left
+        tilt (rad, rad/s, rad/s^2): limits of the tilt axis, up
+        max_command_rate (Hz): most pointing commands a second
+        ack_timeout (s): silence after which acknowledgements count as lost
+        retry (s): pause between claims
+        need_ack: False where the firmware sends no acknowledgements (PX4 1.14's default)
     """
 
     component: int = 191
@@ -54,10 +62,17 @@ class GimbalSettings:
 
 @dataclass(frozen=True)
 class GimbalInputs:
-    """What is wanted: `move` and the angles (rad, pan to the left, tilt up) with pan's rate (rad/s), and what may be.
+    """The pointing command and the state of the vehicle.
 
-    fresh: bearing, pointing command, attitude and status are.  nav_state and system are the vehicle's; measured is where
-    the gimbal says that it looks, if it says so.
+    Parameters:
+        move: the command is to be followed
+        pan (rad): to the left
+        tilt (rad): up
+        pan_rate (rad/s): rate of the pan
+        fresh: bearing, pointing command, attitude and status are fresh
+        nav_state: mode of the vehicle, None without a fresh status
+        system: MAVLink id of the vehicle
+        measured (rad): pan and tilt that the gimbal reports, None without a report
     """
 
     move: bool = False
@@ -71,14 +86,14 @@ class GimbalInputs:
 
 
 class Gimbal:
-    """The gimbal manager's client. `step` at 20 Hz or more gives the commands to send, `acknowledge` takes the answers."""
+    """The client. `step`, at 20 Hz or more, returns the commands to send; `acknowledge` takes the answers."""
 
     def __init__(self, settings: GimbalSettings | None = None) -> None:
         self.settings = settings or GimbalSettings()
         self.claim = Claim.NONE
         self.takeovers = 0
         self.last_result = ''
-        self.unacknowledged = False   # commands that were acknowledged before no longer are
+        self.unacknowledged = False   # commands were acknowledged before, and no longer are
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
         self._time: float | None = None
         self._next_claim = self._sent = -math.inf
@@ -86,7 +101,7 @@ class Gimbal:
         self._answered = False
 
     def step(self, time: float, inputs: GimbalInputs) -> list[Command]:
-        """What to send at `time` (s, monotonic)."""
+        """The commands to send at `time` (s, monotonic)."""
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
         self._time = time
         self._watch(time)
@@ -103,7 +118,7 @@ class Gimbal:
         return self._point(time, dt, inputs)
 
     def acknowledge(self, time: float, command: int, result: int) -> None:
-        """Take the answer to one of this component's commands."""
+        """Take the answer `result` (MAV_RESULT) to `command`, which arrived at `time` (s, monotonic)."""
         if command not in (GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW):
             return
         self._waiting_since, self._answered, self.unacknowledged = None, True, False
@@ -118,7 +133,7 @@ class Gimbal:
             self._give_up(time)
 
     def release(self, system: int = 1) -> list[Command]:
-        """Give the gimbal back; nothing where it was never claimed."""
+        """The command that gives the gimbal back; none where it was not claimed."""
         claimed, self.claim = self.claim is not Claim.NONE, Claim.NONE
         self._next_claim, self._waiting_since = -math.inf, None
         self._rest()
@@ -145,21 +160,21 @@ class Gimbal:
         self._next_claim = time + self.settings.retry
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
         self.claim = Claim.ASKED if self.settings.need_ack else Claim.OWNED
-        if inputs.measured is not None:  # begin where the gimbal looks, not where it once was told to
+        if inputs.measured is not None:  # begin at the gimbal's present angles, not at those of the last command
             for axis, angle in zip((self._pan, self._tilt), inputs.measured, strict=True):
                 axis.position = min(max(angle, axis.limits.lower), axis.limits.upper)
         return [configure(inputs.system, self.settings.component, self.settings.gimbal_id)]
 
     def _point(self, time: float, dt: float, inputs: GimbalInputs) -> list[Command]:
         if inputs.fresh and all(map(math.isfinite, (inputs.pan, inputs.tilt, inputs.pan_rate))):
-            # what is wanted now is to be reached now: the axis itself adds a step of the rate
+            # the command is valid now, and the axis itself adds a step of the rate
             self._pan.follow(inputs.pan - self._pan.position - inputs.pan_rate * dt, inputs.pan_rate, dt)
             self._tilt.follow(inputs.tilt - self._tilt.position, 0.0, dt)
         else:
             moving = self._pan.velocity != 0.0 or self._tilt.velocity != 0.0
             self._pan.stop(dt)
             self._tilt.stop(dt)
-            if not moving:  # angles persist: nothing more needs to be said
+            if not moving:  # the gimbal keeps its angles without further commands
                 return []
         if time - self._sent < 0.5 / self.settings.max_command_rate:
             return []

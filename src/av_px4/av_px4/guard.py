@@ -1,7 +1,7 @@
-"""What may be sent to turn the vehicle: the one place that decides it.
+"""The guard of the body: the only place that decides whether a setpoint may be sent, and with what yaw rate.
 
-PX4 1.16 obeys setpoints that come by DDS in any mode, even Hold. So a setpoint leaves only while a fresh status says that
-the pilot has chosen OFFBOARD or this rig's own external mode. Nothing here can arm or choose a mode.
+PX4 1.16 obeys setpoints that arrive by DDS in any mode, even Hold. A setpoint is therefore sent only while a fresh status
+says that the pilot has chosen OFFBOARD or this rig's external mode. Nothing here can arm or choose a mode.
 """
 
 from __future__ import annotations
@@ -13,15 +13,24 @@ OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
 STOP_WITHIN = 0.3                  # s from staleness to standstill
 MARGIN = 0.05                      # s of that for the steps' own period
-STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unheard (COM_OF_LOSS_T)
+STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unnoticed (COM_OF_LOSS_T)
 
 
 @dataclass(frozen=True)
 class GuardSettings:
-    """Limits in rad/s and rad/s^2, and ages in s from which an input counts as stale, by arrival.
+    """Limits of the motion, and the ages by arrival from which inputs are stale. Raises ValueError.
 
-    `max_rate / max_acceleration` is the time to stop and must fit into 0.25 s. A status comes twice a second; its age is
-    feared 0.3 s before it is stale, so that the last setpoint sent holds the vehicle still.
+    `max_rate / max_acceleration` is the time to stop, at most 0.25 s. A status arrives twice a second; braking begins 0.3 s
+    before it is stale, so that the last setpoint sent holds the vehicle still.
+
+    Parameters:
+        max_rate (rad/s): greatest yaw rate
+        max_acceleration (rad/s^2): greatest change of the yaw rate
+        command_timeout (s): for the pointing command
+        bearing_timeout (s): for the bearing
+        attitude_timeout (s): for PX4's attitude
+        position_timeout (s): for PX4's local position
+        status_timeout (s): for PX4's vehicle_status
     """
 
     max_rate: float = math.radians(45.0)
@@ -43,7 +52,14 @@ class GuardSettings:
 
 @dataclass(frozen=True)
 class VehicleStatus:
-    """What counts of px4_msgs/VehicleStatus."""
+    """The fields of px4_msgs/VehicleStatus that matter here.
+
+    Parameters:
+        nav_state: mode
+        armed: motors may turn
+        failsafe: PX4 itself has taken over
+        system_id: MAVLink id of the vehicle
+    """
 
     nav_state: int
     armed: bool
@@ -53,11 +69,20 @@ class VehicleStatus:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What is known now. Ages in s by arrival, inf for what never came.
+    """State of the vehicle and of the rig. Ages are by arrival, inf for an input that never arrived.
 
-    yaw_rate: what the pointing command wants, rad/s counter-clockwise, `move` whether it is to be obeyed.  own_mode:
-    nav_state of the rig's own external mode while PX4 confirms it.  place_known: there is a position to hold.
-    unacknowledged: commands go out and nothing comes back.
+    Parameters:
+        status: newest status, None before the first
+        status_age (s): of vehicle_status
+        attitude_age (s): of the attitude
+        position_age (s): of the local position
+        command_age (s): of the pointing command
+        bearing_age (s): of the bearing
+        yaw_rate (rad/s): of the pointing command, counter-clockwise
+        move: the yaw rate is to be followed
+        own_mode: nav_state of the rig's external mode while PX4 confirms it, else None
+        place_known: there is a position to hold
+        unacknowledged: commands are sent and no acknowledgement arrives
     """
 
     status: VehicleStatus | None = None
@@ -73,14 +98,21 @@ class Inputs:
     unacknowledged: bool = False
 
     def healthy(self, settings: GuardSettings) -> bool:
-        """Whether the vehicle can be held. When this ends, PX4 takes over by itself (COM_OF_LOSS_T, or the mode's check)."""
+        """Whether the vehicle can be held in place. If not, PX4 takes over (COM_OF_LOSS_T, or the mode's arming check)."""
         return (self.status is not None and self.status_age <= settings.status_timeout and self.place_known
                 and self.attitude_age <= settings.attitude_timeout and self.position_age <= settings.position_timeout)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What to send now: OffboardControlMode (`heartbeat`), and a setpoint with this yaw rate; 0 holds still."""
+    """What is to be sent now.
+
+    Parameters:
+        heartbeat: OffboardControlMode
+        setpoint: a trajectory setpoint that holds the position
+        yaw_rate (rad/s): of that setpoint, counter-clockwise; 0 holds the heading
+        reason: for the state
+    """
 
     heartbeat: bool
     setpoint: bool
@@ -90,12 +122,16 @@ class Decision:
 
 @dataclass
 class BodyGuard:
-    """Call `step` at 20 Hz or more."""
+    """The guard; `step` is to be called at 20 Hz or more.
+
+    Parameters:
+        settings: limits and timeouts
+    """
 
     settings: GuardSettings = field(default_factory=GuardSettings)
     _rate: float = 0.0
     _time: float | None = None
-    _resumed: float = -math.inf    # when this process came back from a stall
+    _resumed: float = -math.inf    # end of this process's last stall
 
     def step(self, time: float, inputs: Inputs) -> Decision:
         """Decide for `time` (s, monotonic). Steps back count as 0 s, long ones as 0.1 s."""
@@ -108,14 +144,14 @@ class BodyGuard:
         if forbidden:
             self._rate = 0.0
             return Decision(heartbeat, False, 0.0, forbidden)
-        halt = self._halt(inputs)
+        halt = self._halt(inputs, armed=bool(inputs.status and inputs.status.armed))
         limit, change = self.settings.max_rate, self.settings.max_acceleration * dt
         wanted = 0.0 if halt else min(max(inputs.yaw_rate, -limit), limit)
         self._rate = min(max(wanted, self._rate - change), self._rate + change)
         return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
 
     def _forbidden(self, time: float, inputs: Inputs) -> str:
-        """Why no setpoint may leave, empty when one may."""
+        """Reason why no setpoint may be sent, empty when one may."""
         status, settings = inputs.status, self.settings
         if status is None or not inputs.status_age <= settings.status_timeout:
             return 'no fresh vehicle_status'
@@ -128,12 +164,12 @@ class BodyGuard:
             return 'failsafe'
         return '' if inputs.place_known else 'no position to hold'
 
-    def _halt(self, inputs: Inputs) -> str:
-        """Why the vehicle must stand still, empty when it may turn."""
+    def _halt(self, inputs: Inputs, armed: bool) -> str:
+        """Reason why the vehicle must stand still, empty when it may turn."""
         settings = self.settings
         reasons = {
             'vehicle_status is overdue': not inputs.status_age <= settings.status_timeout - STOP_WITHIN,
-            'not armed': not inputs.status.armed,
+            'not armed': not armed,
             'no fresh attitude': not inputs.attitude_age <= settings.attitude_timeout,
             'no fresh position': not inputs.position_age <= settings.position_timeout,
             'no fresh pointing command': not inputs.command_age <= settings.command_timeout,

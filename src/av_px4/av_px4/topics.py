@@ -1,4 +1,4 @@
-"""Which of PX4's topics is on the wire: with or without the suffix of its message's version."""
+"""Names of PX4's topics, which may end in the version of their message."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class VersionError(ValueError):
-    """The firmware sends another version of a message than px4_msgs defines."""
+    """The firmware's version of a message is not that of the installed px4_msgs."""
 
 
 def find_topic(base: str, names: Iterable[str]) -> str | None:

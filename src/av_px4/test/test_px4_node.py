@@ -144,7 +144,7 @@ BENCHMARK = [sys.executable, '-m', 'av_px4.cli.benchmark', '--seconds', '1']
 
 
 def test_the_benchmark_runs_with_the_messages_of_the_tests():
-    """As docs/px4.md has it. How long things take is a matter of the machine: the exit code tells, not this test."""
+    """As docs/reference/px4.md has it. How long things take is a matter of the machine: the exit code tells, not this test."""
     run = subprocess.run([sys.executable, px4_layouts.__file__, '1.16', *BENCHMARK], text=True, capture_output=True,
                          check=False, timeout=120)
     assert run.returncode in (0, 1) and 'gimbal' in run.stdout and 'body' in run.stdout, run.stderr

@@ -1,6 +1,6 @@
-"""How long a bearing takes to become a command to the vehicle: pointing_node and px4_node, each a process, timed from outside.
+"""Latency from a bearing to the command to the vehicle, through pointing_node and px4_node, each a process.
 
-ros2 run av_px4 benchmark [--seconds 20] [--rate 50]        needs px4_msgs; without them see docs/px4.md
+ros2 run av_px4 benchmark [--seconds 20] [--rate 50]        needs px4_msgs; without them see docs/reference/px4.md
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 import rclpy
 from std_msgs.msg import Header
 
-from av_common.node import Executor
+from av_common.node import Executor  # type: ignore[attr-defined]  # one of two, by ROS's version
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing
@@ -30,7 +30,7 @@ LATEST = 10.0    # ms, p95 asked for
 
 
 class Timer:
-    """Bearings in, an armed vehicle in OFFBOARD that acknowledges at once; keeps how long the answers took (s)."""
+    """Publishes bearings, plays an armed vehicle in OFFBOARD that acknowledges at once, and keeps the latencies (s)."""
 
     def __init__(self, messages: Any) -> None:
         self._messages, self._node = messages, rclpy.create_node('px4_benchmark')
@@ -95,9 +95,9 @@ class Timer:
         self._answered('body')
 
     def _answered(self, name: str) -> None:
-        if self._asked[name] is not None:
-            self.took[name].append(time.monotonic() - self._asked[name])
-            self._asked[name] = None
+        asked, self._asked[name] = self._asked[name], None
+        if asked is not None:
+            self.took[name].append(time.monotonic() - asked)
 
 
 def main() -> None:

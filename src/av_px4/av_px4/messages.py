@@ -1,4 +1,7 @@
-"""px4_msgs and nav_msgs to and from this package's own types. Fields that a firmware lacks are left out."""
+"""Conversion between px4_msgs or nav_msgs and the types of this package. Fields that a firmware lacks are left out.
+
+Functions that make a message take the module px4_msgs.msg as `messages` and the time of sending in us as `timestamp`.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 
 
 
 def status_from(message: Any) -> VehicleStatus:
-    """Raises ValueError for what cannot be a status: such bytes belong to another version of the message."""
+    """The status of a VehicleStatus. Raises ValueError for impossible values, which another version of the message leaves."""
     if message.arming_state not in (1, 2) or message.nav_state > 31:
         raise ValueError(f'arming_state {message.arming_state} and nav_state {message.nav_state} are no vehicle_status: '
                          'px4_msgs is not of the firmware\'s version')
@@ -45,7 +48,7 @@ def gimbal_from(message: Any) -> tuple[float, float] | None:
 
 
 def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) -> Odometry:
-    """The pose as ROS has it, twist in the child frame."""
+    """The pose as an Odometry at `time` (s, ROS); the twist is in the child frame, `base_frame`."""
     message = Odometry(header=Header(stamp=to_stamp(time), frame_id=odom_frame), child_frame_id=base_frame)
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     position.x, position.y, position.z = pose.position.tolist()
@@ -57,7 +60,7 @@ def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) 
 
 
 def command_message(messages: Any, timestamp: int, command: Command, system: int, component: int) -> Any:
-    """A VehicleCommand from this rig's own component to the autopilot."""
+    """A VehicleCommand from component `component` of this rig to the autopilot of vehicle `system`."""
     numbers = {f'param{number}': float(value) for number, value in enumerate(command.params, 1)}
     return messages.VehicleCommand(timestamp=timestamp, command=command.command, target_system=system,
                                    target_component=AUTOPILOT, source_system=system, source_component=component,
@@ -65,12 +68,12 @@ def command_message(messages: Any, timestamp: int, command: Command, system: int
 
 
 def offboard_message(messages: Any, timestamp: int) -> Any:
-    """The sign of life that PX4 wants before and while OFFBOARD is selected."""
+    """The heartbeat that PX4 expects before and while OFFBOARD is selected."""
     return messages.OffboardControlMode(timestamp=timestamp, position=True)
 
 
 def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate: float) -> Any:
-    """Hold the place and turn at a rate (rad/s, counter-clockwise); a rate of 0 holds the heading, too."""
+    """A setpoint that holds a position (m, (3,)) and turns at `yaw_rate` (rad/s, counter-clockwise); 0 holds the heading."""
     nothing = [math.nan] * 3
     return messages.TrajectorySetpoint(
         timestamp=timestamp, position=[float(value) for value in place_ned], velocity=nothing, acceleration=nothing,
@@ -78,7 +81,7 @@ def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate
 
 
 def register_message(messages: Any, timestamp: int, request: Register) -> Any:
-    """Ask for a mode, with the arming check that belongs to it."""
+    """The request to register a mode with its arming check."""
     message = messages.RegisterExtComponentRequest(
         timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=API_VERSION, register_arming_check=True,
         register_mode=True)
@@ -87,7 +90,7 @@ def register_message(messages: Any, timestamp: int, request: Register) -> Any:
 
 
 def unregister_message(messages: Any, timestamp: int, registration: Registration) -> Any:
-    """Give the mode up."""
+    """The message that ends a registration."""
     message = messages.UnregisterExtComponent(
         timestamp=timestamp, arming_check_id=registration.arming_check_id, mode_id=registration.mode_id,
         mode_executor_id=-1)
@@ -96,14 +99,14 @@ def unregister_message(messages: Any, timestamp: int, registration: Registration
 
 
 def control_message(messages: Any, timestamp: int, registration: Registration) -> Any:
-    """Which of PX4's controllers the mode uses: all, for it sets positions."""
+    """PX4's controllers that the mode uses: all, since it sends positions."""
     message = messages.VehicleControlMode(timestamp=timestamp)
     _set(message, source_id=registration.mode_id, **{f'flag_control_{name}_enabled': True for name in CONTROLLED})
     return message
 
 
 def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
-    """The answer to an arming check: what the mode needs, that nobody arms in it, and whether it can run."""
+    """The answer to an arming check: the mode's needs, that it prevents arming, and whether it can run."""
     message = messages.ArmingCheckReply(
         timestamp=timestamp, request_id=answer.request_id, registration_id=answer.registration_id,
         can_arm_and_run=answer.can_run)
@@ -112,7 +115,7 @@ def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
 
 
 def text(characters: Any) -> str:
-    """A fixed array of characters, up to its first zero."""
+    """The text of a fixed array of characters, up to its first zero."""
     return bytes(bytearray(int(character) for character in characters)).split(b'\0')[0].decode(errors='replace')
 
 

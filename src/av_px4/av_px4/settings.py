@@ -1,0 +1,61 @@
+"""Settings of the stage, and how they are made of the node's parameters."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from av_common.limited_axis import AxisLimits
+from av_px4.gimbal import ROLL_AND_PITCH_LOCK, GimbalSettings
+from av_px4.guard import GuardSettings
+
+
+@dataclass(frozen=True)
+class Px4Settings:
+    """Limits and choices of Px4Stage.
+
+    Parameters:
+        guard: limits of the body's motion, and the ages from which inputs are stale
+        gimbal: ids and limits of the gimbal
+        use_gimbal: claim and point the gimbal
+        lock_to_horizon: the gimbal expects angles from the horizon
+        turn_body: offer OFFBOARD and turn the vehicle in it
+        external_mode: name of the external mode to register, empty for none
+        rate (Hz): steps a second while no pointing command arrives
+        odom_frame: frame of the odometry
+        base_frame: frame of the rig's body
+    """
+
+    guard: GuardSettings = field(default_factory=GuardSettings)
+    gimbal: GimbalSettings = field(default_factory=GimbalSettings)
+    use_gimbal: bool = True
+    lock_to_horizon: bool = True
+    turn_body: bool = True
+    external_mode: str = ''
+    rate: float = 50.0
+    odom_frame: str = 'odom'
+    base_frame: str = 'base_link'
+
+
+def px4_settings(p: Any) -> Px4Settings:
+    """Settings of px4_node's parameters. Raises ValueError where a stop would take too long."""
+    return Px4Settings(
+        guard=_guard_settings(p), gimbal=_gimbal_settings(p), use_gimbal=p.gimbal.enabled,
+        lock_to_horizon=p.gimbal.lock_to_horizon, turn_body=p.turn_body,
+        external_mode=p.external_mode_name if p.external_mode else '', rate=p.rate, odom_frame=p.odom_frame,
+        base_frame=p.base_frame)
+
+
+def _guard_settings(p: Any) -> GuardSettings:
+    return GuardSettings(math.radians(p.body.rate_deg), math.radians(p.body.acceleration_deg), p.timeouts.command,
+                         p.timeouts.bearing, p.timeouts.attitude, p.timeouts.position, p.timeouts.status)
+
+
+def _gimbal_settings(p: Any) -> GimbalSettings:
+    motion = (math.radians(p.gimbal.rate_deg), math.radians(p.gimbal.acceleration_deg))
+    return GimbalSettings(
+        component=p.component, gimbal_id=p.gimbal.id, flags=ROLL_AND_PITCH_LOCK if p.gimbal.lock_to_horizon else 0,
+        pan=AxisLimits(*motion, *map(math.radians, p.gimbal.pan_limits_deg)),
+        tilt=AxisLimits(*motion, *map(math.radians, p.gimbal.tilt_limits_deg)),
+        ack_timeout=p.gimbal.ack_timeout, need_ack=p.gimbal.need_ack)

@@ -1,0 +1,292 @@
+"""What PX4 is sent: every decision of px4_node, of the messages of the rig and of PX4 and their times of arrival."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from av_common.frames import attitude_ned_to_enu
+from av_common.rate_meter import RateMeter
+from av_common.stamps import to_seconds
+from av_interfaces.msg import Bearing, PointingCommand
+from av_px4 import messages as px4
+from av_px4.commands import Command
+from av_px4.continuity import HeldPosition
+from av_px4.external_mode import ExternalMode
+from av_px4.frames import Pose, levelled, pose_from_px4
+from av_px4.gimbal import Gimbal, GimbalInputs
+from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
+from av_px4.odometry import OdometryConverter
+from av_px4.settings import Px4Settings, px4_settings
+
+STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
+MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
+ODOMETRY_GAP = 0.5    # s without vehicle_odometry after which vehicle_attitude takes its place
+ODOMETRY_TOPIC, STATE_TOPIC = 'odometry', 'px4/state'
+
+
+class Instant(NamedTuple):
+    """A time of arrival on two clocks.
+
+    Parameters:
+        steady (s): monotonic clock; ages are judged by it, since a clock that is set must not make old data fresh
+        ros (s): the node's clock, for stamps
+    """
+
+    steady: float
+    ros: float
+
+
+class Outgoing(NamedTuple):
+    """A message to publish.
+
+    Parameters:
+        topic: name of an input of PX4 without prefix and version, or ODOMETRY_TOPIC or STATE_TOPIC
+        message: of the type that the topic has
+    """
+
+    topic: str
+    message: Any
+
+
+class Px4Stage:
+    """Guard of the body, client of the gimbal, external mode and odometry, fed with messages.
+
+    Methods named `on_*` take a message and its arrival and return the messages to publish. They raise ValueError for a
+    message that cannot be used.
+
+    Parameters:
+        settings: limits and choices
+        messages: the module px4_msgs.msg of the firmware
+    """
+
+    def __init__(self, settings: Px4Settings, messages: Any) -> None:
+        self.settings = settings
+        self.gimbal = Gimbal(settings.gimbal)
+        self.mode = ExternalMode(settings.external_mode) if settings.external_mode else None
+        self.odometry = OdometryConverter(settings.odom_frame, settings.base_frame)
+        self.decision = Decision(False, False, 0.0, 'not started')
+        self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
+        self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
+        self._now = Instant(0.0, 0.0)
+        self._started = self._last_step = -math.inf
+        self._status: VehicleStatus | None = None
+        self._attitude: Any = None
+        self._measured: tuple[float, float] | None = None
+        self._command = PointingCommand()
+        self._reported: tuple[object, ...] = ()
+
+    @property
+    def system_id(self) -> int:
+        """MAVLink id of the vehicle, 1 before its first status."""
+        return self._status.system_id if self._status else 1
+
+    def start(self, now: Instant) -> None:
+        """To be called before the first message."""
+        self._now, self._started = now, now.steady
+
+    def advance(self, now: Instant) -> None:
+        """Set the instant to which the ages and rates of `meters` refer."""
+        self._now = now
+
+    def stop(self, now: Instant) -> list[Outgoing]:
+        """The messages that leave the vehicle still and give back the gimbal and the external mode."""
+        self._now = now
+        out = [self._setpoint(0.0)] if self.decision.setpoint else []
+        out += self._commands(self.gimbal.release(self.system_id))
+        if self.mode and self.mode.registration:
+            out.append(self._out('unregister_ext_component', px4.unregister_message, self.mode.registration))
+            self.mode.forget('stopped')
+        return out
+
+    def on_time(self, now: Instant) -> list[Outgoing]:
+        """To be called `settings.rate` times a second: a step if no message caused one, and the mode's registration."""
+        self._now = now
+        out = self._step() if now.steady - self._last_step > 0.9 / self.settings.rate else []
+        request = self.mode.step(now.steady) if self.mode else None
+        if request:
+            out.append(self._out('register_ext_component_request', px4.register_message, request))
+        return out
+
+    # from the rig
+
+    def on_command(self, message: PointingCommand, arrival: Instant) -> list[Outgoing]:
+        """A pointing command is obeyed at once; one that is late itself is ignored."""
+        self._now = arrival
+        if not self._in_time(message.header.stamp, self.settings.guard.command_timeout):
+            return []
+        self.meters['command'].tick()
+        self._command = message
+        return self._step()
+
+    def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
+        """A bearing proves that there is a target."""
+        self._now = arrival
+        if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, self.settings.guard.bearing_timeout):
+            self.meters['bearing'].tick()
+        return []
+
+    # from PX4
+
+    def on_vehicle_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """A change of the mode, of arming or of failsafe takes effect at once."""
+        self._now = arrival
+        status = px4.status_from(message)
+        self.meters['status'].tick()
+        changed, self._status = status != self._status, status
+        return self._step() if changed else []
+
+    def on_vehicle_odometry(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """PX4's pose becomes the rig's odometry."""
+        self._now = arrival
+        pose = px4.pose_from(message)
+        self.meters['odometry'].tick()
+        return self._odometry(message, pose, message.reset_counter)
+
+    def on_vehicle_attitude(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """The attitude becomes the odometry where the firmware sends no vehicle_odometry."""
+        self._now, out = arrival, []
+        if min(self.meters['odometry'].age, arrival.steady - self._started) > ODOMETRY_GAP:
+            unknown = (0.0, 0.0, 0.0)
+            position = unknown if self._place.current is None else self._place.current
+            pose = pose_from_px4(position, message.q, unknown, unknown)
+            # a negative count: a change of the source counts as a reset, too
+            out = self._odometry(message, pose, -1 - message.quat_reset_counter)
+        if 0.9 < sum(part * part for part in message.q) < 1.1:
+            self.meters['attitude'].tick()
+            self._attitude = message.q
+        return out
+
+    def on_vehicle_local_position(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """The place that is held while the body turns."""
+        self._now = arrival
+        valid = message.xy_valid and message.z_valid
+        self._place.update(np.array([message.x, message.y, message.z]), (message.xy_reset_counter, message.z_reset_counter),
+                           np.array([*message.delta_xy, message.delta_z]), valid)
+        if valid:
+            self.meters['position'].tick()
+        return []
+
+    def on_vehicle_command_ack(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """Acknowledgements to other components are ignored."""
+        self._now = arrival
+        if self._status and (message.target_system, message.target_component) == (
+                self._status.system_id, self.settings.gimbal.component):
+            self.gimbal.acknowledge(arrival.steady, message.command, message.result)
+        return []
+
+    def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """The gimbal's measured angles, from which a claim begins."""
+        self._now, self._measured = arrival, px4.gimbal_from(message)
+        return []
+
+    def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """PX4 has granted or refused the external mode."""
+        self._now = arrival
+        if self.mode is None or self.mode.registration:
+            return []
+        registration = self.mode.on_reply(
+            arrival.steady, message.request_id, px4.text(message.name), message.px4_ros2_api_version, message.success,
+            message.arming_check_id, message.mode_id)
+        return [self._out('config_control_setpoints', px4.control_message, registration)] if registration else []
+
+    def on_arming_check_request(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """PX4 asks whether the external mode can run."""
+        self._now = arrival
+        if self.mode is None:
+            return []
+        can_run = self._guard_inputs().healthy(self.settings.guard)
+        answer = self.mode.on_question(arrival.steady, message.request_id, can_run,
+                                       getattr(message, 'valid_registrations_mask', None))
+        return [self._out('arming_check_reply', px4.answer_message, answer)] if answer else []
+
+    # decisions
+
+    def _step(self) -> list[Outgoing]:
+        inputs, out = self._guard_inputs(), []
+        self._last_step = self._now.steady
+        if self.settings.use_gimbal:
+            out += self._commands(self.gimbal.step(self._now.steady, self._gimbal_inputs(inputs)))
+        self.decision = self._guard.step(self._now.steady, inputs)
+        if self.decision.heartbeat and self.settings.turn_body:
+            out.append(self._out('offboard_control_mode', px4.offboard_message))
+        if self.decision.setpoint:
+            out.append(self._setpoint(self.decision.yaw_rate))
+        else:
+            self._place.release()
+        return out + self._report()
+
+    def _guard_inputs(self) -> Inputs:
+        meters, command = self.meters, self._command
+        place = self._place.held is not None or (self._place.current is not None
+                                                 and meters['position'].age <= self.settings.guard.position_timeout)
+        return Inputs(
+            self._status, meters['status'].age, min(meters['attitude'].age, meters['odometry'].age), meters['position'].age,
+            meters['command'].age, meters['bearing'].age, command.yaw_rate,
+            self.settings.turn_body and command.move_body and command.mode != PointingCommand.MODE_HOLD,
+            self.mode.active_mode(self._now.steady) if self.mode else None, place, self.gimbal.unacknowledged)
+
+    def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
+        command, limits = self._command, self.settings.guard
+        fresh = (inputs.status_age <= limits.status_timeout and inputs.attitude_age <= limits.attitude_timeout
+                 and inputs.command_age <= limits.command_timeout and inputs.bearing_age <= limits.bearing_timeout)
+        pan, tilt = command.pan, command.tilt
+        if self.settings.lock_to_horizon and self._attitude is not None and math.isfinite(pan + tilt):
+            pan, tilt = levelled(pan, tilt, attitude_ned_to_enu(self._attitude))
+        return GimbalInputs(
+            command.move_gimbal, pan, tilt, command.pan_rate, fresh,
+            self._status.nav_state if self._status and inputs.status_age <= limits.status_timeout else None,
+            self.system_id, self._measured)
+
+    def _steady(self) -> float:
+        return self._now.steady
+
+    def _in_time(self, stamp: Time, limit: float) -> bool:
+        """Whether a message is not itself late: one that waited in a queue is not fresh because it arrives now."""
+        return bool(abs(self._now.ros - to_seconds(stamp)) <= limit)
+
+    # messages
+
+    def _out(self, topic: str, make: Any, *content: Any) -> Outgoing:
+        return Outgoing(topic, make(self._messages, round(1e6 * self._now.ros), *content))
+
+    def _odometry(self, message: Any, pose: Pose, counter: int) -> list[Outgoing]:
+        time = 1e-6 * (message.timestamp_sample or message.timestamp)
+        odometry = self.odometry.convert(time, self._now.ros, pose, counter)
+        return [] if odometry is None else [Outgoing(ODOMETRY_TOPIC, odometry)]
+
+    def _setpoint(self, yaw_rate: float) -> Outgoing:
+        return self._out('trajectory_setpoint', px4.setpoint_message, self._place.hold(), yaw_rate)
+
+    def _commands(self, commands: list[Command]) -> list[Outgoing]:
+        return [self._out('vehicle_command', px4.command_message, command, self.system_id, self.settings.gimbal.component)
+                for command in commands]
+
+    def _report(self) -> list[Outgoing]:
+        """The state, where it has changed."""
+        status, mode = self._status, self.mode
+        values = {'armed': bool(status and status.armed), 'nav_state': status.nav_state if status else -1,
+                  'failsafe': bool(status and status.failsafe), 'gimbal': self.gimbal.claim.value,
+                  'body': self.decision.reason, 'offboard offered': self.decision.heartbeat and self.settings.turn_body,
+                  'external mode': mode.registration.mode_id if mode and mode.registration else -1}
+        if tuple(values.values()) == self._reported:
+            return []
+        self._reported = tuple(values.values())
+        return [Outgoing(STATE_TOPIC, DiagnosticStatus(
+            level=DiagnosticStatus.OK, name='px4', message=self.decision.reason,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
+
+
+def make_px4_stage(parameters: Any, messages: Any) -> Px4Stage:
+    """The stage for px4_node's parameters and the module px4_msgs.msg.
+
+    Raises ValueError where a limit leaves no time to stop, ImportError where px4_msgs is too old for an external mode.
+    """
+    settings = px4_settings(parameters)
+    if settings.external_mode and not all(hasattr(messages, name) for name in MODE_MESSAGES):
+        raise ImportError('external_mode: the installed px4_msgs has no messages for it (PX4 1.15 and later have)')
+    return Px4Stage(settings, messages)

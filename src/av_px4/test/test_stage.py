@@ -1,0 +1,163 @@
+"""The stage without node or middleware: messages and times of arrival in, messages out."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from av_common.stamps import to_seconds, to_stamp
+from av_interfaces.msg import Bearing, PointingCommand
+from av_px4.gimbal import Claim
+from av_px4.settings import Px4Settings
+from av_px4.stage import MODE_MESSAGES, ODOMETRY_TOPIC, STATE_TOPIC, Instant, Px4Stage, make_px4_stage
+
+HOLD, OFFBOARD = 4, 14
+LEVEL = [1.0, 0.0, 0.0, 0.0]
+
+
+class Message(SimpleNamespace):
+    """A message of px4_msgs: whatever fields it is given."""
+
+
+MESSAGES = SimpleNamespace(
+    VehicleCommand=Message, OffboardControlMode=Message, TrajectorySetpoint=Message, VehicleControlMode=Message,
+    UnregisterExtComponent=lambda **fields: Message(name=[0] * 25, **fields),
+    RegisterExtComponentRequest=lambda **fields: Message(name=[0] * 25, **fields), ArmingCheckReply=Message)
+
+
+class Rig:
+    """A stage, a vehicle that hovers and a target; `run` advances both by steps of 20 ms."""
+
+    def __init__(self, settings=None, **changes):
+        self.stage = Px4Stage(settings or Px4Settings(**changes), MESSAGES)
+        self.time, self.sent, self.nav_state, self.silent, self.offset = 100.0, [], HOLD, set(), 0.0
+        self.stage.start(self.now)
+
+    @property
+    def now(self):
+        return Instant(self.time, 1.7e9 + self.time)
+
+    def run(self, seconds, **command):
+        for step in range(round(seconds * 50)):
+            self.time += 0.02
+            self.vehicle(step)
+            if 'rig' not in self.silent:
+                stamp = to_stamp(self.now.ros)
+                bearing, pointing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE), PointingCommand(
+                    mode=PointingCommand.MODE_TRACK, move_gimbal=True, move_body=True, **command)
+                bearing.header.stamp = pointing.header.stamp = stamp
+                self.take('bearing', bearing)
+                self.take('command', pointing)
+            self.sent += [(self.time, *out) for out in self.stage.on_time(self.now)]
+
+    def vehicle(self, step):
+        stamp = round(1e6 * (self.time + self.offset))
+        self.take('vehicle_attitude', Message(timestamp=stamp, timestamp_sample=stamp, q=LEVEL, quat_reset_counter=0))
+        self.take('vehicle_local_position', Message(xy_valid=True, z_valid=True, x=0.0, y=0.0, z=-2.0, xy_reset_counter=0,
+                                                    z_reset_counter=0, delta_xy=[0.0, 0.0], delta_z=0.0))
+        if step % 25 == 0:
+            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=2, failsafe=False, system_id=7))
+
+    def take(self, name, message):
+        if name not in self.silent:
+            self.sent += [(self.time, *out) for out in getattr(self.stage, f'on_{name}')(message, self.now)]
+
+    def acknowledge(self):
+        commands = [message for _, topic, message in self.sent if topic == 'vehicle_command']
+        self.take('vehicle_command_ack', Message(target_system=7, target_component=191, command=commands[-1].command, result=0))
+
+    def of(self, topic, since=0.0):
+        return [message for time, name, message in self.sent if name == topic and time >= since]
+
+
+def test_nothing_turns_the_body_before_the_pilot_hands_over_and_then_it_turns_to_the_left():
+    rig = Rig()
+    rig.run(1.0, yaw_rate=0.3)
+    assert not rig.of('trajectory_setpoint') and len(rig.of('offboard_control_mode')) >= 50
+    rig.nav_state = OFFBOARD
+    rig.run(1.0, yaw_rate=0.3)
+    setpoint = rig.of('trajectory_setpoint')[-1]
+    assert setpoint.yawspeed == pytest.approx(-0.3) and setpoint.position == [0.0, 0.0, -2.0] and math.isnan(setpoint.yaw)
+
+
+@pytest.mark.parametrize('silent', ['rig', 'bearing', 'command', 'vehicle_attitude', 'vehicle_local_position'])
+def test_without_an_input_the_body_stands_still(silent):
+    rig = Rig()
+    rig.nav_state = OFFBOARD
+    rig.run(1.0, yaw_rate=0.3)
+    rig.silent = {silent}
+    rig.run(1.0, yaw_rate=0.3)
+    assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.1))
+
+
+def test_a_command_that_waited_in_a_queue_is_not_fresh():
+    rig = Rig()
+    rig.nav_state = OFFBOARD
+    rig.run(1.0)
+    late = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
+    late.header.stamp = to_stamp(rig.now.ros - 0.3)
+    assert not rig.stage.on_command(late, rig.now)
+
+
+def test_the_gimbal_is_claimed_pointed_once_it_is_acknowledged_and_given_back():
+    rig = Rig()
+    rig.run(0.1, pan=0.5)
+    claim = rig.of('vehicle_command')
+    assert [message.command for message in claim] == [1001] and claim[0].source_component == 191
+    rig.acknowledge()
+    rig.run(0.5, pan=0.5)
+    assert rig.stage.gimbal.claim is Claim.OWNED and rig.of('vehicle_command')[-1].param2 < 0.0    # yaw is to the right
+    last = [out for out in rig.stage.stop(rig.now) if out.topic == 'vehicle_command']
+    assert [message.param1 for _, message in last] == [-3.0]
+
+
+def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
+    rig = Rig()
+    rig.run(0.4)
+    assert not rig.of(ODOMETRY_TOPIC)
+    rig.run(0.4)
+    odometry = rig.of(ODOMETRY_TOPIC)[-1]
+    assert odometry.header.frame_id == 'odom' and odometry.pose.pose.position.z == pytest.approx(2.0)
+
+
+def test_when_px4_sets_its_clock_no_pose_gets_a_wrong_stamp():
+    rig = Rig()
+    rig.run(1.0)
+    rig.offset = 5000.0    # time synchronisation regained, or lost
+    rig.run(1.0)
+    late = [time for time, topic, message in rig.sent
+            if topic == ODOMETRY_TOPIC and abs(to_seconds(message.header.stamp) - 1.7e9 - time) > 0.01]
+    assert not late and rig.stage.odometry.clock_restarts == 1
+    assert rig.of(ODOMETRY_TOPIC, since=rig.time - 0.1)
+
+
+def test_the_state_is_sent_when_it_changes():
+    rig = Rig()
+    rig.run(1.0)
+    before = len(rig.of(STATE_TOPIC))
+    rig.run(1.0)
+    assert len(rig.of(STATE_TOPIC)) == before
+    rig.nav_state = OFFBOARD
+    rig.run(1.0)
+    values = {pair.key: pair.value for pair in rig.of(STATE_TOPIC)[-1].values}
+    assert values['nav_state'] == '14' and values['armed'] == 'True'
+
+
+def test_a_message_of_another_firmware_is_refused():
+    with pytest.raises(ValueError, match='px4_msgs'):
+        Rig().stage.on_vehicle_status(Message(nav_state=200, arming_state=2), Instant(0.0, 0.0))
+
+
+def test_an_external_mode_needs_messages_that_the_firmware_has():
+    gimbal = SimpleNamespace(enabled=True, id=0, lock_to_horizon=True, need_ack=True, ack_timeout=1.0, rate_deg=120.0,
+                             acceleration_deg=600.0, pan_limits_deg=[-150.0, 150.0], tilt_limits_deg=[-80.0, 45.0])
+    parameters = SimpleNamespace(
+        gimbal=gimbal, body=SimpleNamespace(rate_deg=45.0, acceleration_deg=200.0), component=191, turn_body=True,
+        external_mode=True, external_mode_name='AV Track', rate=50.0, odom_frame='odom', base_frame='base_link',
+        timeouts=SimpleNamespace(command=0.25, bearing=0.3, attitude=0.2, position=0.5, status=1.5))
+    assert make_px4_stage(parameters, MESSAGES).mode.name == 'AV Track'
+    old = SimpleNamespace(**{name: kind for name, kind in vars(MESSAGES).items() if name not in MODE_MESSAGES})
+    with pytest.raises(ImportError, match='external_mode'):
+        make_px4_stage(parameters, old)

@@ -1,0 +1,16 @@
+"""Tests of the whole rig run in real time: where the machine cannot keep up, figures of the run say nothing about the rig."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+MOST_PER_CORE = 4.0    # the rig alone, with its simulator, keeps two to three processes busy
+
+
+def skip_figures_where_overloaded() -> None:
+    """Skip the rest of a test where far more processes want to run than there are cores."""
+    cores, wanted = len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    if wanted > MOST_PER_CORE * cores:
+        pytest.skip(f'{wanted:.0f} processes share {cores} cores: a run in real time has gaps that are not the rig\'s')
