@@ -11,16 +11,16 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from vision_msgs.msg import Detection2DArray
 
-from av_common.qos import PICTURE, RESULT, STREAM
+from av_common.qos import IMAGE, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.nodes.bridge_node import BridgeNode
 
 PATIENCE = 120.0    # s that a loaded machine may take for anything; nothing is concluded from how long it took
 RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
-TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
+TOPICS = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAGE),
           'camera/camera_info': (CameraInfo, RESULT), 'odometry': (Odometry, RESULT), 'truth/rig': (Odometry, RESULT),
           'truth/target': (Odometry, RESULT), 'truth/target_3': (Odometry, RESULT), 'imu': (Imu, STREAM),
-          'detections': (Detection2DArray, RESULT), 'camera/depth/image_raw': (Image, PICTURE),
+          'detections': (Detection2DArray, RESULT), 'camera/depth/image_raw': (Image, IMAGE),
           '/diagnostics': (DiagnosticArray, RESULT)}
 
 

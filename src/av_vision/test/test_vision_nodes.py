@@ -20,7 +20,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image  # noqa: E402
 from std_msgs.msg import Header  # noqa: E402
 from vision_msgs.msg import Detection2DArray  # noqa: E402
 
-from av_common.qos import PICTURE, RESULT  # noqa: E402
+from av_common.qos import IMAGE, RESULT  # noqa: E402
 from av_interfaces.msg import Visibility  # noqa: E402
 from av_vision.messages import image_from_message, image_message  # noqa: E402
 from av_vision.nodes.camera_node import CameraNode  # noqa: E402
@@ -91,7 +91,7 @@ def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
     for k in range(30):
         writer.write(np.full((48, 64, 3), 8 * k, np.uint8))
     writer.release()
-    images, infos = rig.collect(Image, 'camera/image_raw', PICTURE), rig.collect(CameraInfo, 'camera/camera_info', RESULT)
+    images, infos = rig.collect(Image, 'camera/image_raw', IMAGE), rig.collect(CameraInfo, 'camera/camera_info', RESULT)
     rig.start(CameraNode, file=str(path), horizontal_fov_deg=90.0, loop=True)
     rig.spin_until(lambda: len(images) > 10 and stamps_of(images) <= stamps_of(infos))
     assert image_from_message(images[0]).shape == (48, 64, 3)
@@ -108,7 +108,7 @@ def test_detections_carry_header_names_and_ids(rig, model):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     seen = rig.collect(Visibility, 'visibility', RESULT)
     node = rig.start(DetectorNode, model=model)
-    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
     images.publish(image_at(7))
     rig.spin_until(lambda: found and seen)
@@ -129,7 +129,7 @@ def test_nothing_seen_is_an_empty_array(rig, tmp_path):
     blind = yolo_models.write(tmp_path / 'blind.onnx', output=np.zeros((1, 5, 3549)), metadata={'names': "['drone']"})
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=str(blind))
-    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
     images.publish(image_at(9))
     rig.spin_until(lambda: found)
@@ -140,7 +140,7 @@ def test_nothing_seen_is_an_empty_array(rig, tmp_path):
 def test_unusable_images_are_reported_and_the_next_is_used(rig, model):
     found, status = rig.collect(Detection2DArray, 'detections', RESULT), rig.collect(DiagnosticArray, '/diagnostics', 10)
     node = rig.start(DetectorNode, model=model)
-    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
     wrong = image_at(1)
     wrong.encoding = 'pink9'
@@ -156,7 +156,7 @@ def test_unusable_images_are_reported_and_the_next_is_used(rig, model):
 def test_only_the_newest_image_waits(rig, model, monkeypatch):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=model)
-    images = rig.observer.create_publisher(Image, 'camera/image_raw', PICTURE)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
     detector, busy, done = node._stage.detector.detector, Event(), Event()
     candidates = detector.candidates
@@ -176,14 +176,14 @@ def test_only_the_newest_image_waits(rig, model, monkeypatch):
 def test_compressed_images_and_the_debug_image_on_demand(rig, model):
     found = rig.collect(Detection2DArray, 'detections', RESULT)
     node = rig.start(DetectorNode, model=model, compressed=True)
-    images = rig.observer.create_publisher(CompressedImage, 'camera/image_raw/compressed', PICTURE)
+    images = rig.observer.create_publisher(CompressedImage, 'camera/image_raw/compressed', IMAGE)
     rig.spin_until(lambda: node.is_active and images.get_subscription_count())
     encoded = cv2.imencode('.jpg', np.zeros((416, 416, 3), np.uint8))[1]
     message = CompressedImage(format='jpeg', data=array('B', encoded.tobytes()))
     message.header.stamp.sec = 4
     images.publish(message)
     rig.spin_until(lambda: found)
-    drawn = rig.collect(Image, 'detections/image', PICTURE)
+    drawn = rig.collect(Image, 'detections/image', IMAGE)
     rig.spin_until(lambda: node._debug.get_subscription_count())
     message.header.stamp.sec = 5
     images.publish(message)
@@ -217,8 +217,8 @@ def test_a_realsense_publishes_colour_depth_and_motion(rig, monkeypatch):
 
     fake = FakeRealSense()
     monkeypatch.setattr('av_vision.sources.realsense.RealSenseSource._find', lambda self: fake.device)
-    images, depths = (rig.collect(Image, topic, PICTURE) for topic in ('camera/image_raw', 'camera/depth/image_raw'))
-    infos, motions = rig.collect(CameraInfo, 'camera/camera_info', RESULT), rig.collect(Imu, 'imu/data_raw', PICTURE)
+    images, depths = (rig.collect(Image, topic, IMAGE) for topic in ('camera/image_raw', 'camera/depth/image_raw'))
+    infos, motions = rig.collect(CameraInfo, 'camera/camera_info', RESULT), rig.collect(Imu, 'imu/data_raw', IMAGE)
     rig.start(CameraNode, source='device', device='realsense', depth=True, imu=True)
     fake.start()
     rig.spin_until(lambda: len(images) > 3 and len(depths) > 3 and infos and motions)

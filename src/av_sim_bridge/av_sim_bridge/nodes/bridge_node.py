@@ -14,7 +14,7 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from vision_msgs.msg import Detection2DArray
 
 from av_common.node import RigNode, run
-from av_common.qos import PICTURE, RESULT, STREAM
+from av_common.qos import IMAGE, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.consumer import Consumer
@@ -36,13 +36,13 @@ class BridgeNode(RigNode):
         """Read the rig, open publishers."""
         self._settings = self.settings
         self._stage = make_bridge_stage(self._settings)
-        topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, PICTURE),
+        topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAGE),
                   'camera/camera_info': (CameraInfo, RESULT), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM)}
         topics |= dict.fromkeys(self._stage.target_topics.values(), (Odometry, RESULT))
         if not self._settings.follow_odometry:
             topics['odometry'] = (Odometry, RESULT)
         if self._settings.depth_port:
-            topics['camera/depth/image_raw'] = (Image, PICTURE)
+            topics['camera/depth/image_raw'] = (Image, IMAGE)
         if self._settings.oracle_detections:
             topics['detections'] = (Detection2DArray, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}

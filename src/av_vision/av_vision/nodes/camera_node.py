@@ -12,7 +12,7 @@ from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
 from av_common.node import RigNode, run
-from av_common.qos import PICTURE, RESULT, STREAM
+from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_vision.calibration import load_calibration
@@ -41,9 +41,9 @@ class CameraNode(RigNode):
         self._fov = math.radians(settings.horizontal_fov_deg)
         self._calibration = load_calibration(settings.calibration_file) if settings.calibration_file else None
         self._source = self._make_source(settings)
-        self._images = self.create_publisher(Image, 'camera/image_raw', PICTURE)
+        self._images = self.create_publisher(Image, 'camera/image_raw', IMAGE)
         self._infos = self.create_publisher(CameraInfo, 'camera/camera_info', RESULT)
-        self._depths = self.create_publisher(Image, 'camera/depth/image_raw', PICTURE) if settings.depth else None
+        self._depths = self.create_publisher(Image, 'camera/depth/image_raw', IMAGE) if settings.depth else None
         self._motions = self.create_publisher(Imu, 'imu/data_raw', STREAM) if settings.imu else None
 
     def _make_source(self, settings: Any) -> Source:

@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vision_msgs.msg import Detection2DArray
 
 from av_common.node import RigNode, run
-from av_common.qos import PICTURE, RESULT
+from av_common.qos import IMAGE, RESULT
 from av_common.rate_meter import RateMeter
 from av_interfaces.msg import Visibility
 from av_vision.drawing import draw
@@ -43,7 +43,7 @@ class DetectorNode(RigNode):
         self._stage = make_detection_stage(self.settings)
         self._detections = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._visibility = self.create_publisher(Visibility, 'visibility', RESULT)
-        self._debug = self.create_publisher(Image, 'detections/image', PICTURE)
+        self._debug = self.create_publisher(Image, 'detections/image', IMAGE)
 
     def activate(self) -> None:
         """Begin to detect."""
@@ -54,10 +54,10 @@ class DetectorNode(RigNode):
         self._worker.start()
         subscribe = self.create_subscription
         if self.settings.compressed:
-            self.while_active(subscribe, CompressedImage, 'camera/image_raw/compressed', self._latest.put, PICTURE)
+            self.while_active(subscribe, CompressedImage, 'camera/image_raw/compressed', self._latest.put, IMAGE)
         else:
-            self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, PICTURE)
-        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._on_depth, PICTURE)
+            self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
+        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._on_depth, IMAGE)
         if self.settings.camera_height > 0.0:
             self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
 
