@@ -13,16 +13,16 @@ from av_vision.cli import benchmark, detect
 
 @pytest.fixture
 def folder(tmp_path):
-    pictures = tmp_path / 'pictures'
-    pictures.mkdir()
+    images = tmp_path / 'images'
+    images.mkdir()
     for k in range(3):
-        cv2.imwrite(str(pictures / f'{k}.png'), np.full((416, 416, 3), 40 * k, np.uint8))
+        cv2.imwrite(str(images / f'{k}.png'), np.full((416, 416, 3), 40 * k, np.uint8))
     yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"})
     return tmp_path
 
 
 def run(folder, capsys, *options):
-    code = detect.main([str(folder / 'pictures'), '--model', str(folder / 'model.onnx'), *options])
+    code = detect.main([str(folder / 'images'), '--model', str(folder / 'model.onnx'), *options])
     return code, capsys.readouterr()
 
 
@@ -59,8 +59,8 @@ def test_output_file_and_video(folder, capsys):
     assert green[1] > green[0] + 50  # the box's upper edge
 
 
-def test_pictures_of_other_sizes_are_fitted_into_the_video(folder, capsys):
-    cv2.imwrite(str(folder / 'pictures/1.png'), np.full((300, 900, 3), 200, np.uint8))
+def test_images_of_other_sizes_are_fitted_into_the_video(folder, capsys):
+    cv2.imwrite(str(folder / 'images/1.png'), np.full((300, 900, 3), 200, np.uint8))
     video = folder / 'drawn.mp4'
     code, _ = run(folder, capsys, '--save-video', str(video), '--quiet')
     drawn = cv2.VideoCapture(str(video))
@@ -72,8 +72,8 @@ def test_pictures_of_other_sizes_are_fitted_into_the_video(folder, capsys):
 
 
 @pytest.mark.parametrize(('options', 'reason'), [
-    (['nowhere.mp4'], 'nowhere.mp4 does not exist'), (['pictures', '--model', 'nowhere.onnx'], 'nowhere.onnx does not exist'),
-    (['pictures', '--model', 'model.onnx', '--classes', 'plane'], "rename names ['plane']")])
+    (['nowhere.mp4'], 'nowhere.mp4 does not exist'), (['images', '--model', 'nowhere.onnx'], 'nowhere.onnx does not exist'),
+    (['images', '--model', 'model.onnx', '--classes', 'plane'], "rename names ['plane']")])
 def test_what_cannot_be_used_is_said_in_one_line(folder, capsys, monkeypatch, options, reason):
     monkeypatch.chdir(folder)
     options = options if '--model' in options else [*options, '--model', 'model.onnx']
@@ -82,12 +82,12 @@ def test_what_cannot_be_used_is_said_in_one_line(folder, capsys, monkeypatch, op
 
 
 def test_an_empty_image_is_an_error(folder, capsys):
-    (folder / 'pictures/0.png').write_bytes(b'')
+    (folder / 'images/0.png').write_bytes(b'')
     code, printed = run(folder, capsys)
     assert code == 2
     assert '0 bytes' in printed.err
 
 
 def test_the_benchmark_prints_both_times(folder, capsys):
-    assert benchmark.main([str(folder / 'pictures'), '--model', str(folder / 'model.onnx'), '--rounds', '3']) == 0
+    assert benchmark.main([str(folder / 'images'), '--model', str(folder / 'model.onnx'), '--rounds', '3']) == 0
     assert 'model.onnx' in capsys.readouterr().out

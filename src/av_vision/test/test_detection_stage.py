@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-pytest.importorskip('av_interfaces.msg', reason='needs the workspace to be built')
+pytest.importorskip('av_vision.nodes.detector_node_parameters', reason='needs the workspace to be built')
 
 import yolo_models
 from builtin_interfaces.msg import Time
@@ -109,3 +109,10 @@ def test_images_that_cannot_be_decoded_are_refused_and_the_next_is_used(model):
     with pytest.raises(ValueError, match='pink9'):
         stage.on_depth(wrong)
     assert len(stage.on_image(image_at(2.0), 2.0)[0].detections) == 1
+
+
+def test_the_old_name_of_temporal_fusion_is_refused_with_the_new(tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('detector_node:\n  ros__parameters: {still: true}\n')
+    with pytest.raises(ValueError, match='temporal_fusion'):
+        node_parameters('av_vision', 'detector_node', [file])

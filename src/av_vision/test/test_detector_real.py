@@ -1,4 +1,4 @@
-"""A real network on real pictures."""
+"""A real network on real images."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def test_undecoded_yolox_finds_a_real_drone(detector):
     assert found.centres[0] == pytest.approx([162.9, 42.5], abs=8.0)
 
 
-def test_grey_pictures_work_too(detector):
+def test_grey_images_work_too(detector):
     video = cv2.VideoCapture(str(CLIP))
     grey = cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2GRAY)
     assert len(detector.detect(grey)) >= 1

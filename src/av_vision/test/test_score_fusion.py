@@ -1,4 +1,4 @@
-"""The posterior of many pictures against the exact one of correlated Gaussian fusion."""
+"""The posterior of many images against the exact one of correlated Gaussian log-odds."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def covariance(count):
 
 
 def things(rng, number, count):
-    """Whether each of `number` things is a drone, and the log-odds (number, count) that its pictures give."""
+    """Whether each of `number` things is a drone, and the log-odds (number, count) that its images give."""
     drone = rng.random(number) < expit(PRIOR)
     noise = rng.multivariate_normal(np.zeros(count), covariance(count), number)
     return drone, PRIOR + np.where(drone, 0.5, -0.5)[:, None] * VARIANCE + noise
@@ -48,7 +48,7 @@ def test_it_is_as_sure_as_it_is_right():
     assert np.mean((posterior > 0.5) == drone) > np.mean((values[:, 0] > 0.0) == drone)
 
 
-def test_one_picture_is_judged_by_itself():
+def test_one_image_is_judged_by_itself():
     assert judged([1.3]) == pytest.approx(expit(1.3))
     fusion = ScoreFusion(ScoreFusionModel(), 2)
     for time, seen in enumerate(([0.9, 0.05], [0.2, 0.7])):

@@ -38,7 +38,7 @@ def test_an_empty_sky_holds_no_drone(detector):
     assert len(detector.detect(sky[..., 0].astype(np.uint16) * 256)) == 0
 
 
-def test_any_size_of_picture_is_looked_at(detector):
+def test_any_size_of_image_is_looked_at(detector):
     for shape in ((1, 1), (31, 700), (1080, 1920)):
         detector.detect(np.zeros((*shape, 3), np.uint8))
 

@@ -1,4 +1,4 @@
-"""Tiles cover the picture, and what is cut at their edges is left to the neighbour."""
+"""Tiles cover the image, and what is cut at their edges is left to the neighbour."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_every_small_target_lies_whole_in_some_tile(width, height):
     assert covered.all()
 
 
-def test_a_picture_of_a_tile_needs_none():
+def test_an_image_of_a_tile_needs_none():
     assert tile_corners(416, 300, 416, 0.2) == []
 
 
@@ -30,7 +30,7 @@ def test_boxes_of_tiles_come_back_at_their_place_and_once(tmp_path):
     path = yolo_models.write(tmp_path / 'model.onnx', 'v8', metadata={'names': "['bird', 'drone', 'kite']"})
     detector = Detector(path, DetectorSettings(slice_size=416, keep=('drone',)))
     found = detector.detect(np.zeros((416, 832, 3), np.uint8))
-    # The constant network sees the same drone in the whole picture (twice as large) and at its place in each of 3 tiles.
+    # The constant network sees the same drone in the whole image (twice as large) and at its place in each of 3 tiles.
     expected = {(192, 320, 320, 400), (96, 160, 160, 200), (96 + 208, 160, 160 + 208, 200), (96 + 416, 160, 160 + 416, 200)}
     assert {tuple(np.rint(box).astype(int).tolist()) for box in found.boxes} == expected
 

@@ -43,7 +43,7 @@ def test_two_that_cross_keep_their_numbers():
         assert ids == left_first
 
 
-def test_a_bird_that_is_a_drone_in_the_next_picture_is_the_same_thing():
+def test_a_bird_that_is_a_drone_in_the_next_image_is_the_same_thing():
     tracker = Tracker()
     assert numbers(tracker, seen((100, 100)), 0.0) == [1]
     assert numbers(tracker, seen((102, 100), drone=0.1, bird=0.8), 0.03) == [1]
@@ -63,7 +63,7 @@ def test_with_a_memory_weak_boxes_only_continue():
     assert numbers(tracker, seen((100, 100), (400, 400), drone=weak), 0.2) == [1, None]
 
 
-def test_a_missed_picture_speaks_against_the_thing():
+def test_a_missed_image_speaks_against_the_thing():
     tracker = Tracker(model=MEMORY)
     (track,) = tracker.update(seen((100, 100)), 0.0)
     before = track.scores.probabilities()[0]

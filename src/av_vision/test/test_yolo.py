@@ -94,7 +94,7 @@ def test_large_objects_are_searched_in_a_smaller_copy(tmp_path, near, twice):
     answer = yolo_models.rows_of('v8', 416, 3, truth=((10, 10, 50, 40, 1, 0.9), (200, 200, 210, 212, 0, 0.6)))[None]
     path = yolo_models.write(tmp_path / 'model.onnx', dynamic=True, output=answer, metadata=NAMES | {'near_imgsz': str(near)})
     found = Detector(path, DetectorSettings(input_size=416)).detect(np.zeros((416, 416, 3), np.uint8))
-    # In the copy all is 3.25 times as large as it seems; of that the first is more than a quarter of the picture. A copy of
+    # In the copy all is 3.25 times as large as it seems; of that the first is more than a quarter of the image. A copy of
     # more than a third of the input would cost too much.
     expected = {(10, 10, 50, 40), (200, 200, 210, 212)} | ({(32.5, 32.5, 162.5, 130)} if twice else set())
     assert {tuple(np.round(box, 1).tolist()) for box in found.boxes} == expected

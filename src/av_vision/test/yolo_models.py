@@ -47,7 +47,7 @@ def rows_of(layout, side, classes, truth=TRUTH):
 
 
 def write(path, layout='v8', side=416, classes=3, metadata=None, half=False, dynamic=False, output=None):
-    """Write a model that answers `output` (or what `layout` would) to every picture; returns the path."""
+    """Write a model that answers `output` (or what `layout` would) to every image; returns the path."""
     kind, tensor = (np.float16, TensorProto.FLOAT16) if half else (np.float32, TensorProto.FLOAT)
     answer = rows_of(layout, side, classes)[None] if output is None else output
     shape = ['batch', 3, 'height', 'width'] if dynamic else [1, 3, side, side]
