@@ -204,7 +204,7 @@ def test_old_names_of_parameters_are_refused_with_the_new_one(rig, old, new):
         rig.add(DoaNode, **{old: 1})
 
 
-def test_a_recording_of_the_rig_alone_that_does_not_fit_is_said(rig, tmp_path, array_file):
+def test_a_recording_of_the_rig_alone_that_does_not_fit_is_reported(rig, tmp_path, array_file):
     """When the file is missing, and when its rate is not that of the stream."""
     rig.add(DoaNode, array_file=array_file, ego_noise=str(tmp_path / 'alone.wav'))
     rig.wait_for_status('alone.wav does not exist', DiagnosticStatus.ERROR)
@@ -215,14 +215,14 @@ def test_a_recording_of_the_rig_alone_that_does_not_fit_is_said(rig, tmp_path, a
     rig.wait_for_status(f'alone.wav was recorded at {RATE // 2} Hz', DiagnosticStatus.ERROR)
 
 
-def test_missing_input_is_said(rig, array_file, tmp_path):
+def test_missing_input_is_reported(rig, array_file, tmp_path):
     rig.add(DoaNode, array_file=array_file)
     rig.wait_for_status('no audio frames', DiagnosticStatus.WARN)
     rig.add(AudioNode, file=str(tmp_path / 'missing.wav'))
     rig.wait_for_status('missing.wav does not exist', DiagnosticStatus.ERROR)
 
 
-def test_an_absent_device_is_said_and_waited_for(rig):
+def test_an_absent_device_is_reported_and_retried(rig):
     try:
         load_sounddevice()
     except ImportError as error:
@@ -237,7 +237,7 @@ def test_a_buffer_that_holds_no_two_blocks_is_refused(rig, tmp_path):
     rig.wait_for_status('buffer_bytes=200000 does not hold two blocks', DiagnosticStatus.ERROR)
 
 
-def test_without_an_array_file_it_says_so(rig):
+def test_a_missing_array_file_is_reported(rig):
     rig.add(DoaNode)
     rig.wait_for_status('array_file is empty', DiagnosticStatus.ERROR)
 

@@ -64,7 +64,7 @@ def sound_file(tmp_path):
 
 
 def capture(started, seconds):
-    """Blocks (first sample, samples, stamp) with so many seconds of sound."""
+    """Blocks (first sample, samples, stamp) of at least this much sound in s."""
     source, buffer = started
     blocks = []
     while sum(len(samples) for _, samples, _ in blocks) < seconds * RATE:
@@ -120,7 +120,7 @@ def test_unplugging_is_survived(card, source, sound_file):
         assert plugged - unplugged < away < time.time() - before[-1][2]
 
 
-def test_what_a_device_cannot_do_is_said_with_what_it_can(card):
+def test_a_refused_device_is_described(card):
     def start(*arguments):
         DeviceSource(*arguments).start(RingBuffer(2))
 

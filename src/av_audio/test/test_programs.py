@@ -62,7 +62,7 @@ def test_localize_prints_columns_and_a_table(from_30_degrees, array_file, capsys
     assert '30.0 or 150.0' in capsys.readouterr().out
 
 
-def test_localize_says_what_does_not_fit(from_30_degrees, array_file, tmp_path):
+def test_localize_names_what_does_not_fit(from_30_degrees, array_file, tmp_path):
     with pytest.raises(SystemExit, match='does not exist'):
         localize.main(['missing.wav', '--array', str(array_file)])
     with pytest.raises(SystemExit, match='choose with --channels'):
@@ -79,7 +79,7 @@ def test_localize_says_what_does_not_fit(from_30_degrees, array_file, tmp_path):
         localize.main([str(tmp_path / 'text.wav'), '--array', str(array_file)])
 
 
-def test_localize_goes_on_after_samples_that_are_no_numbers(from_30_degrees, array_file, tmp_path, capsys):
+def test_localize_continues_after_samples_that_are_not_finite(from_30_degrees, array_file, tmp_path, capsys):
     samples, _ = soundfile.read(from_30_degrees)
     samples[30_000:30_010] = np.nan
     soundfile.write(tmp_path / 'broken.wav', samples, RATE, subtype='FLOAT')
@@ -93,14 +93,14 @@ def test_localize_goes_on_after_samples_that_are_no_numbers(from_30_degrees, arr
         assert record['azimuth_deg'] == pytest.approx([30.0, 150.0], abs=0.1)
 
 
-def test_localize_says_what_is_wrong_with_the_channels(array_file, tmp_path, capsys):
+def test_localize_reports_faults_of_the_channels(array_file, tmp_path, capsys):
     mono = np.random.default_rng(3).normal(size=(RATE, 1)) * [0.1, 0.1]
     soundfile.write(tmp_path / 'mono.wav', mono, RATE)
     localize.main([str(tmp_path / 'mono.wav'), '--array', str(array_file), '--json'])
     assert 'channels 0, 1 are identical' in capsys.readouterr().err
 
 
-def test_localize_leaves_ego_rotors_out(array_file, tmp_path, capsys):
+def test_localize_notches_ego_rotors(array_file, tmp_path, capsys):
     """A target at 10 degrees, own rotors 10 dB louder."""
     sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 10.0)
     soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)
