@@ -24,6 +24,7 @@ from av_common.qos import RESULT
 from av_interfaces.msg import AudioFrame
 from av_sim_bridge.wire.ports import Ports
 from av_simulator.cli.arguments import not_negative, port_offset, positive
+from av_simulator.config_files import find_config
 from av_simulator.run import BLOCKS_PER_SECOND
 
 # Deeper than the rig's: it is the stream that is tested and not how promptly this program is run.
@@ -121,7 +122,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _start_bridge(options: argparse.Namespace) -> subprocess.Popen:
     ports = asdict(Ports().shifted(options.port_offset))
-    parameters = [text for name, port in ports.items() for text in ('-p', f'{name}_port:={port}')]
+    parameters = ['-p', f'rig_file:={find_config("rig")}']
+    parameters += [text for name, port in ports.items() for text in ('-p', f'{name}_port:={port}')]
     return subprocess.Popen([sys.executable, '-m', 'av_sim_bridge.nodes.bridge_node', '--ros-args', '-r',
                              f'__ns:=/{NAMESPACE}', *parameters])
 
