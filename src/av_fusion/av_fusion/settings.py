@@ -1,4 +1,4 @@
-"""The tracker as the parameters of fusion_node describe it."""
+"""Trackers from the parameters of fusion_node."""
 
 from __future__ import annotations
 
@@ -6,23 +6,29 @@ import math
 from typing import Any
 
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
-from av_fusion.calibration.array_calibration import RefinementSettings
+from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
+from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.filter.tracker import BayesSettings, BayesTracker
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.tracker_protocol import Tracker
 
 
-def make_tracker(p: Any) -> BayesTracker | GatedTracker:
-    """Of the parameters of fusion_node."""
+def make_tracker(parameters: Any) -> Tracker:
+    """The tracker that the parameters of fusion_node describe. Raises ValueError for values that contradict each other."""
+    p = parameters
     machine = MachineSettings(p.tau, p.hysteresis, p.dwell, p.sight_timeout, p.sound_timeout)
-    rotation = {'enabled': p.rotation.enabled, 'patience': p.rotation.patience,
-                'sector': math.radians(p.rotation.sector_deg), 'fixed': math.radians(p.rotation.fixed_deg)}
-    delays = {'sound_delay': p.sound_delay, 'sight_delay': p.sight_delay}
+    fixed = math.radians(p.rotation.fixed_deg)
     if p.method == 'gated':
-        rotation['fixed'] = rotation['fixed'] or GatedSettings().rotation.fixed
-        return GatedTracker(GatedSettings(machine=machine, rotation=RotationSettings(**rotation), **delays))
+        fixed = fixed or GatedSettings().rotation.fixed
+    rotation = RotationSettings(enabled=p.rotation.enabled, patience=p.rotation.patience,
+                                sector=math.radians(p.rotation.sector_deg), fixed=fixed)
+    if p.method == 'gated':
+        return GatedTracker(GatedSettings(machine=machine, rotation=rotation, sound_delay=p.sound_delay,
+                                          sight_delay=p.sight_delay))
     return BayesTracker(BayesSettings(
-        machine=machine, rotation=RotationSettings(**rotation), acceleration_density=p.acceleration_density,
-        rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, decide=p.decide_probability, recall=p.recall,
-        assumed_visibility=p.assumed_visibility,
-        refinement=RefinementSettings(p.refinement.enabled, p.refinement.memory), **delays))
+        machine=machine, rotation=rotation, acceleration_density=p.acceleration_density,
+        rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, confirm_threshold=p.confirm_threshold,
+        detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
+        self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
+        sound_delay=p.sound_delay, sight_delay=p.sight_delay))

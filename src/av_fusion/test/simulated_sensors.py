@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from av_common.angles import wrap
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_fusion.measurement.measurements import LEAST_SINE, CameraMeasurement, Cone, Detection, DoaMeasurement
 
 
 class SimulatedSensors:
@@ -21,13 +21,13 @@ class SimulatedSensors:
         """Two mirror images (front and back of a left-right pair), sigma growing as 1/|cos(azimuth)|."""
         sigma = self.sound_sigma / max(abs(math.cos(azimuth)), 0.1)
         heard = float(wrap(azimuth + self.random.normal(0.0, sigma)))
-        mirrored = float(wrap(math.pi - heard))
-        return DoaMeasurement(time, (Hypothesis(heard, sigma**2), Hypothesis(mirrored, sigma**2)), confidence)
+        slope = max(abs(math.cos(heard)), LEAST_SINE)
+        return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, math.sin(heard), (slope * sigma) ** 2), confidence)
 
     def look(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
-             recall: float = 0.9) -> CameraMeasurement:
-        """A picture that shows the target when it is in view and `visibility * recall` allows."""
-        seen = abs(wrap(azimuth)) < half_view and self.random.random() < visibility * recall
+             detection_probability: float = 0.9) -> CameraMeasurement:
+        """An image that shows the target when it is in view and `visibility * recall` allows."""
+        seen = abs(wrap(azimuth)) < half_view and self.random.random() < visibility * detection_probability
         measured = float(wrap(azimuth + self.random.normal(0.0, self.sight_sigma)))
         found = (Detection(measured, self.sight_sigma**2, 0.9, 0.1, 0.01),) if seen else ()
         return CameraMeasurement(time, found, 0.0, half_view, visibility)

@@ -152,7 +152,7 @@ def test_only_detections_of_target_classes_count():
     stage = make_stage(recorder, target_classes=['drone', 'bird'])
     stage.on_camera_info(camera_info())
     stage.on_detections(detections(START, (100.0, 0.9, 'drone'), (200.0, 0.8, 'plane'), (300.0, 0.7, 'bird')), START)
-    assert [detection.confidence for detection in recorder.camera[0].detections] == [0.9, 0.7]
+    assert [detection.score for detection in recorder.camera[0].detections] == [0.9, 0.7]
 
 
 def test_frames_and_cameras_that_are_unknown_are_left_out():

@@ -19,7 +19,8 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter.tracker import BayesSettings, BayesTracker
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.profile import Profile

@@ -13,7 +13,7 @@ from random import Random
 from av_common.track import State, Track
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_pointing.controller import Command, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
@@ -63,10 +63,11 @@ class Sequence:
             self._send(self._sent[self._random.randrange(len(self._sent))])
         elif kind == 2:
             self._send(CameraMeasurement(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
-                            self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
+                                         self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
         else:
-            self._send(DoaMeasurement(self._stamp(), tuple(self._hypothesis() for _ in range(self._random.randrange(4))),
-                             self._value(0.7, 0.3), self._value(0.5, 0.1)))
+            hypotheses = tuple(self._hypothesis() for _ in range(self._random.randrange(4)))
+            cone = Cone(self._angle(), self._value(0.0, 0.5), self._variance()) if len(hypotheses) == 2 else None
+            self._send(DoaMeasurement(self._stamp(), hypotheses, self._value(0.7, 0.3), self._value(0.5, 0.1), cone))
         passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
         self._now += passed
         self._pointing.enabled = self._chance(0.9)

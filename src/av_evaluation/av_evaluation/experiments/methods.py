@@ -18,8 +18,9 @@ from av_evaluation.experiments.unaided import chosen_images
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.recording import Recording
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
+from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.filter.tracker import BayesSettings, BayesTracker
+from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 OWN = 'ml'  # the rig's own estimator
@@ -118,7 +119,7 @@ def _kalman(recording: Recording, log: RunLog, tau: float, aided: bool) -> tuple
     heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
     events = [(time + late, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*heard, strict=True)]
     for look in (event for event in recording.events if isinstance(event, CameraMeasurement)):
-        if look.best is not None and look.best.confidence >= tau:
+        if look.best is not None and look.best.score >= tau:
             events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))
     if not events:
         return np.zeros(0), np.zeros(0)

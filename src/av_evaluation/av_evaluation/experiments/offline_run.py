@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
-from av_common.angles import angles_to_direction
+from av_audio.messages import doa_array
 from av_common.rig import Rig
 from av_common.track import Track
 from av_evaluation.experiments.oracle import Oracle
@@ -88,9 +88,9 @@ class OfflineRun:
             yield track
 
     def _hear(self, method: str, estimate: DoaEstimate, now: float) -> None:
-        sounds = doa_in_body(estimate.time, angles_to_direction(estimate.azimuth, estimate.elevation),
-                                estimate.azimuth_variance, estimate.elevation_variance, estimate.confidence,
-                                estimate.group, self._rig.array.mount.rotation, self._window)
+        mounted = self._rig.array
+        message = doa_array(estimate, mounted.geometry, estimate.time, mounted.frame, self._window, method)
+        sounds = doa_in_body(message, mounted.mount.rotation)
         self.recording.sounds.setdefault(method, []).extend(sounds[:1])
         for sound in sounds if method == 'ml' else ():
             self._tracker.add_doa(sound)
@@ -105,7 +105,7 @@ class OfflineRun:
                             table[:, 4], self._rig.camera.optical_to_body)
         self._tracker.add_camera(look)
         best = look.best
-        self.log.sight.add(now, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
+        self.log.sight.add(now, best.azimuth if best else math.nan, best.score if best else 0.0, 0.0)
 
     def _boxes(self, view: View, now: float) -> list[tuple[float, float, float, float, float]]:
         """Corners in pixels and confidence of what is detected."""

@@ -19,6 +19,7 @@ from av_audio.benchmark.scenes import read_responses
 from av_audio.benchmark.signals import add_noise, load_clip
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.messages import doa_array
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
@@ -51,7 +52,7 @@ class Hall:
     def __init__(self, array: MicrophoneArray, rate: int, estimators: tuple[str, ...]) -> None:
         self.log, self.recording = RunLog(), Recording()
         self._tracker = RecordingTracker(BayesTracker(), self.recording)
-        self._settings = LocalizerSettings()
+        self._settings, self._array = LocalizerSettings(), array
         self._localizers = {method: Localizer(array, rate, LocalizerSettings(method=method)) for method in ('ml', *estimators)}
         self._rate, self._next = rate, 0
 
@@ -60,9 +61,8 @@ class Hall:
         now = (self._next + len(samples)) / self._rate
         for method, localizer in self._localizers.items():
             for estimate in localizer.process(samples, self._next):
-                directions = angles_to_direction(estimate.azimuth, estimate.elevation)
-                sounds = doa_in_body(estimate.time, directions, estimate.azimuth_variance, estimate.elevation_variance,
-                                        estimate.confidence, estimate.group, np.eye(3), self._settings.window_s)[:1]
+                message = doa_array(estimate, self._array, estimate.time, 'microphones', self._settings.window_s, method)
+                sounds = doa_in_body(message, np.eye(3))[:1]
                 self.recording.sounds.setdefault(method, []).extend(sounds)
                 for sound in sounds if method == 'ml' else ():
                     self._tracker.add_doa(sound)
@@ -77,7 +77,7 @@ class Hall:
         look = camera_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
         self._tracker.add_camera(look)
         best = look.best
-        self.log.sight.add(time, best.azimuth if best else math.nan, best.confidence if best else 0.0, 0.0)
+        self.log.sight.add(time, best.azimuth if best else math.nan, best.score if best else 0.0, 0.0)
 
     def follow(self, time: float, true_azimuth: float) -> None:
         """Ask for the bearing; the truth of that time is known."""

@@ -28,9 +28,9 @@ def chosen_images(sounds: Sequence[DoaMeasurement], recording: Recording, tau: f
         while waiting and _end(waiting[-1]) <= now:
             sound = waiting.pop()
             tracker.add_doa(sound)
-            if tracker.heard is not None:
+            if tracker.chosen_azimuth is not None:
                 times.append(_end(sound))
-                azimuths.append(tracker.heard)
+                azimuths.append(tracker.chosen_azimuth)
 
     for event in recording.events:
         if isinstance(event, DoaMeasurement):

@@ -91,7 +91,7 @@ class MonitorNode(RigNode):
         look = self._converter.detections(message)
         if look is not None and self._logging:
             best = look.best
-            self._log.sight.add(look.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
+            self._log.sight.add(look.time, best.azimuth if best else math.nan, best.score if best else 0.0,
                                 self._age(look.time))
 
     def _on_bearing(self, message: Bearing) -> None:

@@ -40,7 +40,7 @@ class RunRecorder:
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
         best = measurement.best
-        self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.confidence if best else 0.0,
+        self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.score if best else 0.0,
                            arrival - measurement.time)
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"

@@ -1,17 +1,19 @@
-"""The published controller, kept as the reference: sight while its confidence reaches tau, else sound.
+"""The published controller, kept as the reference: the camera leads while its score reaches tau, else the microphones lead.
 
-Front and back are told apart by the field of view (what is detected is in front of the camera) and, when sight fails, by a
-fixed rotation: the candidate that stays put in the world is the true one. There is no filter; what is measured is reported.
+Front and back are resolved by the field of view (what is detected is in front of the camera) and, without detections, by a
+fixed rotation: the candidate that keeps its direction in the world is the true one. There is no filter; measurements are
+reported as they are.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
-from av_fusion.disambiguation.rotation import Image, RotationPlanner, RotationSettings
+from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
@@ -23,13 +25,19 @@ from av_fusion.measurement.measurements import (
 )
 from av_fusion.measurement.rig_motion import RigMotion
 
+RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
+
 
 @dataclass(frozen=True)
 class GatedSettings:
-    """`memory` s after the last sure bearing, the candidate nearest to it is still taken for the true one.
+    """Settings of `GatedTracker`.
 
-    A rotation counts once the rig turned by `least_turn` rad since the candidates were noted: the whole fixed turn, but for
-    what the rig leaves of it.
+    Parameters:
+        memory (s): how long after the last unambiguous bearing the candidate nearest to it counts as the true one.
+        least_turn (rad): rotation since the candidates were stored after which they are compared; somewhat less than the
+            fixed rotation, since the rig leaves a rest of it.
+        sound_delay, sight_delay (s): how much later than true the stamps of the sensors are.
+        machine, rotation: settings of parts.
     """
 
     memory: float = 3.0
@@ -40,108 +48,140 @@ class GatedSettings:
     rotation: RotationSettings = field(default_factory=lambda: RotationSettings(fixed=math.radians(45.0)))
 
 
+class _Stored(NamedTuple):
+    """Candidates before a rotation: time (s), the rig's yaw (rad) and azimuths in the world (rad)."""
+
+    time: float
+    yaw: float
+    azimuths: list[float]
+
+
+@dataclass
+class _Target:
+    """What is known about the target; times in s."""
+
+    detection: tuple[float, Detection] | None = None
+    direction: tuple[float, Hypothesis] | None = None
+    unambiguous: tuple[float, float] | None = None  # time and world azimuth of the last bearing known to be no mirror image
+    stored: _Stored | None = None
+    candidates: list[Candidate] = field(default_factory=list)
+    axis: float = 0.5 * math.pi
+    visibility: float = math.nan
+
+
 class GatedTracker:
-    """The same interface as `BayesTracker`."""
+    """Implements `Tracker` without a filter.
+
+    Attributes:
+        settings: see `GatedSettings`.
+        motion: the rig's yaw over time.
+        machine: which sensor leads, and why.
+        planner: requests the fixed rotation.
+
+    Parameters:
+        settings: see the attribute.
+    """
 
     def __init__(self, settings: GatedSettings | None = None) -> None:
         self.settings = settings or GatedSettings()
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
-        self.reset()
+        self._target = _Target()
 
     def reset(self) -> None:
-        """Forget the target, not the rig."""
-        self._seen: tuple[float, Detection] | None = None
-        self._heard: tuple[float, Hypothesis] | None = None
-        self._sure: tuple[float, float] | None = None   # time and world azimuth of the last bearing known to be no mirror
-        self._noted: tuple[float, float, list[float]] | None = None  # time, yaw and world candidates before a rotation
-        self._candidates: list[Image] = []
-        self._axis = 0.5 * math.pi
-        self._visibility = math.nan
+        """See `Tracker`."""
+        self._target = _Target()
 
     def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """The rig's yaw in the world (rad) and its rate (rad/s) at `time`."""
+        """See `Tracker`."""
         self.motion.add(time, yaw, yaw_rate)
 
-    def add_camera(self, look: CameraMeasurement) -> None:
-        """Take in a picture; only its best detection counts."""
-        look = usable_camera(look)
-        if look is None:
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """See `Tracker`; only the best detection counts."""
+        usable = usable_camera(measurement)
+        if usable is None:
             return
-        time, best = look.time - self.settings.sight_delay, look.best
-        self._visibility = look.visibility
-        self.machine.see(time, best.confidence if best else 0.0)
-        if best and best.confidence >= self.settings.machine.tau:
-            self._seen = (time, best)
-            self._sure = (time, float(wrap(self.motion.yaw(time) + best.azimuth)))
+        time, best = usable.time - self.settings.sight_delay, usable.best
+        self._target.visibility = usable.visibility
+        self.machine.on_image(time, best.score if best else 0.0)
+        if best and best.score >= self.settings.machine.tau:
+            self._target.detection = (time, best)
+            self._target.unambiguous = (time, float(wrap(self.motion.yaw(time) + best.azimuth)))
 
-    def add_doa(self, sound: DoaMeasurement) -> None:
-        """Take in a sound and choose among its mirror images."""
-        sound = usable_doa(sound)
-        if sound is None:
+    def add_doa(self, measurement: DoaMeasurement) -> None:
+        """See `Tracker`; one of the mirror images is chosen."""
+        usable, target = usable_doa(measurement), self._target
+        if usable is None:
             return
-        time, heard = sound.time - self.settings.sound_delay, sound.hypotheses
+        time, images = usable.time - self.settings.sound_delay, usable.hypotheses
         yaw = self.motion.yaw(time)
-        self._candidates = [Image(h.azimuth, h.azimuth_variance, 0.0, 0.0, 1.0 / len(heard)) for h in heard]
-        self._axis = heard[0].azimuth + 0.5 * float(wrap(heard[-1].azimuth - heard[0].azimuth))
-        world = [float(wrap(yaw + h.azimuth)) for h in heard]
-        if len(heard) == 1:
-            self._sure = (time, world[0])
-        elif self._sure is None or time - self._sure[0] > self.settings.memory:
-            self._sure = self._compare_after_turn(time, yaw, world)
+        target.candidates = [Candidate(h.azimuth, h.azimuth_variance, 0.0, 0.0, 1.0 / len(images)) for h in images]
+        target.axis = images[0].azimuth + 0.5 * float(wrap(images[-1].azimuth - images[0].azimuth))
+        world = [float(wrap(yaw + h.azimuth)) for h in images]
+        if len(images) == 1:
+            target.unambiguous = (time, world[0])
+        elif target.unambiguous is None or time - target.unambiguous[0] > self.settings.memory:
+            target.unambiguous = self._compare_after_turn(time, yaw, world)
         chosen = 0
-        if self._sure is not None:
-            chosen = min(range(len(world)), key=lambda k: abs(wrap(world[k] - self._sure[1])))
-            self._sure = (time, world[chosen])
-        self._heard = (time, heard[chosen])
-        self.machine.hear(time, sound.confidence)
+        if target.unambiguous is not None:
+            known = target.unambiguous[1]
+            chosen = min(range(len(world)), key=lambda k: abs(wrap(world[k] - known)))
+            target.unambiguous = (time, world[chosen])
+        target.direction = (time, images[chosen])
+        self.machine.on_doa(time, usable.confidence)
 
     @property
-    def heard(self) -> float | None:
-        """World azimuth (rad) of the image taken of the newest sound."""
-        return None if self._heard is None else float(wrap(self.motion.yaw(self._heard[0]) + self._heard[1].azimuth))
+    def chosen_azimuth(self) -> float | None:
+        """World azimuth (rad) of the image chosen of the newest direction of arrival."""
+        direction = self._target.direction
+        return None if direction is None else float(wrap(self.motion.yaw(direction[0]) + direction[1].azimuth))
 
     def estimate(self, time: float) -> Track:
-        """The newest bearing of the sense that leads, carried to `time` by the rig's turn alone."""
-        newest = max([entry[0] for entry in (self._seen, self._heard) if entry], default=-math.inf)
-        state = self.machine.step(time, time - newest < self.settings.memory)
-        machine = self.machine
-        common = {'time': time, 'state': state, 'reason': machine.reason, 'changed': machine.changed,
-                  'sound_confidence': machine.sound_confidence, 'sight_confidence': machine.sight_confidence,
-                  'visibility': self._visibility}
-        by_sight = state == State.VISUAL_ACTIVE or self._heard is None
-        entry = self._seen if by_sight else self._heard
+        """See `Tracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
+        target, machine = self._target, self.machine
+        newest = max([entry[0] for entry in (target.detection, target.direction) if entry], default=-math.inf)
+        state = machine.step(time, time - newest < self.settings.memory)
+        track = Track(time=time, state=state, reason=machine.reason, changed=machine.changed,
+                      sound_confidence=machine.sound_confidence, sight_confidence=machine.sight_confidence,
+                      visibility=target.visibility)
+        by_sight = state == State.VISUAL_ACTIVE or target.direction is None
+        entry = target.detection if by_sight else target.direction
         if state == State.NONE or entry is None:
-            return Track(**common)
+            return track
         measured, direction = entry
         yaw = self.motion.yaw(time)
         azimuth_world = float(wrap(self.motion.yaw(measured) + direction.azimuth))
         azimuth = float(wrap(azimuth_world - yaw))
-        resolved = self._sure is not None and time - self._sure[0] <= self.settings.memory
-        sure = 0.95 if resolved else 0.5
-        if resolved:
-            self.planner.cancel()
-        rotation = 0.0 if resolved else self.planner.plan(
-            time, yaw, lambda: self._candidates, self._axis, self._visibility)
-        return Track(
-            **common, source=Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
+        resolved, rotation = self._resolve(time, yaw)
+        probability = RESOLVED_PROBABILITY if resolved else 0.5
+        return track._replace(
+            source=Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
             azimuth_variance=direction.azimuth_variance, elevation=direction.elevation,
             elevation_variance=direction.elevation_variance, azimuth_world=azimuth_world, measured=measured,
-            front_probability=sure if math.cos(azimuth) > 0.0 else 1.0 - sure, resolved=resolved,
+            front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability, resolved=resolved,
             requested_rotation=rotation, sound_weight=float(not by_sight), sight_weight=float(by_sight))
 
     def diagnostics(self) -> dict[str, str]:
         """See `Tracker`."""
         return self.machine.diagnostics()
 
+    def _resolve(self, time: float, yaw: float) -> tuple[bool, float]:
+        """Whether the hemisphere is resolved, and the rotation (rad) requested if it is not."""
+        target = self._target
+        if target.unambiguous is not None and time - target.unambiguous[0] <= self.settings.memory:
+            self.planner.cancel()
+            return True, 0.0
+        return False, self.planner.plan(time, yaw, lambda: target.candidates, target.axis, target.visibility)
+
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
-        """The candidate that stayed put while the rig turned, once it has turned far enough."""
-        if self._noted is None or time < self._noted[0]:
-            self._noted = (time, yaw, world)
+        """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""
+        stored = self._target.stored
+        if stored is None or time < stored.time:
+            self._target.stored = _Stored(time, yaw, world)
             return None
-        if abs(wrap(yaw - self._noted[1])) < self.settings.least_turn:
+        if abs(wrap(yaw - stored.yaw)) < self.settings.least_turn:
             return None
-        moved = [min(abs(float(wrap(w - before))) for before in self._noted[2]) for w in world]
-        self._noted = None
+        moved = [min(abs(float(wrap(azimuth - before))) for before in stored.azimuths) for azimuth in world]
+        self._target.stored = None
         return time, world[min(range(len(world)), key=lambda k: moved[k])]

@@ -1,7 +1,8 @@
-"""Which turn of the rig would soonest tell front from back.
+"""Plans the rotation of the rig that resolves the front-back ambiguity soonest.
 
-The true source stays on its course in the world while its mirror image moves by twice the turn; how soon that shows depends
-on the array's direction, on how far either could have moved by itself, and on whether the camera comes to see one of the two.
+The true source keeps its course in the world, while its mirror image moves by twice the rotation. How soon this becomes
+evident depends on the direction relative to the array, on how far source and image could have moved by themselves, and on
+whether one of the two enters the camera's view.
 """
 
 from __future__ import annotations
@@ -16,21 +17,28 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 
-HORIZON = np.arange(0.2, 6.1, 0.2)  # s ahead, in which a decision is looked for
-MADE = math.radians(2.0)  # a turn is made when less than this is left
-SOONER_S = 2.0  # the other way must promise this much before the rig turns back
-RETHINK_S = 0.2  # between reckonings
-ANEW_S = 5.0  # after so long a question is a new one
-SIGHT_NATS = 6.0  # what a look at one of the images tells in clear air
+HORIZON = np.arange(0.2, 6.1, 0.2)  # s ahead within which a decision is predicted
+DONE = math.radians(2.0)  # a rotation is complete when less than this is left
+REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
+REPLAN_S = 0.2  # between predictions
+FORGET_S = 5.0  # after which the direction of the last rotation is forgotten
+SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
 
 
 @dataclass(frozen=True)
 class RotationSettings:
-    """Bounds of the manoeuvre (rad, rad/s, s).
+    """Settings of `RotationPlanner`.
 
-    The rig waits `patience` before it asks for a turn, turns at about `rate`, and stays within `sector` to both sides of
-    where it first asked. A non-zero `fixed` asks for that turn always, as published. `broadside_sigma` is the error of
-    hearing at broadside over one `window`; `needed_odds` of the two images decide.
+    Parameters:
+        enabled: whether rotations are requested at all.
+        patience (s): how long the ambiguity must last before a rotation is requested.
+        rate (rad/s): expected rate of the rotation.
+        sector (rad): largest rotation to either side of the heading of the first request.
+        fixed (rad): non-zero requests this rotation always, as in the publication.
+        broadside_sigma (rad): error of a direction of arrival at broadside.
+        window (s): length of sound that this error belongs to.
+        half_view (rad): half of the camera's field of view.
+        needed_odds: odds between both directions that resolve the ambiguity.
     """
 
     enabled: bool = True
@@ -44,8 +52,14 @@ class RotationSettings:
     needed_odds: float = 19.0
 
 
-class Image(NamedTuple):
-    """Where the target may be: body azimuth (rad), its rate in the world (rad/s), their variances, and weight."""
+class Candidate(NamedTuple):
+    """A possible direction of the target.
+
+    Parameters:
+        azimuth (rad), variance (rad^2): in the body frame.
+        rate (rad/s), rate_variance (rad^2/s^2): of the azimuth in the world.
+        weight: probability.
+    """
 
     azimuth: float
     variance: float
@@ -55,35 +69,39 @@ class Image(NamedTuple):
 
 
 class RotationPlanner:
-    """Asks for a turn when images stay balanced, and for as long as it tells more."""
+    """Requests a rotation while the ambiguity persists and a rotation helps to resolve it."""
 
     def __init__(self, settings: RotationSettings | None = None) -> None:
         self.settings = settings or RotationSettings()
         self._since: float | None = None
         self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
-        self._reckoned = -math.inf
-        self._images: Sequence[Image] = ()
+        self._planned = -math.inf
+        self._candidates: Sequence[Candidate] = ()
         self._centre: float | None = None
 
     def cancel(self) -> None:
-        """The question is settled; asked again within ANEW_S it is turned on the same way."""
+        """The ambiguity is resolved; a new one within FORGET_S continues the rotation in the same direction."""
         self._since = self._target = self._centre = None
 
-    def plan(self, time: float, yaw: float, find_images: Callable[[], Sequence[Image]], axis: float, visibility: float
-             ) -> float:
-        """The turn (rad, counter-clockwise) still to be made at `time`, 0 when none is asked for.
+    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Candidate]], axis: float,
+             visibility: float) -> float:
+        """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
-        `find_images` is asked where the target may be each RETHINK_S only; `axis` is the array's end-fire in the body frame,
-        `yaw` the rig's in the world.
+        Parameters:
+            time (s): of the request.
+            yaw (rad): of the rig in the world.
+            find_candidates: gives the possible directions; it is called every REPLAN_S only.
+            axis (rad): of the mirror images in the body frame.
+            visibility: 0..1, NaN if unknown.
         """
         settings = self.settings
-        rethink = not abs(time - self._reckoned) < RETHINK_S
-        if not abs(time - self._reckoned) < ANEW_S:
+        replan = not abs(time - self._planned) < REPLAN_S
+        if not abs(time - self._planned) < FORGET_S:
             self._direction = 0.0
-        if rethink:
-            self._reckoned, self._images = time, sorted(find_images(), key=lambda image: -image.weight)
-        if not settings.enabled or len(self._images) < 2:
+        if replan:
+            self._planned, self._candidates = time, sorted(find_candidates(), key=lambda candidate: -candidate.weight)
+        if not settings.enabled or len(self._candidates) < 2:
             self.cancel()
             return 0.0
         self._since = time if self._since is None else self._since
@@ -94,55 +112,63 @@ class RotationPlanner:
         if settings.fixed:
             return self._fixed_turn(yaw, offset)
         left = {direction: settings.sector - direction * offset for direction in (1.0, -1.0)}
-        left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > MADE}
+        left = {direction: min(room, math.pi / 2.0) for direction, room in left.items() if room > DONE}
         if not left:
             return 0.0
-        if rethink or self._direction not in left:
-            expected = expected_times([direction * room for direction, room in left.items()], *self._images[:2], axis,
+        if replan or self._direction not in left:
+            expected = expected_times([direction * room for direction, room in left.items()], *self._candidates[:2], axis,
                                       visibility if math.isfinite(visibility) else 0.0, settings)
-            expected -= [SOONER_S * (direction == self._direction) for direction in left]
+            expected -= [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
             self._direction = list(left)[int(np.argmin(expected))]
         return self._direction * left[self._direction]
 
     def _fixed_turn(self, yaw: float, offset: float) -> float:
-        """The published turn: made once, then the rig listens for `patience` and asks again."""
+        """The published rotation: made once, and requested again after `patience`."""
         if self._target is None:
             if abs(offset + self.settings.fixed) > self.settings.sector:
                 return 0.0
             self._target = float(wrap(yaw + self.settings.fixed))
         left = float(wrap(self._target - yaw))
-        if abs(left) > MADE:
+        if abs(left) > DONE:
             return left
         self._since = self._target = None
         return 0.0
 
 
-def expected_times(turns: Sequence[float], first: Image, second: Image, axis: float, visibility: float,
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, axis: float, visibility: float,
                    settings: RotationSettings) -> NDArray[np.float64]:
-    """Seconds until each of the turns (rad) is expected to have decided between two images, over which is the true one.
+    """Expected time (s) until each of the rotations has resolved which of two candidates is true.
 
-    What is heard is the cosine of the angle from the array's axis. The false image explains it the worse the further its own
-    course leads from the true one's, d^2 / (2 s^2) nats; s^2 holds what its unknown rate may make up for, and the array's
-    error, averaged over the windows so far. Evidence of sight comes at once where one of the two enters the view. Decided
-    is what has the odds, and the true image clear of end-fire, where front and back are one. A turn that decides nothing
-    within the horizon costs more the less it tells.
+    A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
+    d^2 / (2 s^2) nats, d being the difference of the cosines of both courses; s^2 contains what the unknown rate of the false
+    candidate may explain, and the array's error, averaged over the windows so far. The camera contributes at once when one of
+    the candidates enters its view. The ambiguity is resolved when the odds are reached and the true candidate is clear of
+    end-fire, where front and back coincide. A rotation that does not resolve it within the horizon costs more the less
+    information it gives.
+
+    Parameters:
+        turns (n; rad): rotations.
+        first, second: the candidates.
+        axis (rad): of the array in the body frame.
+        visibility: 0..1.
+        settings: see `RotationSettings`.
     """
-    images = (first, second)
+    candidates = (first, second)
     azimuth, rate, variance, rate_variance, weight = np.array(
-        [(image.azimuth, image.rate, image.variance, image.rate_variance, max(image.weight, 1e-9)) for image in images]).T
-    made = np.copysign(np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON), np.asarray(turns)[:, None])
-    course = (azimuth[:, None] + rate[:, None] * HORIZON) - made[:, None]  # (turns, images, times), in the body frame
+        [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9)) for c in candidates]).T
+    turned = np.copysign(np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON), np.asarray(turns)[:, None])
+    course = (azimuth[:, None] + rate[:, None] * HORIZON) - turned[:, None]  # (turns, candidates, times), in the body frame
     cosine, sine = np.cos(course - axis), np.sin(course - axis)
     unexplained = cosine[:, :1] - cosine[:, 1:]
     spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
-    doubt = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
-             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false one, by which one is true
-    heard = np.maximum.accumulate(0.5 * unexplained**2 / doubt, axis=-1)
+    error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
+             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by which one is true
+    acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     in_view = (np.cos(course) > math.cos(settings.half_view)).any(axis=1, keepdims=True)
-    information = heard + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
+    information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)
     needed = math.log(settings.needed_odds) - np.log(weight / weight[::-1])
     clear = np.abs(sine) > np.minimum(2.0 * np.sqrt(variance), 0.35)[:, None]
     decided = (information >= needed[:, None]) & clear
-    late = HORIZON[-1] + np.maximum(needed - information[..., -1], 0.0)
-    times = np.where(decided.any(axis=-1), HORIZON[np.argmax(decided, axis=-1)], late)
+    beyond = HORIZON[-1] + np.maximum(needed - information[..., -1], 0.0)
+    times = np.where(decided.any(axis=-1), HORIZON[np.argmax(decided, axis=-1)], beyond)
     return times @ (weight / weight.sum())

@@ -1,4 +1,4 @@
-"""One mode of the posterior: a Gaussian of azimuth and its rate in the world, and of elevation."""
+"""A component of the posterior: a Gaussian of azimuth and azimuth rate in the world, and of elevation."""
 
 from __future__ import annotations
 
@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 from math import remainder, tau
 from typing import NamedTuple
 
-PASSING_S = 1.0  # for so long a passing target accelerates
-HIDING_S = 5.0  # fog changes in
+PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
+OCCLUSION_S = 5.0  # time constant of changes of fog
+LEAST_ASSOCIATION, LEAST_ELEVATION_ASSOCIATION = 1e-6, 0.05  # probabilities below which a measurement is not used
 
 
-class Motion(NamedTuple):
-    """How targets usually move, seen from the rig.
+class MotionModel(NamedTuple):
+    """How targets move, seen from the rig.
 
-    `acceleration_density` (rad^2/s^3) drives the azimuth's rate; the elevation wanders (rad^2/s) around the usual one
-    (rad, rad^2).
+    Parameters:
+        acceleration_density (rad^2/s^3): spectral density of the azimuth's acceleration.
+        elevation_density (rad^2/s): diffusion of the elevation.
+        usual_elevation (rad), usual_elevation_variance (rad^2): its stationary distribution.
     """
 
     acceleration_density: float
@@ -26,11 +29,21 @@ class Motion(NamedTuple):
 
 
 @dataclass(eq=False, slots=True)
-class Mode:
-    """A Gaussian over azimuth a, its rate r and elevation e, with its weight in the mixture.
+class GaussianComponent:
+    """A Gaussian over azimuth a, azimuth rate r and elevation e, with its weight in the mixture.
 
-    Plain floats, not arrays: a mixture holds a handful of modes, for which scalar arithmetic is ten times faster. `seen` says
-    whether the elevation was ever measured, or is the usual one.
+    Plain floats, not arrays: a mixture holds a few components, for which scalar arithmetic is ten times faster.
+
+    Parameters:
+        weight: probability of the component.
+        azimuth (rad), azimuth_variance (rad^2): of the direction in the world.
+        rate (rad/s), rate_variance (rad^2/s^2): of the azimuth.
+        elevation (rad), elevation_variance (rad^2): of the direction.
+        ar, ae, re: covariances.
+        elevation_measured: whether the elevation rests on a measurement or on the motion model alone.
+        p_hidden: probability that fog hides the target from the camera.
+        hidden_time (s): when that was last predicted.
+        p_outlier: probability that the direction of arrival stems from something else than this target.
     """
 
     weight: float
@@ -40,57 +53,58 @@ class Mode:
     rate_variance: float
     elevation: float = 0.0
     elevation_variance: float = 0.03
-    ar: float = 0.0  # covariances
+    ar: float = 0.0
     ae: float = 0.0
     re: float = 0.0
-    seen: bool = False
-    hidden: float = 0.0  # probability that fog hides the target where it is
-    looked: float = -math.inf  # when that was last reckoned
-    misled: float = 0.0  # probability that something else is heard than the target where it is
+    elevation_measured: bool = False
+    p_hidden: float = 0.0
+    hidden_time: float = -math.inf
+    p_outlier: float = 0.0
 
-    def predict(self, dt: float, motion: Motion, agility: float) -> None:
-        """Constant rate over `dt` s with white angular acceleration, `agility` times the usual one.
+    def predict(self, dt: float, model: MotionModel, noise_scale: float) -> None:
+        """Predict by `dt` s: white angular acceleration of `noise_scale` times the model's density.
 
-        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle by
-        up to its rate squared, and rises and sinks the faster the higher it stands.
+        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle
+        by up to its squared rate, and its elevation changes the faster the higher it is.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
         """
         passing = min(self.rate * self.rate, 0.5)
-        q = agility * motion.acceleration_density + PASSING_S * passing * passing
-        wander = motion.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
-        kept = math.exp(-0.5 * dt * motion.elevation_density / motion.usual_elevation_variance)
+        q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
+        diffusion = model.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
+        kept = math.exp(-0.5 * dt * model.elevation_density / model.usual_elevation_variance)
         self.azimuth = remainder(self.azimuth + dt * self.rate, tau)
         self.azimuth_variance += dt * (2.0 * self.ar + dt * self.rate_variance) + q * dt**3 / 3.0
         self.ar += dt * self.rate_variance + q * dt**2 / 2.0
         self.rate_variance += q * dt
         self.ae = kept * (self.ae + dt * self.re)
         self.re *= kept
-        self.elevation = motion.usual_elevation + kept * (self.elevation - motion.usual_elevation)
+        self.elevation = model.usual_elevation + kept * (self.elevation - model.usual_elevation)
         self.elevation_variance = (kept**2 * self.elevation_variance
-                                   + (1.0 - kept**2) * motion.usual_elevation_variance
-                                   + (wander - motion.elevation_density) * dt)
+                                   + (1.0 - kept**2) * model.usual_elevation_variance
+                                   + (diffusion - model.elevation_density) * dt)
 
     def innovation(self, azimuth: float, lag: float) -> float:
-        """Measured minus expected azimuth, for a measurement made `lag` s before the mode's time."""
+        """Measured minus predicted azimuth (rad), of a measurement `lag` s before the component's time."""
         return remainder(azimuth - self.azimuth + lag * self.rate, tau)
 
     def expected_variance(self, lag: float) -> float:
-        """Variance of the azimuth `lag` s before the mode's time."""
+        """Variance of the azimuth (rad^2) `lag` s before the component's time."""
         return self.azimuth_variance - 2.0 * lag * self.ar + lag**2 * self.rate_variance
 
-    def explains(self, azimuth: float, variance: float, lag: float) -> bool:
-        """Whether an azimuth measured `lag` s ago is within three standard deviations of this mode."""
+    def gates(self, azimuth: float, variance: float, lag: float) -> bool:
+        """Whether an azimuth measured `lag` s ago is within three standard deviations."""
         return self.innovation(azimuth, lag) ** 2 < 9.0 * (self.expected_variance(lag) + variance)
 
     def expected_cosine(self, axis: float, lag: float) -> tuple[float, float, tuple[float, float, float]]:
         """The cosine of the angle between the target and a horizontal axis (world azimuth), `lag` s ago.
 
-        Its mean, its variance without the sensor's noise, and the row that linearises it.
-        A pair of microphones measures cos(d) cos(e), d being the azimuth from its axis. With d and e Gaussian, mean,
-        variance and mean gradient are known in closed form, from E cos x = cos(m) exp(-v/2); by Stein's lemma the
-        covariance with the state is its covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and
-        Smoothing, 2013, eq. 6.3). Exact moments need no bounds where the cosine is flat, at end-fire.
+        Returns its mean, its variance without the sensor's noise, and the measurement row.
+
+        A linear array measures cos(d) cos(e), with d the azimuth from its axis. For Gaussian d and e, mean, variance and mean
+        gradient follow in closed form from E cos x = cos(m) exp(-v/2); by Stein's lemma the covariance with the state is its
+        covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments
+        need no bounds where the cosine is flat, at end-fire.
         """
         d, e = -self.innovation(axis, lag), self.elevation
         vd, ve, c = self.expected_variance(lag), self.elevation_variance, self.ae - lag * self.re
@@ -106,16 +120,16 @@ class Mode:
                 (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
 
     def update(self, row: tuple[float, float, float], total: float, innovation: float, share: float) -> None:
-        """A scalar measurement that belongs to this mode with probability `share`.
+        """Update by a scalar measurement that belongs to this component with probability `share`.
 
-        `row` is its measurement matrix, `total` the innovation's variance.
+        `row` is its measurement row, `total` the variance of the innovation.
         """
-        if share >= 1e-6:
+        if share >= LEAST_ASSOCIATION:
             mean = share * innovation
             self._shift(row, total, mean, mean * innovation - mean * mean - share * total)
 
     def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
-        """Change mean and variance of the quantity that `row` measures, whose variance is `total`, and what goes with it."""
+        """Change mean and variance of the quantity that `row` measures (variance `total`), and what is correlated with it."""
         h_a, h_r, h_e = row
         g_a = (h_a * self.azimuth_variance + h_r * self.ar + h_e * self.ae) / total
         g_r = (h_a * self.ar + h_r * self.rate_variance + h_e * self.re) / total
@@ -130,26 +144,32 @@ class Mode:
         self.ae += g_a * g_e * variance_change
         self.re += g_r * g_e * variance_change
 
-    def miss(self, time: float, visibility: float, chance: float, fresh: float) -> float:
-        """Probability that a picture does not show the target, which is in view and would be found with `chance`.
+    def missed_detection(self, time: float, visibility: float, chance: float, fraction: float) -> float:
+        """Probability that an image does not show the target.
 
-        Fog that hid the target from one picture hides it from the next: a hundred pictures in fog are no more evidence than
-        one. Only slowly, over HIDING_S, does fog change.
+        Fog that hides the target in one image hides it in the next: a hundred images in fog are hardly more evidence than one.
+        Fog changes slowly, over OCCLUSION_S.
+
+        Parameters:
+            time (s): of the image.
+            visibility: of the image, 0..1.
+            chance: probability that a target that is not hidden is in view and detected.
+            fraction: effective sample fraction of the image.
         """
         fog, kept = 1.0 - visibility, 1.0
-        if time > self.looked:
-            kept, self.looked = math.exp((self.looked - time) / HIDING_S), time
-        self.hidden = fog + kept * (self.hidden - fog) if self.hidden > fog else fog
-        missed = self.hidden + (1.0 - self.hidden) * (1.0 - chance)
-        overlooked = max(1.0 - chance, 1e-3) ** fresh
-        self.hidden /= max(self.hidden + (1.0 - self.hidden) * overlooked, 1e-9)
+        if time > self.hidden_time:
+            kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
+        self.p_hidden = fog + kept * (self.p_hidden - fog) if self.p_hidden > fog else fog
+        missed = self.p_hidden + (1.0 - self.p_hidden) * (1.0 - chance)
+        overlooked = max(1.0 - chance, 1e-3) ** fraction
+        self.p_hidden /= max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
         return missed
 
-    def split(self, axis: float, lag: float) -> list[Mode]:
-        """The mode cut in two where it lies on both sides of an axis (world azimuth) `lag` s ago, else alone.
+    def split(self, axis: float, lag: float) -> list[GaussianComponent]:
+        """The component split in two if it extends to both sides of an axis (world azimuth) `lag` s ago, else alone.
 
-        What was measured of a target near end-fire fits on both sides; one Gaussian cannot say so. The parts are
-        truncated normal distributions, taken as Gaussian.
+        A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
+        normal distributions, approximated by Gaussians.
         """
         offset, variance = -self.innovation(axis, lag), self.expected_variance(lag)
         sigma = math.sqrt(variance)
@@ -169,32 +189,32 @@ class Mode:
 
     def update_azimuth(self, lag: float, innovations: Sequence[float], variances: Sequence[float],
                        shares: Sequence[float]) -> None:
-        """Azimuths measured `lag` s ago: a late measurement counts for what it says about the present.
+        """Update by azimuths measured `lag` s ago.
 
-        Probabilistic data association (Bar-Shalom and Tse, 1975): each belongs to this mode with the probability in `shares`,
-        which may sum to less than one: the rest is the chance that none does.
+        Probabilistic data association (Bar-Shalom and Tse, 1975): each belongs to this component with the probability in
+        `shares`, which may sum to less than one; the rest is the probability that none does.
         """
         share = mean = square = information = 0.0
         for s, nu, variance in zip(shares, innovations, variances, strict=True):
             share, mean, square = share + s, mean + s * nu, square + s * nu * nu
             information += s / variance
-        if share >= 1e-6:
+        if share >= LEAST_ASSOCIATION:
             total = self.expected_variance(lag) + share / information
             self._shift((1.0, -lag, 0.0), total, mean, square - mean * mean - share * total)
 
     def update_elevation(self, elevation: float, variance: float, share: float) -> None:
-        """A measured elevation that belongs to this mode with probability `share`."""
-        if share > 0.05 and math.isfinite(elevation) and 0.0 < variance < math.inf:
+        """Update by a measured elevation that belongs to this component with probability `share`."""
+        if share > LEAST_ELEVATION_ASSOCIATION and math.isfinite(elevation) and 0.0 < variance < math.inf:
             self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, elevation - self.elevation, share)
-            self.seen = True
+            self.elevation_measured = True
 
-    def resembles(self, other: Mode) -> bool:
-        """Whether both say the same of azimuth and rate, as far as they know: their sum has but one peak."""
+    def is_mergeable(self, other: GaussianComponent) -> bool:
+        """Whether azimuth and rate of both agree within their standard deviations, so that their sum has one peak."""
         return (remainder(other.azimuth - self.azimuth, tau) ** 2 < (self.azimuth_variance + other.azimuth_variance)
                 and (other.rate - self.rate) ** 2 < self.rate_variance + other.rate_variance)
 
-    def absorb(self, other: Mode) -> None:
-        """Merge another mode into this one, keeping the moments of the sum."""
+    def merge(self, other: GaussianComponent) -> None:
+        """Merge another component into this one, preserving the moments of the sum."""
         total = self.weight + other.weight
         a, b = self.weight / total, other.weight / total
         d_azimuth, d_rate = remainder(other.azimuth - self.azimuth, tau), other.rate - self.rate
@@ -208,8 +228,8 @@ class Mode:
         self.ar = a * self.ar + b * other.ar + a * b * d_azimuth * d_rate
         self.ae = a * self.ae + b * other.ae + a * b * d_azimuth * d_elevation
         self.re = a * self.re + b * other.re + a * b * d_rate * d_elevation
-        self.misled = a * self.misled + b * other.misled
-        self.seen = self.seen or other.seen
+        self.p_outlier = a * self.p_outlier + b * other.p_outlier
+        self.elevation_measured = self.elevation_measured or other.elevation_measured
         self.weight = total
 
 

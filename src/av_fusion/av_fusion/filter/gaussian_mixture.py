@@ -1,4 +1,4 @@
-"""The posterior: modes where the target may be, and a uniform background that says it is elsewhere, or that there is none."""
+"""The posterior at one time: Gaussian components, and a uniform background for a target elsewhere, or none."""
 
 from __future__ import annotations
 
@@ -8,18 +8,27 @@ from math import remainder, tau
 from operator import attrgetter
 from typing import NamedTuple
 
-from av_fusion.filter.gaussian_component import Mode, Motion, share_within
+from av_fusion.filter.gaussian_component import GaussianComponent, MotionModel, share_within
 from av_fusion.measurement.measurements import Detection
 
-AGREE, NEAR = math.radians(10.0), math.radians(25.0)  # modes closer together than this are one bearing, on the same side
-HEAVIER = 1.5  # another mode must weigh so many times as much to become the primary one
-LASTING_S = 2.0  # in so long something else that is always heard moves on
-LIGHTEST = 1e-6  # what weighs less is no mode
-WEIGHT = attrgetter('weight')
+AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
+PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
+OUTLIER_S = 2.0  # correlation time of a source of outliers that is always present
+LEAST_WEIGHT = 1e-6  # of a component
+LEAST_BACKGROUND = 1e-9
+LARGEST_BIRTH_RATIO = 50.0  # weight of a birth over that of the background
+_WEIGHT = attrgetter('weight')
 
 
-class Newborn(NamedTuple):
-    """A direction in the world that may start a mode: `ratio` of the background's weight goes to it, `least` it has then."""
+class BirthComponent(NamedTuple):
+    """A direction in the world that may start a component.
+
+    Parameters:
+        azimuth (rad), variance (rad^2): the direction.
+        ratio: weight of the birth over that of the background; an existing component that gates the direction gets it.
+        detection: the detection that it stems from, if any.
+        least: smallest weight of the component afterwards, over that of the background.
+    """
 
     azimuth: float
     variance: float
@@ -28,127 +37,145 @@ class Newborn(NamedTuple):
     least: float = 0.0
 
 
-class Mixture:
-    """Weights of modes and background sum to one after `tidy`. Azimuths in rad, in the world; `lag` in s before now."""
+class GaussianMixture:
+    """Weights of components and background sum to one after `reduce`. `lag` is in s before the mixture's time.
 
-    def __init__(self, motion: Motion, rate_variance: float, lost_variance: float) -> None:
-        self.modes: list[Mode] = []
+    Attributes:
+        components: the Gaussians.
+        background: probability that the target is elsewhere, or that there is none.
+        p_outlier: probability that the direction of arrival is an outlier if the target is in the background.
+
+    Parameters:
+        model: how targets move.
+        rate_variance (rad^2/s^2): of the azimuth rate of a birth.
+        lost_variance (rad^2): components of larger variance are removed.
+    """
+
+    def __init__(self, model: MotionModel, rate_variance: float, lost_variance: float) -> None:
+        self.components: list[GaussianComponent] = []
         self.background = 1.0
-        self.misled = 0.0  # probability that something else is heard, were the target in the background
-        self._motion, self._rate_variance, self._lost_variance = motion, rate_variance, lost_variance
-        self._primary: Mode | None = None
+        self.p_outlier = 0.0
+        self._model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
+        self._primary: GaussianComponent | None = None
 
-    def predict(self, dt: float, agility: float, kept: float) -> None:
-        """Move every mode by `dt` s; all but the share `kept` of what is known is forgotten."""
-        for mode in self.modes:
-            mode.predict(dt, self._motion, agility)
-            mode.weight *= kept
+    def predict(self, dt: float, noise_scale: float, kept: float) -> None:
+        """Predict every component by `dt` s; the probability 1 - `kept` moves to the background."""
+        for component in self.components:
+            component.predict(dt, self._model, noise_scale)
+            component.weight *= kept
         self.background += (1.0 - kept) * (1.0 - self.background)
 
-    def wonder(self, dt: float, otherwise: float, width: float) -> None:
-        """Forget over `dt` s whether it was the target that was heard; `otherwise` is how often it is not, in the long run.
+    def predict_outlier(self, dt: float, rate: float, width: float) -> None:
+        """Predict the probabilities of an outlier by `dt` s: a two-state Markov chain with stationary probability `rate`.
 
-        The rarer something else is heard, the shorter. Where it comes to be heard is anybody's guess, of which the one that a
-        mode would have to make is the share `width`.
+        The rarer outliers are, the shorter they last. A new outlier may appear in any direction; `width` is the share of the
+        circle in which it would be mistaken for a component.
         """
-        kept = math.exp(-dt / max(otherwise * LASTING_S, 1e-6))
-        self.misled = otherwise + kept * (self.misled - otherwise)
-        starts, ends = (1.0 - kept) * otherwise * width, (1.0 - kept) * (1.0 - otherwise)
-        for mode in self.modes:
-            mode.misled += (1.0 - mode.misled) * starts - mode.misled * ends
+        kept = math.exp(-dt / max(rate * OUTLIER_S, 1e-6))
+        self.p_outlier = rate + kept * (self.p_outlier - rate)
+        starts, ends = (1.0 - kept) * rate * width, (1.0 - kept) * (1.0 - rate)
+        for component in self.components:
+            component.p_outlier += (1.0 - component.p_outlier) * starts - component.p_outlier * ends
 
-    def listen(self, direct: Sequence[float], anywhere: float) -> None:
-        """Weigh by a sound, which is so likely to come from the target, by mode (`direct`), or from any direction.
+    def update_outlier(self, direct: Sequence[float], anywhere: float) -> None:
+        """Weigh all hypotheses by a direction of arrival, which stems from the target or from an outlier.
 
-        Something else that is heard on end is as predictable as a target: were it heard, then where the best of the other
-        modes expects it. So a hundred sounds that contradict a mode weigh hardly more than one.
+        A persistent outlier is as predictable as a target: it is expected where the best of the other components predicts
+        it. A hundred directions that contradict a component therefore weigh hardly more than one.
+
+        Parameters:
+            direct: likelihood under each component, if it stems from the target.
+            anywhere: likelihood if it stems from any direction.
         """
         second, best = sorted((anywhere, anywhere, *direct))[-2:]
-        for mode, likelihood in zip(self.modes, direct, strict=True):
-            mode.weight *= _explain(mode, likelihood, second if likelihood == best else best)
-        self.background *= _explain(self, 1.0, max(best, 1.0))
+        for component, likelihood in zip(self.components, direct, strict=True):
+            component.weight *= _marginal_likelihood(component, likelihood, second if likelihood == best else best)
+        self.background *= _marginal_likelihood(self, 1.0, max(best, 1.0))
 
     def split(self, axis: float, lag: float) -> None:
-        """Cut modes that lie on both sides of an axis."""
-        self.modes = [part for mode in self.modes for part in mode.split(axis, lag)]
+        """Split components that extend to both sides of an axis (world azimuth)."""
+        self.components = [part for component in self.components for part in component.split(axis, lag)]
 
-    def give_birth(self, lag: float, agility: float, newborns: Sequence[Newborn]) -> None:
-        """Give directions where something was heard or seen their weight, by that of the background.
+    def add_births(self, lag: float, noise_scale: float, births: Sequence[BirthComponent]) -> None:
+        """Start components, or add the weight of births to components that gate them.
 
-        What of the background is used up by it is the caller's to take off, who knows what else the measurement says of it.
+        The caller reduces the background's weight, since it knows what else the measurement says about the background.
         """
-        known = tuple(self.modes)
-        for new in newborns:
-            weight, least = self.background * min(new.ratio, 50.0), self.background * min(new.least, 50.0)
-            for mode in known:
-                if mode.explains(new.azimuth, new.variance, lag):
-                    mode.weight = max(mode.weight + weight, least)
+        known = tuple(self.components)
+        for birth in births:
+            weight, least = (self.background * min(ratio, LARGEST_BIRTH_RATIO) for ratio in (birth.ratio, birth.least))
+            for component in known:
+                if component.gates(birth.azimuth, birth.variance, lag):
+                    component.weight = max(component.weight + weight, least)
                     break
             else:
-                self.modes.append(self._born(new, max(weight, least), lag, agility))
+                self.components.append(self._component_of(birth, max(weight, least), lag, noise_scale))
 
-    def _born(self, new: Newborn, weight: float, lag: float, agility: float) -> Mode:
-        mode = Mode(weight, new.azimuth, new.variance, 0.0, self._rate_variance, self._motion.usual_elevation,
-                    self._motion.usual_elevation_variance)
-        if new.detection is not None:
-            mode.update_elevation(new.detection.elevation, new.detection.elevation_variance, 1.0)
+    def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float) -> GaussianComponent:
+        component = GaussianComponent(weight, birth.azimuth, birth.variance, 0.0, self._rate_variance,
+                                      self._model.usual_elevation, self._model.usual_elevation_variance)
+        if birth.detection is not None:
+            component.update_elevation(birth.detection.elevation, birth.detection.elevation_variance, 1.0)
         if lag > 0.0:
-            mode.predict(lag, self._motion, agility)
-        return mode
+            component.predict(lag, self._model, noise_scale)
+        return component
 
-    def tidy(self) -> None:
-        """Normalise, merge modes that are one, give what is too wide or too light back to the background."""
-        modes = sorted(self.modes, key=WEIGHT, reverse=True)
-        total = self.background + sum([mode.weight for mode in modes])
-        self.modes = kept = []
+    def reduce(self) -> None:
+        """Normalise, merge components that agree, and remove those of little weight or large variance."""
+        components = sorted(self.components, key=_WEIGHT, reverse=True)
+        total = self.background + sum([component.weight for component in components])
+        self.components = kept = []
         self.background /= total
-        for mode in modes:
-            mode.weight /= total
-            for twin in kept:
-                if twin.resembles(mode):
-                    twin.absorb(mode)
+        for component in components:
+            component.weight /= total
+            for other in kept:
+                if other.is_mergeable(component):
+                    other.merge(component)
                     break
             else:
-                if mode.weight >= LIGHTEST and mode.azimuth_variance <= self._lost_variance:
-                    kept.append(mode)
+                if component.weight >= LEAST_WEIGHT and component.azimuth_variance <= self._lost_variance:
+                    kept.append(component)
                 else:
-                    share = mode.weight / (self.background + mode.weight)
-                    self.misled += share * (mode.misled - self.misled)
-                    self.background += mode.weight
-        self.background = max(self.background, 1e-9)
+                    share = component.weight / (self.background + component.weight)
+                    self.p_outlier += share * (component.p_outlier - self.p_outlier)
+                    self.background += component.weight
+        self.background = max(self.background, LEAST_BACKGROUND)
 
-    def primary(self) -> Mode | None:
-        """The heaviest mode; the one chosen before stays until another is clearly heavier."""
-        heaviest = max(self.modes, key=WEIGHT, default=None)
-        if self._primary not in self.modes or heaviest.weight > HEAVIER * self._primary.weight:
+    def primary(self) -> GaussianComponent | None:
+        """The heaviest component; the previous one is kept until another is clearly heavier."""
+        heaviest = max(self.components, key=_WEIGHT, default=None)
+        previous = self._primary
+        if (heaviest is None or previous is None or previous not in self.components
+                or heaviest.weight > PRIMARY_RATIO * previous.weight):
             self._primary = heaviest
         return self._primary
 
-    def share_of(self, primary: Mode, axis: float) -> float:
-        """Probability, given that there is a target, of the bearing of `primary`.
+    def share_of(self, primary: GaussianComponent, axis: float) -> float:
+        """Probability of the direction of the primary component, given that there is a target.
 
-        Modes that agree with it count, and what lies around it on its side of an axis (world azimuth) that sounds are mirrored
-        about; nan for none.
+        Components that agree with it count, and those close to it on its side of the axis (world azimuth) about which
+        directions of arrival are mirrored; NaN for no axis.
         """
         side, agreeing, total = math.sin(primary.azimuth - axis), 0.0, 0.0
-        for mode in self.modes:
-            total += mode.weight
-            apart = abs(remainder(primary.azimuth - mode.azimuth, tau))
-            if apart < AGREE or (apart < NEAR and side * math.sin(mode.azimuth - axis) > 0.0):
-                agreeing += mode.weight
+        for component in self.components:
+            total += component.weight
+            apart = abs(remainder(primary.azimuth - component.azimuth, tau))
+            if apart < AGREEING or (apart < CLOSE and side * math.sin(component.azimuth - axis) > 0.0):
+                agreeing += component.weight
         return agreeing / total
 
     def front_probability(self, yaw: float, ahead: float) -> float:
         """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s."""
         front = total = 0.0
-        for mode in self.modes:
-            total += mode.weight
-            front += mode.weight * share_within(0.5 * math.pi, mode.innovation(yaw, -ahead), mode.expected_variance(-ahead))
+        for component in self.components:
+            total += component.weight
+            front += component.weight * share_within(0.5 * math.pi, component.innovation(yaw, -ahead),
+                                                     component.expected_variance(-ahead))
         return front / total
 
 
-def _explain(part: Mode | Mixture, direct: float, other: float) -> float:
-    """Likelihood of a sound that comes from the target (`direct`) or from something else; which of them it was is learnt."""
-    total = (1.0 - part.misled) * direct + part.misled * other
-    part.misled *= other / total
+def _marginal_likelihood(part: GaussianComponent | GaussianMixture, direct: float, outlier: float) -> float:
+    """Likelihood of a direction of arrival from the target (`direct`) or an outlier; updates the probability of the latter."""
+    total = (1.0 - part.p_outlier) * direct + part.p_outlier * outlier
+    part.p_outlier *= outlier / total
     return total

@@ -1,4 +1,4 @@
-"""How far what is heard is the target: a reflection, or another source, is heard for seconds on end."""
+"""Estimate of the share of directions of arrival that do not stem from the target, such as persistent reflections."""
 
 from __future__ import annotations
 
@@ -6,40 +6,44 @@ import math
 
 from av_fusion.measurement.measurements import DoaMeasurement
 
-MEMORY_S = 60.0  # so long a comparison counts
-USUAL_S = 3.0  # what is usually so counts like comparisons of so many seconds
-TOLERANCE = math.radians(5.0)  # an array may be turned so far, and a target move between two pictures
-SUSPICION = 0.1  # of a comparison before its result is known
+MEMORY_S = 60.0  # time constant of forgetting
+PRIOR_S = 3.0  # weight of the prior, in seconds of comparisons
+LONGEST_STEP_S = 0.5  # weight of one comparison
+TOLERANCE = math.radians(5.0)  # of the array's mounting, and of the target's motion between two images
+PRIOR_OUTLIER = 0.1  # probability of an outlier before a comparison
 
 
-class Trust:
-    """Learns from what was seen how often something else than the target is heard; `usual` is believed before.
+class OutlierRateEstimator:
+    """Learns the rate of outliers from sightings: the mean of a beta distribution with exponential forgetting.
 
-    The mean of a beta distribution with exponential forgetting; each comparison counts by the probability that the sound
-    came from elsewhere, and by the time since the one before.
+    Each comparison counts by the posterior probability of an outlier, and by the time since the previous one.
+
+    Parameters:
+        prior: rate before any comparison; 0 turns outliers off.
     """
 
-    def __init__(self, usual: float) -> None:
-        self._usual = self._otherwise = usual
-        self._elsewhere = self._all = 0.0
+    def __init__(self, prior: float) -> None:
+        self._prior = self._rate = prior
+        self._outliers = self._total = 0.0  # s
         self._time = -math.inf
 
-    def otherwise(self, confidence: float) -> float:
-        """Probability that something else than the target is heard, in the long run, in sounds of this confidence.
+    def rate(self, confidence: float) -> float:
+        """Long-run probability of an outlier among directions of arrival of this confidence.
 
-        Confidence says how often windows are misled, each for itself; what of it lasts grows with the square.
+        A confidence tells the probability of clutter in each window; the share of it that persists grows with its square.
         """
-        return 1.0 - (1.0 - self._otherwise) * (1.0 - (1.0 - confidence) ** 2) if self._usual > 0.0 else 0.0
+        return 1.0 - (1.0 - self._rate) * (1.0 - (1.0 - confidence) ** 2) if self._prior > 0.0 else 0.0
 
-    def compare(self, sound: DoaMeasurement, time: float, azimuth: float) -> None:
-        """Learn from a sound and the direction (body, rad) where the target was seen at its `time`."""
-        seconds = min(abs(time - self._time), 0.5)
+    def compare(self, measurement: DoaMeasurement, time: float, azimuth: float) -> None:
+        """Learn from a direction of arrival and the body azimuth (rad) in which the camera saw the target at `time` (s)."""
+        seconds = min(abs(time - self._time), LONGEST_STEP_S)
         self._time = time
-        miss, variance = min(((math.remainder(h.azimuth - azimuth, math.tau), h.azimuth_variance) for h in sound.hypotheses),
-                             key=lambda pair: abs(pair[0]))
+        miss, variance = min(((math.remainder(h.azimuth - azimuth, math.tau), h.azimuth_variance)
+                              for h in measurement.hypotheses), key=lambda pair: abs(pair[0]))
         variance += TOLERANCE**2
-        fit = math.exp(-0.5 * miss * miss / variance) * math.sqrt(math.tau / variance) / len(sound.hypotheses)  # to uniform
+        density = math.exp(-0.5 * miss * miss / variance) * math.sqrt(math.tau / variance) / len(measurement.hypotheses)
         kept = math.exp(-seconds / MEMORY_S)
-        self._elsewhere = kept * self._elsewhere + seconds * SUSPICION / (SUSPICION + (1.0 - SUSPICION) * fit)
-        self._all = kept * self._all + seconds
-        self._otherwise = (self._usual * USUAL_S + self._elsewhere) / (USUAL_S + self._all)
+        outlier = PRIOR_OUTLIER / (PRIOR_OUTLIER + (1.0 - PRIOR_OUTLIER) * density)  # density is relative to uniform
+        self._outliers = kept * self._outliers + seconds * outlier
+        self._total = kept * self._total + seconds
+        self._rate = (self._prior * PRIOR_S + self._outliers) / (PRIOR_S + self._total)

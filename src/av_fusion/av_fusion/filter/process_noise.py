@@ -1,41 +1,51 @@
-"""How sharply the target turns just now, judged by how much it surprises."""
+"""Adaptive process noise: how strongly the target accelerates at present."""
 
 from __future__ import annotations
 
 import math
 
-USUAL_SURPRISE, MOST_SURPRISE = 1.0, 9.0
-ALERT, CALM = 3.0, 1.0  # how fast it rises, and falls
-LEAST, MOST = 0.03, 10.0
-LEAST_SEEN = 0.1  # eyes follow without the faith that ears need
-EVEN = 7.0  # so many independent measurements without a surprise halve what is usual
-STARTLED = 2.0  # what goes beyond this is such a surprise
-SLOW = math.radians(5.0)  # a second; who hardly moves has not shown how
+EXPECTED_NIS, LARGEST_NIS = 1.0, 9.0  # normalised innovation squared: mean of a consistent filter, and bound
+RISE, FALL = 3.0, 1.0  # gains of the logarithm of the scale
+LEAST, LARGEST = 0.03, 10.0  # bounds of the scale
+LEAST_IN_VIEW = 0.1  # lower bound while the camera sees the target
+STEADY_COUNT = 7.0  # independent measurements of steady motion that halve the upper bound of 1
+MANOEUVRE_SCALE = 2.0  # a scale above this is a manoeuvre, after which steadiness is counted from zero
+SLOW = math.radians(5.0)  # rad/s; a target that hardly moves does not show how it moves
 
 
-class Agility:
-    """Acceleration in times the usual one: it rises after surprises, falls without.
+class AdaptiveProcessNoise:
+    """Scale of the acceleration density, relative to the motion model.
 
-    Surprise is innovation squared over its variance (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking
-    and Navigation, 2001, section 11.2.2), over all modes by their weight. It belongs to the target: were it each mode's own,
-    a false image that is often surprised could soon follow anything, and would outlive the true one. Below the usual it
-    falls as evenness lasts: who flew evenly for seconds will rarely turn back just where nothing would tell, at end-fire.
+    It rises after large innovations and falls after small ones, judged by the normalised innovation squared (Bar-Shalom, Li,
+    Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 11.2.2), averaged over all components
+    by weight. It is common to all components: with a scale of its own, a false image of large innovations could soon follow
+    any measurement, and would outlive the true one. Below 1 it falls with the duration of steady motion, since a target that
+    has moved steadily for seconds rarely turns back just at end-fire, where the turn cannot be observed.
+
+    Attributes:
+        value: the scale.
     """
 
     def __init__(self) -> None:
         self.value = 1.0
-        self._even = self._surprise = self._weight = self._moving = 0.0
+        self._steady = self._nis = self._weight = self._moving = 0.0
 
     def note(self, weight: float, rate: float, innovation: float, variance: float) -> None:
-        """A mode of this weight, and rate in rad/s, met a measurement."""
-        self._surprise += weight * min(innovation * innovation / variance, MOST_SURPRISE)
+        """Add the innovation of a component.
+
+        Parameters:
+            weight: of the component.
+            rate (rad/s): of its azimuth.
+            innovation, variance: of any scalar measurement, and the innovation's variance.
+        """
+        self._nis += weight * min(innovation * innovation / variance, LARGEST_NIS)
         self._weight += weight
         self._moving += weight * rate * rate / (rate * rate + SLOW**2)
 
-    def adapt(self, fresh: float) -> None:
-        """Take account of what was noted; `fresh` is the share of the measurement that is new evidence."""
-        more = self._surprise - USUAL_SURPRISE * self._weight
-        value = self.value * math.exp((ALERT if more > 0.0 else CALM) * fresh * more)
-        self._even = 0.0 if value > STARTLED else self._even + fresh * self._moving
-        self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._even / EVEN) ** 2)), MOST)
-        self._surprise = self._weight = self._moving = 0.0
+    def adapt(self, fraction: float) -> None:
+        """Use the innovations noted since the last call; `fraction` is the measurement's effective sample fraction."""
+        excess = self._nis - EXPECTED_NIS * self._weight
+        value = self.value * math.exp((RISE if excess > 0.0 else FALL) * fraction * excess)
+        self._steady = 0.0 if value > MANOEUVRE_SCALE else self._steady + fraction * self._moving
+        self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._steady / STEADY_COUNT) ** 2)), LARGEST)
+        self._nis = self._weight = self._moving = 0.0

@@ -1,4 +1,4 @@
-"""The published state machine: sight leads while its confidence reaches tau, else hearing leads."""
+"""The published state machine: the camera leads while its score reaches tau, else the microphones lead."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ from av_common.track import State
 
 @dataclass(frozen=True)
 class MachineSettings:
-    """`tau` is the gate on the detection confidence. The published machine has no hysteresis and no dwell time.
+    """Settings of `StateMachine`. The published machine has neither hysteresis nor dwell time.
 
-    A confidence counts for `sight_timeout` s after the picture it stems from, a sound for `sound_timeout` s.
+    Parameters:
+        tau: score of a detection from which the camera leads.
+        hysteresis: how far the score may fall below tau before the camera stops leading.
+        dwell (s): least time in a state.
+        sight_timeout, sound_timeout (s): how long an image, or a direction of arrival, counts.
+
+    Raises ValueError for values out of range.
     """
 
     tau: float = 0.5
@@ -23,60 +29,79 @@ class MachineSettings:
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tau <= 1.0:
-            raise ValueError(f'tau is {self.tau}, expected a confidence between 0 and 1')
+            raise ValueError(f'tau is {self.tau}, expected a score between 0 and 1')
         if not 0.0 <= self.hysteresis <= self.tau:
             raise ValueError(f'hysteresis is {self.hysteresis}, expected 0 to tau ({self.tau})')
 
 
 class StateMachine:
-    """Visual-Active, Acoustic-Active, coasting or none, with the reason and the time of the last change."""
+    """Decides which sensor leads.
+
+    Attributes:
+        state: the current state.
+        reason: reason of the last change.
+        changed (s): time of the last change.
+        sight_confidence: score of the target's detection in the newest image, 0 without one.
+        sound_confidence: confidence of the newest direction of arrival.
+
+    Parameters:
+        settings: see `MachineSettings`.
+    """
 
     def __init__(self, settings: MachineSettings | None = None) -> None:
         self.settings = settings or MachineSettings()
         self.state = State.NONE
-        self.reason = 'nothing heard or seen yet'
+        self.reason = 'no measurement yet'
         self.changed = 0.0
         self.sight_confidence = 0.0
         self.sound_confidence = 0.0
-        self._seen = self._heard = -math.inf
+        self._newest_image = self._newest_doa = -math.inf
 
-    def see(self, time: float, confidence: float) -> None:
-        """A picture was looked at; `confidence` of the target's detection in it, 0 when it was not found."""
-        if time >= self._seen:
-            self._seen, self.sight_confidence = time, confidence
+    def on_image(self, time: float, score: float) -> None:
+        """Use the score of the target's detection in an image, 0 if it was not detected."""
+        if time >= self._newest_image:
+            self._newest_image, self.sight_confidence = time, score
 
-    def hear(self, time: float, confidence: float) -> None:
-        """A direction was heard."""
-        if time >= self._heard:
-            self._heard, self.sound_confidence = time, confidence
+    def on_doa(self, time: float, confidence: float) -> None:
+        """Use the confidence of a direction of arrival."""
+        if time >= self._newest_doa:
+            self._newest_doa, self.sound_confidence = time, confidence
 
-    def step(self, time: float, tracking: bool, carried: bool = False) -> State:
-        """Decide the state at `time`; without a track (`tracking` false) NONE, or COASTING where one is carried on."""
+    def step(self, time: float, supported: bool, coasting: bool = False) -> State:
+        """The state at `time`.
+
+        Parameters:
+            time (s): of the decision.
+            supported: whether measurements support a track; without one the state is NONE or COASTING.
+            coasting: whether an earlier track is predicted.
+        """
         settings = self.settings
         gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
-        sees = time - self._seen <= settings.sight_timeout
-        if not tracking:
-            wanted = State.COASTING if carried else State.NONE
-        elif sees and self.sight_confidence >= gate:
+        recent_image = time - self._newest_image <= settings.sight_timeout
+        if not supported:
+            wanted = State.COASTING if coasting else State.NONE
+        elif recent_image and self.sight_confidence >= gate:
             wanted = State.VISUAL_ACTIVE
         else:
-            wanted = State.ACOUSTIC_ACTIVE if time - self._heard <= settings.sound_timeout else State.COASTING
+            recent_doa = time - self._newest_doa <= settings.sound_timeout
+            wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
         if wanted != self.state:
-            urgent = not tracking or self.state in (State.NONE, State.COASTING)
+            urgent = not supported or self.state in (State.NONE, State.COASTING)
             if urgent or time - self.changed >= settings.dwell:
-                self.state, self.reason, self.changed = wanted, self._why(wanted, gate, sees, tracking), time
+                self.state, self.changed = wanted, time
+                self.reason = self._reason(wanted, gate, recent_image, supported)
         return self.state
 
     def diagnostics(self) -> dict[str, str]:
         """State and reason, for people."""
         return {'state': self.state.name, 'reason': self.reason}
 
-    def _why(self, state: State, gate: float, sees: bool, tracking: bool) -> str:
+    def _reason(self, state: State, gate: float, recent_image: bool, supported: bool) -> str:
         if state == State.NONE:
-            return 'no target: nothing heard or seen that could be followed'
-        if not tracking:
-            return 'what is heard and seen does not fit the track: carried on'
+            return 'no target: no measurement supports a track'
+        if not supported:
+            return 'measurements contradict the track: it is predicted'
         if state == State.VISUAL_ACTIVE:
             return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
-        blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if sees else 'no picture'
-        return blind if state == State.ACOUSTIC_ACTIVE else f'{blind} and no sound'
+        blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
+        return blind if state == State.ACOUSTIC_ACTIVE else f'{blind} and no recent direction of arrival'

@@ -52,14 +52,8 @@ class MeasurementConverter:
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
         """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
-        found = message.hypotheses
-        rotation = self._rotation_of(message.header.frame_id) if found else None
-        if rotation is None:
-            return []
-        return doa_in_body(
-            to_seconds(message.header.stamp), [(h.direction.x, h.direction.y, h.direction.z) for h in found],
-            [h.azimuth_variance for h in found], [h.elevation_variance for h in found], [h.confidence for h in found],
-            [h.ambiguity_group for h in found], rotation, message.window)
+        rotation = self._rotation_of(message.header.frame_id) if message.hypotheses else None
+        return [] if rotation is None else doa_in_body(message, rotation)
 
     def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.

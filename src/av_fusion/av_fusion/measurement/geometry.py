@@ -1,4 +1,4 @@
-"""What the sensors report in their own frames, turned into the rig's body frame."""
+"""Directions from sensor frames to the rig's body frame."""
 
 from __future__ import annotations
 
@@ -10,35 +10,78 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_common.camera import PinholeCamera
 from av_common.frames import FLU_TO_OPTICAL
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_common.stamps import to_seconds
+from av_fusion.measurement.measurements import (
+    COSINE_TOLERANCE,
+    CameraMeasurement,
+    Cone,
+    Detection,
+    DoaMeasurement,
+    Hypothesis,
+)
+from av_interfaces.msg import Doa, DoaArray
 from av_vision.bearing import BearingModel, bearings_of_boxes
 
+LEAST_LEVEL = 0.1  # horizontal part of an axis: what is closer to the vertical does not measure azimuth
+LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
 
-def doa_in_body(time: float, directions: Sequence[Sequence[float]], azimuth_variances: Sequence[float],
-                elevation_variances: Sequence[float], confidences: Sequence[float], groups: Sequence[int],
-                rotation: NDArray, window: float) -> list[DoaMeasurement]:
-    """One `DoaMeasurement` for each ambiguity group, strongest first.
+_Rows = list[list[float]]  # of a rotation matrix: for a few directions plain numbers are faster than arrays
 
-    `directions` (n, 3) are unit vectors in the array's frame, `rotation` (3, 3) turns them into the body frame.
+
+def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMeasurement]:
+    """One measurement for each ambiguity group of a message, most confident first.
+
+    A linear array (one with an axis) measures cones, other arrays directions. `rotation` (3, 3) turns vectors of the
+    array's frame into the body frame.
     """
     rows = rotation.tolist()
-    members: dict[int, list[Hypothesis]] = {}
-    surest: dict[int, float] = {}
-    for direction, variance, elevation_variance, confidence, group in zip(
-            directions, azimuth_variances, elevation_variances, confidences, groups, strict=True):
-        x, y, z = _turned(rows, direction)
-        members.setdefault(group, []).append(Hypothesis(math.atan2(y, x), float(variance), math.atan2(z, math.hypot(x, y)),
-                                                        float(elevation_variance)))
-        surest[group] = max(float(confidence), surest.get(group, 0.0))
-    sounds = [DoaMeasurement(time, tuple(hypotheses), surest[group], window) for group, hypotheses in members.items()]
-    return sorted(sounds, key=lambda sound: -sound.confidence)
+    time, axis = to_seconds(message.header.stamp), _turned(rows, (message.axis.x, message.axis.y, message.axis.z))
+    groups: dict[int, list[Doa]] = {}
+    for hypothesis in message.hypotheses:
+        groups.setdefault(hypothesis.ambiguity_group, []).append(hypothesis)
+    measurements = []
+    for members in groups.values():
+        cone = _cone_of(axis, members)
+        if cone is not None and math.hypot(axis[0], axis[1]) < LEVEL:
+            hypotheses: tuple[Hypothesis, ...] = cone.images()  # the array's level images are not level in the body
+        else:
+            hypotheses = tuple(_hypothesis_of(rows, member) for member in members)
+        confidence = max(member.confidence for member in members)
+        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone))
+    return sorted(measurements, key=lambda measurement: -measurement.confidence)
+
+
+def _cone_of(axis: Sequence[float], images: Sequence[Doa]) -> Cone | None:
+    """The cone of which two hypotheses are the images, with an axis (body frame); None for what is no cone.
+
+    Targets are taken to be far below 90 degrees of elevation: of a tilted axis only the horizontal part counts.
+    """
+    level = math.hypot(axis[0], axis[1])
+    if len(images) != 2 or level < LEAST_LEVEL or not math.isfinite(images[0].cosine):
+        return None
+    cosine = images[0].cosine
+    if abs(cosine) <= 1.0 + COSINE_TOLERANCE:  # else the sender's error, which is refused later
+        cosine = min(max(cosine / level, -1.0), 1.0)
+    return Cone(math.atan2(axis[1], axis[0]), cosine, images[0].cosine_variance / level**2)
+
+
+def _hypothesis_of(rows: _Rows, doa: Doa) -> Hypothesis:
+    x, y, z = _turned(rows, (doa.direction.x, doa.direction.y, doa.direction.z))
+    return Hypothesis(math.atan2(y, x), doa.azimuth_variance, math.atan2(z, math.hypot(x, y)), doa.elevation_variance)
 
 
 def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
-                   rotation: NDArray, visibility: float = np.nan, model: BearingModel | None = None) -> CameraMeasurement:
-    """A picture with boxes (centres and sizes (n, 2) in pixels, scores (n,)) as a `CameraMeasurement`.
+                   rotation: NDArray[np.float64], visibility: float = math.nan, model: BearingModel | None = None
+                   ) -> CameraMeasurement:
+    """The measurement of one image.
 
-    `rotation` (3, 3) turns vectors of the camera's optical frame into the body frame.
+    Parameters:
+        time (s): capture time.
+        camera: took the image.
+        centres, sizes (n, 2; pixels), scores (n,): boxes of the detections.
+        rotation (3, 3): turns vectors of the camera's optical frame into the body frame.
+        visibility: 0..1, NaN if unknown.
+        model: errors of boxes.
     """
     found = detections_in_body(camera, centres, sizes, scores, rotation, model)
     return CameraMeasurement(time, tuple(found), view_azimuth(rotation), 0.5 * camera.horizontal_fov_rad, visibility)
@@ -49,9 +92,9 @@ def view_azimuth(rotation: NDArray[np.float64]) -> float:
     return math.atan2(rotation[1, 2], rotation[0, 2])
 
 
-def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike, rotation: NDArray,
-                       model: BearingModel | None = None) -> list[Detection]:
-    """The same boxes one by one."""
+def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
+                       rotation: NDArray[np.float64], model: BearingModel | None = None) -> list[Detection]:
+    """The boxes of an image as directions; arguments as for `camera_in_body`."""
     bearings = bearings_of_boxes(camera, centres, sizes, scores, model or BearingModel())
     rows = (rotation @ FLU_TO_OPTICAL).tolist()
     columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
@@ -64,8 +107,7 @@ def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLi
     return detections
 
 
-def _turned(rows: list[list[float]], vector: Sequence[float]) -> tuple[float, float, float]:
-    """A rotation (3, 3) of one vector: for a handful of directions plain numbers are faster than arrays."""
+def _turned(rows: _Rows, vector: Sequence[float]) -> tuple[float, float, float]:
     x, y, z = vector
     (a, b, c), (d, e, f), (g, h, i) = rows
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z

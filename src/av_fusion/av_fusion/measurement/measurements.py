@@ -1,17 +1,26 @@
-"""What the trackers are told and what they tell, as plain data: tuples with names, which are made thousands of times a second.
+"""Measurements that trackers use, as plain data.
 
 Azimuths are in rad, counter-clockwise; "body" is the rig's levelled frame (x forward), "world" is ENU. Times are capture
-times in seconds.
+times in s. Named tuples, because thousands are made each second of a replay.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+LEAST_SINE = 0.05  # close to its axis a linear array measures azimuth with a finite error all the same
+COSINE_TOLERANCE = 1e-3  # of what single precision and rotations make of a cosine of 1
+LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; a variance outside is the sender's error, or says nothing
 
 
 class Hypothesis(NamedTuple):
-    """One direction (body frame, rad, rad^2) that a sound may have come from."""
+    """One possible direction of arrival in the body frame.
+
+    Parameters:
+        azimuth (rad), azimuth_variance (rad^2): direction around the vertical.
+        elevation (rad), elevation_variance (rad^2): infinite variance where the array does not measure it.
+    """
 
     azimuth: float
     azimuth_variance: float
@@ -19,33 +28,85 @@ class Hypothesis(NamedTuple):
     elevation_variance: float = math.inf
 
 
-class DoaMeasurement(NamedTuple):
-    """One sound heard: its hypotheses are mirror images, of which exactly one is true.
+class Cone(NamedTuple):
+    """What a linear array measures: the angle between the direction of arrival and the array's axis.
 
-    `window` in s is the length of sound that the estimate rests on: estimates that overlap are not independent.
+    Parameters:
+        axis (rad): azimuth of the array's axis in the body frame.
+        cosine: measured cosine of the angle.
+        variance: variance of the cosine's error.
+    """
+
+    axis: float
+    cosine: float
+    variance: float
+
+    @property
+    def angle(self) -> float:
+        """Angle from the axis in rad, 0..pi."""
+        return math.acos(min(max(self.cosine, -1.0), 1.0))
+
+    @property
+    def slope_squared(self) -> float:
+        """Square of the derivative of the cosine by azimuth, for horizontal directions; bounded from below at the axis."""
+        return max(1.0 - self.cosine * self.cosine, LEAST_SINE**2)
+
+    def images(self) -> tuple[Hypothesis, Hypothesis]:
+        """The two horizontal directions on the cone, clockwise of the axis first."""
+        variance = self.variance / self.slope_squared
+        return tuple(Hypothesis(math.remainder(self.axis + side * self.angle, math.tau), variance)  # type: ignore[return-value]
+                     for side in (-1.0, 1.0))
+
+
+class DoaMeasurement(NamedTuple):
+    """Direction of arrival from one window of sound.
+
+    Parameters:
+        time (s): centre of the window.
+        hypotheses: mirror images, of which exactly one is the direction of the source.
+        confidence: probability 0..1 that the source is the target and not noise.
+        window (s): length of sound that the estimate rests on; estimates of overlapping windows are not independent.
+        cone: what a linear array measured, whose two images the hypotheses are; None for other arrays. The hypotheses are
+            estimates of the angle, which differ from the images of the measured cosine close to the axis.
     """
 
     time: float
     hypotheses: tuple[Hypothesis, ...]
     confidence: float
     window: float = 0.5
+    cone: Cone | None = None
+
+    @classmethod
+    def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:
+        """The measurement of a linear array."""
+        return cls(time, cone.images(), confidence, window, cone)
 
 
 class Detection(NamedTuple):
-    """One thing seen (body frame, rad, rad^2), with the detector's calibrated confidence 0..1."""
+    """One object detected in an image, in the body frame.
+
+    Parameters:
+        azimuth (rad), azimuth_variance (rad^2): direction around the vertical.
+        score: calibrated score 0..1 of the detector, the probability that the object is a target.
+        elevation (rad), elevation_variance (rad^2): infinite variance if unknown.
+    """
 
     azimuth: float
     azimuth_variance: float
-    confidence: float
+    score: float
     elevation: float = 0.0
     elevation_variance: float = math.inf
 
 
 class CameraMeasurement(NamedTuple):
-    """One picture looked at, with all that was detected in it, be it nothing.
+    """All detections in one image, possibly none.
 
-    The view is centred at `view_azimuth` (body, rad) and reaches `half_view` (rad) to both sides. `visibility` (0..1) is
-    how well a target would be seen, nan when unknown.
+    Parameters:
+        time (s): capture time of the image.
+        detections: see `Detection`.
+        view_azimuth (rad): azimuth of the optical axis in the body frame.
+        half_view (rad): half of the horizontal field of view.
+        visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
     """
 
     time: float
@@ -56,35 +117,47 @@ class CameraMeasurement(NamedTuple):
 
     @property
     def best(self) -> Detection | None:
-        """The detection of highest confidence."""
-        return max(self.detections, key=lambda detection: detection.confidence, default=None)
+        """The detection of highest score."""
+        return max(self.detections, key=lambda detection: detection.score, default=None)
 
 
-SHARPEST, BLUNTEST = 1e-10, 40.0  # rad^2: variances beyond are an error of whoever sent them, or say nothing
-
-
-def usable_doa(sound: DoaMeasurement) -> DoaMeasurement | None:
-    """The sound with those hypotheses that can be meant; None when nothing is left of it."""
-    if not (math.isfinite(sound.time) and 0.0 < sound.confidence <= 1.0 and 0.0 < sound.window <= 60.0):
+def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
+    """The measurement with its plausible hypotheses; None if nothing plausible is left."""
+    plausible = (math.isfinite(measurement.time) and 0.0 < measurement.confidence <= 1.0
+                 and 0.0 < measurement.window <= 60.0)
+    if not plausible:
         return None
-    kept = _sensible(sound.hypotheses)
+    if measurement.cone is not None:
+        return measurement if _is_usable_cone(measurement.cone) else None
+    kept = _usable(measurement.hypotheses)
     if not kept:
         return None
-    return sound if kept == sound.hypotheses else sound._replace(hypotheses=kept)
+    return measurement if kept == measurement.hypotheses else measurement._replace(hypotheses=kept)
 
 
-def usable_camera(look: CameraMeasurement) -> CameraMeasurement | None:
-    """The picture with those detections that can be meant; None when it cannot be used at all."""
-    if not (math.isfinite(look.time) and abs(look.view_azimuth) <= 10.0 and 0.0 < look.half_view <= math.pi):
+def usable_camera(measurement: CameraMeasurement) -> CameraMeasurement | None:
+    """The measurement with its plausible detections; None if time or view are not plausible."""
+    if not (math.isfinite(measurement.time) and abs(measurement.view_azimuth) <= 10.0
+            and 0.0 < measurement.half_view <= math.pi):
         return None
-    kept = tuple(d for d in _sensible(look.detections) if 0.0 <= d.confidence <= 1.0)
-    visibility = math.nan if look.visibility < 0.0 or look.visibility > 1.0 else look.visibility
-    unchanged = kept == look.detections and visibility is look.visibility
-    return look if unchanged else look._replace(detections=kept, visibility=visibility)
+    kept = tuple(d for d in _usable(measurement.detections) if 0.0 <= d.score <= 1.0)
+    visibility = measurement.visibility
+    if visibility < 0.0 or visibility > 1.0:
+        visibility = math.nan
+    unchanged = kept == measurement.detections and visibility is measurement.visibility
+    return measurement if unchanged else measurement._replace(detections=kept, visibility=visibility)
 
 
-def _sensible(directions: tuple) -> tuple:
-    """Those with an azimuth; an elevation that cannot be counts as unknown."""
-    return tuple([d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= SHARPEST
-                 else d._replace(elevation=0.0, elevation_variance=math.inf)
-                 for d in directions if abs(d.azimuth) <= 10.0 and SHARPEST <= d.azimuth_variance <= BLUNTEST])
+def _is_usable_cone(cone: Cone) -> bool:
+    return (abs(cone.axis) <= 10.0 and abs(cone.cosine) <= 1.0 + COSINE_TOLERANCE
+            and LEAST_VARIANCE <= cone.variance <= LARGEST_VARIANCE)
+
+
+_Direction = TypeVar('_Direction', Hypothesis, Detection)
+
+
+def _usable(directions: tuple[_Direction, ...]) -> tuple[_Direction, ...]:
+    """Directions with a plausible azimuth; an implausible elevation counts as unknown."""
+    return tuple([d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= LEAST_VARIANCE
+                  else d._replace(elevation=0.0, elevation_variance=math.inf)
+                  for d in directions if abs(d.azimuth) <= 10.0 and LEAST_VARIANCE <= d.azimuth_variance <= LARGEST_VARIANCE])

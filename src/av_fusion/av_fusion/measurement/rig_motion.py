@@ -1,4 +1,4 @@
-"""The rig's heading at any recent instant, so that a late measurement is turned by the yaw of its own time."""
+"""The rig's heading at any recent time, so that a late measurement is rotated by the yaw of its own time."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from math import remainder, tau
 
 
 class RigMotion:
-    """Interpolates yaw between poses of the last few seconds; without poses the rig counts as standing still.
+    """Interpolates the yaw between recent poses; without poses the rig counts as standing still.
 
-    Poses must come in order of time (a late one is ignored), so that the buffer stays sorted; after a jump back by more
-    than the buffer's length, as when a bag starts anew, it is emptied.
+    Poses must arrive in order of time: a late one is ignored, so that the buffer stays sorted. After a jump back by more than
+    the buffer's length, such as a restarted bag, the buffer is emptied.
+
+    Parameters:
+        keep_s (s): length of the buffer.
+        extrapolate_s (s): how long the newest pose is extrapolated by its rate.
     """
 
     def __init__(self, keep_s: float = 5.0, extrapolate_s: float = 0.3) -> None:
@@ -22,7 +26,7 @@ class RigMotion:
         self._rates: list[float] = []
 
     def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Add a pose: yaw in rad (ENU), its rate in rad/s. Values that no rig has are ignored."""
+        """Add a pose: yaw in rad (ENU), its rate in rad/s. Implausible values are ignored."""
         if not (math.isfinite(time) and abs(yaw) <= 1e4 and abs(yaw_rate) <= 100.0):
             return
         if self._times and time <= self._times[-1]:
@@ -33,7 +37,7 @@ class RigMotion:
         self._times.append(time)
         self._yaws.append(previous + remainder(yaw - previous, tau))
         self._rates.append(yaw_rate)
-        if self._times[0] < time - 2.0 * self._keep_s:  # trimmed in lumps: cheap, and the buffer stays bounded
+        if self._times[0] < time - 2.0 * self._keep_s:  # trimmed rarely: cheap, and the buffer stays bounded
             first = bisect.bisect_left(self._times, time - self._keep_s)
             del self._times[:first], self._yaws[:first], self._rates[:first]
 
@@ -43,7 +47,7 @@ class RigMotion:
         return self._times[-1] if self._times else -math.inf
 
     def yaw(self, time: float) -> float:
-        """Yaw in rad at `time`: interpolated, beyond the newest pose carried on by its rate for a short while."""
+        """Yaw in rad at `time`: interpolated, and shortly beyond the newest pose extrapolated."""
         if not self._times:
             return 0.0
         if time >= self._times[-1]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
@@ -19,6 +21,10 @@ from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 class FusionNode(RigNode):
     """Runs a `FusionStage`."""
+
+    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'decide_probability': 'confirm_threshold', 'recall': 'detection_probability',
+        'refinement.enabled': 'self_calibration.enabled', 'refinement.memory': 'self_calibration.memory'}
 
     def __init__(self) -> None:
         super().__init__('fusion_node', parameters)

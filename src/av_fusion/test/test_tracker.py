@@ -230,7 +230,7 @@ def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
         if t < 120.0:
             tracker.add_camera(senses.look(t, rate * (t - 110.0)))
         track = tracker.estimate(t)
-        if t > 120.0 and 'does not fit' in track.reason:
+        if t > 120.0 and 'contradict' in track.reason:
             ended = ended or t
             assert track.state == State.COASTING and t - ended < 3.0 + 1e-6
             assert not track.resolved and track.requested_rotation == 0.0
@@ -261,7 +261,8 @@ def test_a_detection_is_the_target_with_its_confidence():
         tracker.add_camera(CameraMeasurement(100.0 + step / 15.0, detections, visibility=1.0))
         track = tracker.estimate(100.0 + step / 15.0)
         assert (track.state == State.VISUAL_ACTIVE) == (confidence > 0.5)
-        assert sum(mode.weight for mode in tracker._mixture.modes) == pytest.approx(confidence, abs=0.01)
+        weights = [component.weight for component in tracker._posterior.mixture.components]
+        assert sum(weights) == pytest.approx(confidence, abs=0.01)
 
 
 def test_who_was_only_heard_may_be_on_either_side_past_end_fire():

@@ -10,25 +10,24 @@ import pytest
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
-from av_fusion.calibration.array_calibration import Refinement, RefinementSettings
-from av_fusion.filter.tracker import BayesSettings, BayesTracker
-from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
+from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 
 
 def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):
     """What a pair on the y axis reports whose axis is off by `offset` rad and whose baseline is `scale` too long."""
     cosine = np.clip((1.0 + scale) * math.cos(azimuth - 0.5 * math.pi - offset) + random.normal(0.0, sigma), -0.999, 0.999)
-    half = math.acos(cosine)
-    variance = (sigma / math.sin(half)) ** 2
-    images = tuple(Hypothesis(float(wrap(0.5 * math.pi + side * half)), variance) for side in (1.0, -1.0))
-    return DoaMeasurement(time, images, 0.95)
+    return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, cosine, sigma**2), 0.95)
 
 
 def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed=1):
     """RMS error in deg of sound alone, after 20 s in which a target swinging before the camera was seen too."""
     random = np.random.default_rng(seed)
     senses = SimulatedSensors(seed)
-    tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), refinement=RefinementSettings(enabled=enabled)))
+    calibration = SelfCalibrationSettings(enabled=enabled)
+    tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), self_calibration=calibration))
     errors = []
     for step in range(20 * 32):
         t = 100.0 + step / 20.0
@@ -60,7 +59,7 @@ def test_good_ears_stay_good():
     without, _ = error_after_sight(False, 0.0, 0.0)
     refined, tracker = error_after_sight(True, 0.0, 0.0)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker.refinement.values) < 2.0 * np.array(RefinementSettings().sigmas))
+    assert np.all(np.abs(tracker.self_calibration.values) < 2.0 * np.array(SelfCalibrationSettings().sigmas))
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -69,55 +68,55 @@ def test_wrong_detections_do_not_make_it_diverge(seed):
     without, _ = error_after_sight(False, 5.0, 0.05, 0.33, seed)
     refined, tracker = error_after_sight(True, 5.0, 0.05, 0.33, seed)
     assert refined < without + 0.3
-    assert np.all(np.abs(tracker.refinement.values) <= 2.0 * np.array(RefinementSettings().sigmas) + 1e-12)
+    assert np.all(np.abs(tracker.self_calibration.values) <= 2.0 * np.array(SelfCalibrationSettings().sigmas) + 1e-12)
 
 
 def test_the_numbers_are_found():
     """From directions all around, each of the five numbers comes out within three of its own sigmas."""
-    random, refinement = np.random.default_rng(3), Refinement()
+    random, self_calibration = np.random.default_rng(3), ArraySelfCalibration()
     truth = np.array([math.radians(4.0), 0.03, 0.01, -0.01, 0.01])
     for k in range(3000):
         azimuth, elevation = random.uniform(-math.pi, math.pi), random.uniform(0.0, 0.5)
         x = math.cos(azimuth) * math.cos(elevation)
         measured = (truth[2] + (1.0 + truth[1]) * math.cos(azimuth + truth[0]) * math.cos(elevation)
                     + truth[3] * (1.5 * x * x - 0.5) + truth[4] * (2.5 * x**3 - 1.5 * x) + random.normal(0.0, 0.01))
-        refinement.compare(0.02 * k, measured, azimuth, elevation, 0.01**2)
-    assert np.all(np.abs(refinement.values - truth) < 3.0 * refinement.sigmas + 0.003)
+        self_calibration.compare(0.02 * k, measured, azimuth, elevation, 0.01**2)
+    assert np.all(np.abs(self_calibration.values - truth) < 3.0 * self_calibration.sigmas + 0.003)
 
 
 def test_it_forgets_towards_the_array_as_described():
     """Long after sight was lost a few comparisons do not hold on to an old error."""
-    refinement = Refinement(RefinementSettings(memory=5.0))
+    self_calibration = ArraySelfCalibration(SelfCalibrationSettings(memory=5.0))
     for k in range(200):
-        refinement.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
-    learnt = float(np.abs(refinement.values).sum())
+        self_calibration.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
+    learnt = float(np.abs(self_calibration.values).sum())
     for k in range(200):
-        refinement.compare(100.0 + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3)
-    assert float(np.abs(refinement.values).sum()) < 0.3 * learnt
+        self_calibration.compare(100.0 + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3)
+    assert float(np.abs(self_calibration.values).sum()) < 0.3 * learnt
 
 
 def test_absurd_comparisons_are_refused():
     """NaN, infinite variances and impossible cosines teach nothing."""
-    refinement = Refinement()
+    self_calibration = ArraySelfCalibration()
     for measured, variance in ((math.nan, 0.01), (0.5, math.inf), (0.5, 0.0), (30.0, 0.01)):
-        assert not refinement.compare(0.0, measured, 1.0, 0.0, variance)
-    assert not np.any(refinement.values)
+        assert not self_calibration.compare(0.0, measured, 1.0, 0.0, variance)
+    assert not np.any(self_calibration.values)
 
 
 def test_it_can_be_switched_off():
     """Off means off."""
     _, tracker = error_after_sight(False)
-    assert tracker.refinement.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
+    assert tracker.self_calibration.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
 
 
 def test_a_camera_that_looks_aside_teaches_little():
     """Good ears, sight 1 degree off at 20 degrees within its own sigma: what is heard at 60 degrees is moved by less than 4."""
-    refinement, tracker, senses = Refinement(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
-    tracker.refinement = refinement
+    self_calibration, tracker, senses = ArraySelfCalibration(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
+    tracker.self_calibration = self_calibration
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
         tracker.add_camera(senses.look(t, truth * 1.05))
         tracker.add_doa(senses.hear(t, truth))
     angle = math.radians(30.0)  # from the axis
-    moved = math.acos(refinement.correct(math.cos(angle), angle)[0]) - angle
-    assert refinement.compared > 100 and abs(math.degrees(moved)) < 4.0
+    moved = math.acos(self_calibration.correct(math.cos(angle), angle)[0]) - angle
+    assert self_calibration.compared > 100 and abs(math.degrees(moved)) < 4.0

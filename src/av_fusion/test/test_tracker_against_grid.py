@@ -10,9 +10,10 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter import process_noise as agility
+from av_fusion.filter import process_noise
 from av_fusion.filter.gaussian_component import PASSING_S
-from av_fusion.filter.tracker import BayesSettings, BayesTracker
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.tracker import BayesTracker
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
@@ -60,7 +61,7 @@ class Histogram:
 @pytest.mark.parametrize('start_deg', [20.0, 150.0, -130.0, -40.0])
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
-    monkeypatch.setattr(agility, 'MOST', 1.0)  # the histogram knows one acceleration only
+    monkeypatch.setattr(process_noise, 'LARGEST', 1.0)  # the histogram knows one acceleration only
     tracker, histogram, senses = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):

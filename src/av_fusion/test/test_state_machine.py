@@ -13,8 +13,8 @@ def test_switches_at_tau_as_published():
     machine = StateMachine(MachineSettings(tau=0.5))
     for time, confidence, expected in ((1.0, 0.5, State.VISUAL_ACTIVE), (1.1, 0.49, State.ACOUSTIC_ACTIVE),
                                        (1.2, 0.9, State.VISUAL_ACTIVE)):
-        machine.hear(time, 0.9)
-        machine.see(time, confidence)
+        machine.on_doa(time, 0.9)
+        machine.on_image(time, confidence)
         assert machine.step(time, True) == expected
         assert f'{confidence:.2f}' in machine.reason and machine.changed == time
 
@@ -22,23 +22,23 @@ def test_switches_at_tau_as_published():
 def test_hysteresis_and_dwell_hold_a_state():
     """With both on, a brief dip does not switch."""
     machine = StateMachine(MachineSettings(tau=0.5, hysteresis=0.1, dwell=1.0))
-    machine.hear(1.0, 0.9)
-    machine.see(1.0, 0.6)
+    machine.on_doa(1.0, 0.9)
+    machine.on_image(1.0, 0.6)
     assert machine.step(1.0, True) == State.VISUAL_ACTIVE
-    machine.see(1.1, 0.45)
+    machine.on_image(1.1, 0.45)
     assert machine.step(1.1, True) == State.VISUAL_ACTIVE
-    machine.see(1.2, 0.1)
+    machine.on_image(1.2, 0.1)
     assert machine.step(1.2, True) == State.VISUAL_ACTIVE
-    machine.hear(2.1, 0.9)
-    machine.see(2.1, 0.1)
+    machine.on_doa(2.1, 0.9)
+    machine.on_image(2.1, 0.1)
     assert machine.step(2.1, True) == State.ACOUSTIC_ACTIVE
 
 
 def test_old_senses_do_not_count():
     """A frozen camera hands over to sound, silence to coasting, no track to none."""
     machine = StateMachine(MachineSettings(sight_timeout=0.5, sound_timeout=1.0))
-    machine.see(1.0, 0.9)
-    machine.hear(1.0, 0.9)
+    machine.on_image(1.0, 0.9)
+    machine.on_doa(1.0, 0.9)
     assert machine.step(1.4, True) == State.VISUAL_ACTIVE
     assert machine.step(1.6, True) == State.ACOUSTIC_ACTIVE
     assert machine.step(2.1, True) == State.COASTING
