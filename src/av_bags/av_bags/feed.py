@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
@@ -53,14 +52,10 @@ class Feed:
         self._bag, self._topics = bag, dict(topics)
         self._names = {topic: name for name, topic in topics.items()}
         self._start_ns, self._stop_ns = start_ns, stop_ns
-        self._read: dict[str, Callable[[bytes, int], Iterable[tuple[Any, bytes]]]] = {}
-        for name, topic in topics.items():
-            read = partial(bag.decode, topic) if name in FREQUENT else bag.decoder(topic)
-            convert = converter(bag, name, topic, layout)
-            if convert is not None:
-                self._read[name] = partial(_converted, bag.decoder(topic), convert)
-            elif decode:
-                self._read[name] = partial(_as_it_is, read)
+        self._converters = {name: converter(bag, name, topic, layout) for name, topic in topics.items()}
+        self._decoders = {name: bag.decoder(topic, name in FREQUENT and self._converters[name] is None)
+                          for name, topic in topics.items()}
+        self._decode = decode
         self._first_stamp = self._foreign_clock()
         self.problems: dict[str, None] = {}
 
@@ -72,11 +67,13 @@ class Feed:
             if self._first_stamp is not None:
                 time = stamp_of(data) if name in CLOCKED else now
             now = max(now, time)
-            if name not in self._read:
+            convert = self._converters[name]
+            if convert is None and not self._decode:
                 yield BagRecord(name, now, None, data)
                 continue
             try:
-                found = list(self._read[name](data, time_ns))
+                message = self._decoders[name](data)
+                found = [(message, data)] if convert is None else [(other, b'') for other in convert(message, time_ns)]
             except (ValueError, RuntimeError) as error:
                 self.problems[f'{topic}: {error}'] = None
                 continue
@@ -101,12 +98,3 @@ def stamp_of(data: bytes) -> float:
         return 0.0
     seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
     return seconds + 1e-9 * nanoseconds
-
-
-def _as_it_is(read: Callable[[bytes], Any], data: bytes, _: int) -> Iterable[tuple[Any, bytes]]:
-    return [(read(data), data)]
-
-
-def _converted(read: Callable[[bytes], Any], convert: Callable[[Any, int], Iterable[Any]], data: bytes,
-               time_ns: int) -> Iterable[tuple[Any, bytes]]:
-    return [(message, b'') for message in convert(read(data), time_ns)]

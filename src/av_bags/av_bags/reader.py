@@ -105,27 +105,31 @@ class Bag:
         except Exception as error:
             raise BagError(f'{self.path}: a message of {topic} is no {kind}: {error}') from error
 
-    def decoder(self, topic: str) -> Callable[[bytes], Any]:
-        """What makes messages of a topic's bytes: objects of the installed class, which raises RuntimeError for other bytes.
+    def decoder(self, topic: str, fast: bool = False) -> Callable[[bytes], Any]:
+        """What makes messages of a topic's bytes: objects of the installed class, or with `fast` of a class of rosbags.
 
-        A type of another package that the bag defines otherwise is read as the bag has it. Raises BagError when a type of
-        the rig had other fields when the bag was recorded.
+        It raises BagError or RuntimeError for bytes that are no such message. A type of another package that the bag
+        defines otherwise is read as the bag has it. Raises BagError when a type of the rig had other fields when the bag
+        was recorded.
         """
         kind = self.topics[topic].kind
-        if kind in AUDIO_COMMON:
+        other = [] if kind in AUDIO_COMMON else self._fields_that_differ(kind)
+        if other and kind.startswith('av_interfaces/'):
+            raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
+                           f'one, which differs in {", ".join(other)}; use the release that recorded it')
+        if fast or other or kind in AUDIO_COMMON:
             return partial(self.decode, topic)
-        text = self._definitions.get(kind)
-        if text is not None and text.format == MessageDefinitionFormat.MSG:
-            installed, recorded = ({name: dict(fields) for name, (_, fields) in parse(kind, each).items()} for each in (
-                MessageDefinition(MessageDefinitionFormat.MSG, definition(kind)), text))
-            other = sorted({f'{name.split("/")[-1]}.{field}' for name in installed for field in
-                            dict(set(installed[name].items()) ^ set(recorded.get(name, {}).items()))})
-            if other and not kind.startswith('av_interfaces/'):
-                return partial(self.decode, topic)
-            if other:
-                raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
-                               f'one, which differs in {", ".join(other)}; use the release that recorded it')
         return partial(_deserialise, get_message(kind))
+
+    def _fields_that_differ(self, kind: str) -> list[str]:
+        """Names of the fields of a type or its parts that are others in the bag than installed."""
+        text = self._definitions.get(kind)
+        if text is None or text.format != MessageDefinitionFormat.MSG:
+            return []
+        installed, recorded = ({name: set(fields) for name, (_, fields) in parse(kind, each).items()}
+                               for each in (_installed(kind), text))
+        return sorted({f'{name.split("/")[-1]}.{field}' for name in installed
+                       for field, _ in installed[name] ^ recorded.get(name, set())})
 
     @cached_property
     def types(self) -> Typestore:
@@ -133,8 +137,7 @@ class Bag:
         found: Typesdict = {}
         for kind in {topic.kind for topic in self.topics.values()}:
             with suppress(Exception):  # neither installed, nor defined in a way that rosbags can parse
-                found.update(parse(kind, self._definitions.get(kind) or MessageDefinition(
-                    MessageDefinitionFormat.MSG, definition(kind))))
+                found.update(parse(kind, self._definitions.get(kind) or _installed(kind)))
         store = get_typestore(Stores.EMPTY)
         store.register(found)
         return store
@@ -180,6 +183,10 @@ class Bag:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
+
+
+def _installed(kind: str) -> MessageDefinition:
+    return MessageDefinition(MessageDefinitionFormat.MSG, definition(kind))
 
 
 def _deserialise(kind: type, data: bytes) -> Any:

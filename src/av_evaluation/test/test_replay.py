@@ -94,7 +94,7 @@ def test_sound_is_localised_anew(tmp_path):
     np.testing.assert_allclose(log.sound['time'], make.EPOCH + 0.25 + 0.1 * np.arange(26), atol=1e-5)
     with Bag(tmp_path / 'out.mcap') as bag:
         assert bag.topics['/doa'].count == 26
-    assert any('no topic detections: the rig is blind' in note for note in replay.notes)
+    assert any('no topic detections: the camera is not used' in note for note in replay.notes)
 
 
 @pytest.mark.parametrize('stamped', [True, False])

@@ -44,10 +44,10 @@ CONTEXT = (*READ_AHEAD, names.ODOMETRY, *TRUTHS)
 # What is done without topics that are not in the bag.
 WITHOUT = {
     names.CAMERA: "the camera of the rig's description is assumed",
-    names.AUDIO: 'the rig is deaf',
-    names.DETECTIONS: 'the rig is blind',
-    names.IMAGE: 'the rig is blind',
-    names.DOA: 'the rig is deaf',
+    names.AUDIO: 'sound is not used',
+    names.DETECTIONS: 'the camera is not used',
+    names.IMAGE: 'the camera is not used',
+    names.DOA: 'sound is not used',
     names.ODOMETRY: 'the rig counts as standing still',
     names.TRUE_TARGET: 'errors cannot be computed',
     names.TRUE_RIG: 'errors cannot be computed',
