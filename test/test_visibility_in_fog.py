@@ -1,9 +1,9 @@
-"""Visibility in pictures of the simulator, whose fog is Beer-Lambert's by construction."""
+"""Visibility in images of the simulator, whose fog is Beer-Lambert's by construction."""
 
 import numpy as np
 import pytest
 
-renderer = pytest.importorskip('av_simulator.rendering.scene_renderer', reason='needs av_sim_bridge')
+renderer = pytest.importorskip('av_simulator.rendering.scene_renderer', reason='needs av_simulator')
 
 from av_common.camera import PinholeCamera  # noqa: E402
 from av_common.frames import FLU_TO_OPTICAL, rotation_from_rpy  # noqa: E402
