@@ -94,7 +94,7 @@ def test_the_vehicle_turns_to_tell_front_from_back(fly):
     """Behind, in fog, heard only: in OFFBOARD the body turns, the mirror image is found out, the body faces the drone."""
     rig, vehicle = fly('scenario:=behind_in_fog', options=['--pilot', '14'])
     heading = vehicle.wait(lambda state: state['nav_state'] == 14, 90.0, 'offered OFFBOARD')['heading']
-    rig.wait_for(r'front +\d+ % told', 120.0)
+    rig.wait_for(r'front +\d+ % resolved', 120.0)
     turned = abs(math.remainder(vehicle.state['heading'] - heading, 2.0 * math.pi))
     assert turned > math.radians(10.0), rig.output
     # The drone hovers in the west.
