@@ -1,4 +1,4 @@
-"""From a bearing to a command for gimbal and body that is safe to obey."""
+"""Commands for gimbal and body from a track, within limits of angle, rate and acceleration."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import State, Track
 
+LONGEST_STEP_S = 0.1  # a longer step counts as this long
+YAW_MEMORY_S, LONGEST_YAW_GAP_S = 0.1, 0.5  # of bearings from which the body's yaw rate is derived
+
 
 class Mode(enum.IntEnum):
-    """What the command does; the values of `av_interfaces/PointingCommand`."""
+    """Mode of a command; the values of `av_interfaces/PointingCommand`."""
 
     HOLD = 0
     TRACK = 1
@@ -22,11 +25,19 @@ class Mode(enum.IntEnum):
 
 @dataclass(frozen=True)
 class PointingSettings:
-    """Angles in rad, rates in rad/s, times in s.
+    """Settings of `PointingController`.
 
-    `lead` is the delay between command and motion that the bearing's own rate makes up for. A bearing older than
-    `stale_after` moves nothing: the axes come to rest, or the gimbal returns to neutral with `on_stale` 'neutral'.
-    With gimbal and body both moving, the body follows once the gimbal passes `body_follows_at`.
+    Parameters:
+        pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
+        search_rate (rad/s): rate of the body's rotation that resolves the front-back ambiguity.
+        dead_band (rad): error that moves nothing.
+        lead (s): delay between command and motion, compensated by the bearing's rate.
+        stale_after (s): age from which a bearing moves nothing.
+        on_stale: what the gimbal does without a bearing: 'hold' stops it, 'neutral' returns it to 0.
+        move_gimbal, move_body: what is commanded.
+        body_follows_at (rad): pan from which the body follows a moving gimbal.
+
+    Raises ValueError for another `on_stale`.
     """
 
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
@@ -48,7 +59,14 @@ class PointingSettings:
 
 @dataclass(frozen=True)
 class Command:
-    """What to do now: angles of the gimbal in the rig's frame and the yaw rate of the body."""
+    """A command.
+
+    Parameters:
+        mode, reason: what the command does, and why.
+        pan, tilt (rad), pan_rate, tilt_rate (rad/s): of the gimbal in the rig's frame.
+        yaw_rate (rad/s): of the body.
+        move_gimbal, move_body: whether these are to be followed.
+    """
 
     mode: Mode
     reason: str
@@ -62,7 +80,15 @@ class Command:
 
 
 class PointingController:
-    """Turns tracks into commands; call `step` at a steady rate, with the newest track or None."""
+    """Computes commands from tracks; `step` is called at a steady rate.
+
+    Attributes:
+        settings: see `PointingSettings`.
+        enabled: whether commands move anything.
+
+    Parameters:
+        settings: see the attribute.
+    """
 
     def __init__(self, settings: PointingSettings | None = None) -> None:
         self.settings = settings or PointingSettings()
@@ -70,14 +96,14 @@ class PointingController:
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
         self._yaw = LimitedAxis(self.settings.yaw)
         self._time: float | None = None
-        self._yaws: deque[tuple[float, float]] = deque()  # s, rad: where the body was seen to look lately
+        self._yaws: deque[tuple[float, float]] = deque()  # s, rad: recent yaw of the body
 
     def step(self, time: float, track: Track | None) -> Command:
-        """The command for `time` (s). Steps back in time and steps longer than 0.1 s count as 0 and 0.1 s."""
-        dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
+        """The command at `time` (s) from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s."""
+        dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
         mode, reason = self._decide(time, track)
-        if mode == Mode.HOLD:
+        if track is None or mode == Mode.HOLD:
             self._hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
         elif mode == Mode.SEARCH:
             self._yaw.follow(track.requested_rotation, 0.0, dt, self.settings.search_rate)
@@ -99,8 +125,8 @@ class PointingController:
         if track.resolved or track.state == State.VISUAL_ACTIVE:
             return Mode.TRACK, 'following the bearing'
         if math.isfinite(track.requested_rotation) and track.requested_rotation != 0.0 and self.settings.move_body:
-            return Mode.SEARCH, f'turning {math.degrees(track.requested_rotation):+.0f} deg to tell front from back'
-        return Mode.HOLD, 'listening: front and back not told apart'
+            return Mode.SEARCH, f'turning {math.degrees(track.requested_rotation):+.0f} deg to resolve the front-back ambiguity'
+        return Mode.HOLD, 'waiting: the front-back ambiguity is open'
 
     def _track(self, dt: float, track: Track) -> None:
         settings = self.settings
@@ -121,14 +147,14 @@ class PointingController:
             self._yaw.follow(self._beyond_dead_band(ahead), rate, dt)
 
     def _body_rate(self, track: Track) -> float:
-        """How fast the body turns (rad/s): not as commanded, for a vehicle may not obey; over the last 0.1 s of bearings."""
+        """Yaw rate of the body (rad/s), from recent bearings: a vehicle may not follow the command."""
         yaw = track.azimuth_world - track.azimuth
         if not math.isfinite(yaw):
             return self._yaw.velocity
-        if self._yaws and not 0.0 <= track.time - self._yaws[-1][0] < 0.5:
+        if self._yaws and not 0.0 <= track.time - self._yaws[-1][0] < LONGEST_YAW_GAP_S:
             self._yaws.clear()
         self._yaws.append((track.time, yaw))
-        while len(self._yaws) > 2 and self._yaws[1][0] <= track.time - 0.1:
+        while len(self._yaws) > 2 and self._yaws[1][0] <= track.time - YAW_MEMORY_S:
             self._yaws.popleft()
         elapsed = track.time - self._yaws[0][0]
         return float(wrap(yaw - self._yaws[0][1])) / elapsed if elapsed > 0.02 else self._yaw.velocity

@@ -1,4 +1,4 @@
-"""Pointing as the parameters of pointing_node describe it."""
+"""Settings of pointing from the parameters of pointing_node."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from av_pointing.controller import PointingSettings
 
 
 def pointing_settings(p: Any) -> PointingSettings:
-    """Of the parameters of pointing_node. Raises ValueError on stops that exclude 0."""
+    """The settings that the parameters of pointing_node describe. Raises ValueError for stops that exclude 0."""
     gimbal = (math.radians(p.gimbal_rate_deg), math.radians(p.gimbal_acceleration_deg))
     return PointingSettings(
         pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),

@@ -126,7 +126,7 @@ class GatedTracker:
         chosen = 0
         if target.unambiguous is not None:
             known = target.unambiguous[1]
-            chosen = min(range(len(world)), key=lambda k: abs(wrap(world[k] - known)))
+            chosen = min(range(len(world)), key=lambda k: abs(float(wrap(world[k] - known))))
             target.unambiguous = (time, world[chosen])
         target.direction = (time, images[chosen])
         self.machine.on_doa(time, usable.confidence)
@@ -180,7 +180,7 @@ class GatedTracker:
         if stored is None or time < stored.time:
             self._target.stored = _Stored(time, yaw, world)
             return None
-        if abs(wrap(yaw - stored.yaw)) < self.settings.least_turn:
+        if abs(float(wrap(yaw - stored.yaw))) < self.settings.least_turn:
             return None
         moved = [min(abs(float(wrap(azimuth - before))) for before in stored.azimuths) for azimuth in world]
         self._target.stored = None

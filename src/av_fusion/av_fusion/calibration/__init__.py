@@ -1,1 +1,1 @@
-"""What sight teaches hearing: array self-calibration and the offset of clocks."""
+"""Calibration of the microphones by the camera: array self-calibration and the offset between both clocks."""

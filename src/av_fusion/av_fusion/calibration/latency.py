@@ -1,8 +1,8 @@
-"""How much later the stamps of sound are than those of pictures, from what both said of one moving target.
+"""Offset between the stamps of microphones and camera, from one moving target.
 
-The cosine of the target's angle from the array's axis is heard at one stamp and seen at another. For each candidate offset the
-seen curve is shifted and fitted to the heard one by an affine function (which takes out a turned axis or a wrong baseline); the
-offset is where the residual is least: cross-correlation (Knapp and Carter 1976) of two unevenly sampled curves.
+The cosine of the target's angle from the array's axis is measured acoustically and seen by the camera. For each candidate
+offset the seen curve is shifted and fitted to the measured one by an affine function, which removes a rotated axis or a wrong
+baseline. The offset has the least residual: cross-correlation (Knapp and Carter 1976) of two unevenly sampled curves.
 """
 
 from __future__ import annotations
@@ -16,14 +16,20 @@ from numpy.typing import ArrayLike, NDArray
 from av_common.angles import wrap
 
 STEP_S = 0.005
-GAP_S = 0.3  # what was seen is interpolated across gaps no longer than this
+GAP_S = 0.3  # longest gap between detections that is interpolated
 LEAST_PAIRS = 30
-LEAST_MOTION = 0.02  # standard deviation of the cosine: a target that hardly moves tells nothing
+LEAST_MOTION = 0.02  # standard deviation of the cosine, below which the motion is too small
 
 
 @dataclass(frozen=True)
 class Offset:
-    """Seconds by which stamps of sound are later than those of sight, its standard deviation, and the pairs compared."""
+    """An estimated offset.
+
+    Parameters:
+        seconds (s): by which stamps of directions of arrival are later than those of images.
+        sigma (s): its standard deviation.
+        pairs: number of directions of arrival compared.
+    """
 
     seconds: float
     sigma: float
@@ -32,14 +38,19 @@ class Offset:
 
 def estimate_offset(heard: tuple[ArrayLike, ArrayLike, ArrayLike], seen: tuple[ArrayLike, ArrayLike],
                     largest: float = 0.6) -> Offset:
-    """From sounds (times, azimuths of both mirror images) and sightings (times, azimuths), all (n,) in s and rad, body frame.
+    """Estimate the offset from directions of arrival and sightings of one target.
 
-    Raises ValueError where too little was both heard and seen, or the target hardly moved.
+    Parameters:
+        heard: times (n; s) and azimuths of both mirror images (n; rad) in the body frame.
+        seen: times (k; s) and azimuths (k; rad) in the body frame.
+        largest (s): largest offset searched.
+
+    Raises ValueError for too few simultaneous measurements, and for a target that hardly moves.
     """
     times, first, second = (np.asarray(column, float) for column in heard)
     at, azimuths = (np.asarray(column, float) for column in seen)
     if len(times) < LEAST_PAIRS or len(at) < LEAST_PAIRS:
-        raise ValueError(f'{len(times)} sounds and {len(at)} sightings, at least {LEAST_PAIRS} of each are needed')
+        raise ValueError(f'{len(times)} directions of arrival and {len(at)} sightings: at least {LEAST_PAIRS} of each needed')
     axis = _axis(first, second)
     cosine, shown = np.cos(first - axis), np.cos(azimuths - axis)
     order = np.argsort(at)
@@ -47,10 +58,10 @@ def estimate_offset(heard: tuple[ArrayLike, ArrayLike, ArrayLike], seen: tuple[A
     offsets = np.arange(-largest, largest + 0.5 * STEP_S, STEP_S)
     usable = np.logical_and.reduce([_covered(times - offset, at) for offset in (-largest, 0.0, largest)])
     if usable.sum() < LEAST_PAIRS:
-        raise ValueError(f'{usable.sum()} sounds while the target was seen all along, at least {LEAST_PAIRS} are needed')
+        raise ValueError(f'{usable.sum()} directions of arrival with the target in view: at least {LEAST_PAIRS} needed')
     times, cosine = times[usable], cosine[usable]
     if np.std(cosine) < LEAST_MOTION:
-        raise ValueError('the target hardly moves while it is seen: fly it to and fro before the camera, or turn the rig')
+        raise ValueError('the target hardly moves while it is seen: move it through the field of view, or rotate the rig')
     left = np.array([_residual(cosine, np.interp(times - offset, at, shown)) for offset in offsets])
     best = int(np.clip(np.argmin(left), 1, len(left) - 2))
     curvature = left[best - 1] - 2.0 * left[best] + left[best + 1]
@@ -63,7 +74,7 @@ def estimate_offset(heard: tuple[ArrayLike, ArrayLike, ArrayLike], seen: tuple[A
 
 
 def _axis(first: NDArray, second: NDArray) -> float:
-    """The array's axis in the body frame, about which the images mirror: the same for all sounds but for its sense."""
+    """The array's axis in the body frame, about which the images mirror: the same for all but for its sign."""
     bisector = first + 0.5 * wrap(second - first)
     return float(0.5 * np.angle(np.mean(np.exp(2j * bisector))))
 
@@ -77,7 +88,7 @@ def _covered(times: NDArray, at: NDArray) -> NDArray[np.bool_]:
 
 
 def _residual(heard: NDArray, seen: NDArray) -> float:
-    """Sum of squares that an affine function of what was seen leaves of what was heard."""
+    """Residual sum of squares of an affine fit of the measured curve by the seen one."""
     x, y = seen - seen.mean(), heard - heard.mean()
     power = float(x @ x)
     return float(y @ y) - (float(x @ y) ** 2 / power if power > 0.0 else 0.0)

@@ -69,7 +69,11 @@ class Candidate(NamedTuple):
 
 
 class RotationPlanner:
-    """Requests a rotation while the ambiguity persists and a rotation helps to resolve it."""
+    """Requests a rotation while the ambiguity persists and a rotation helps to resolve it.
+
+    Parameters:
+        settings: see `RotationSettings`.
+    """
 
     def __init__(self, settings: RotationSettings | None = None) -> None:
         self.settings = settings or RotationSettings()
@@ -116,7 +120,8 @@ class RotationPlanner:
         if not left:
             return 0.0
         if replan or self._direction not in left:
-            expected = expected_times([direction * room for direction, room in left.items()], *self._candidates[:2], axis,
+            first, second, *_ = self._candidates
+            expected = expected_times([direction * room for direction, room in left.items()], first, second, axis,
                                       visibility if math.isfinite(visibility) else 0.0, settings)
             expected -= [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
             self._direction = list(left)[int(np.argmin(expected))]

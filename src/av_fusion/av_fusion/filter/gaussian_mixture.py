@@ -124,7 +124,8 @@ class GaussianMixture:
         """Normalise, merge components that agree, and remove those of little weight or large variance."""
         components = sorted(self.components, key=_WEIGHT, reverse=True)
         total = self.background + sum([component.weight for component in components])
-        self.components = kept = []
+        kept: list[GaussianComponent] = []
+        self.components = kept
         self.background /= total
         for component in components:
             component.weight /= total

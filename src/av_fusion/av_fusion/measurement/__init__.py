@@ -1,1 +1,1 @@
-"""From messages to measurements in the body frame."""
+"""Measurements in the body frame, made of messages."""
