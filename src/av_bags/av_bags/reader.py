@@ -14,14 +14,14 @@ from types import TracebackType
 from typing import Any
 
 from rclpy.serialization import deserialize_message
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 from rosidl_runtime_py.utilities import get_message
 
-from av_bags.definitions import AUDIO_COMMON, definition, parse
+from av_bags.definitions import AUDIO_COMMON, installed, parse
 from av_bags.errors import BagError
 from av_bags.salvage import salvage
 
@@ -126,10 +126,10 @@ class Bag:
         text = self._definitions.get(kind)
         if text is None or text.format != MessageDefinitionFormat.MSG:
             return []
-        installed, recorded = ({name: set(fields) for name, (_, fields) in parse(kind, each).items()}
-                               for each in (_installed(kind), text))
-        return sorted({f'{name.split("/")[-1]}.{field}' for name in installed
-                       for field, _ in installed[name] ^ recorded.get(name, set())})
+        here, there = ({name: set(fields) for name, (_, fields) in parse(kind, each).items()}
+                       for each in (installed(kind), text))
+        return sorted({f'{name.split("/")[-1]}.{field}' for name in here
+                       for field, _ in here[name] ^ there.get(name, set())})
 
     @cached_property
     def types(self) -> Typestore:
@@ -137,7 +137,7 @@ class Bag:
         found: Typesdict = {}
         for kind in {topic.kind for topic in self.topics.values()}:
             with suppress(Exception):  # neither installed, nor defined in a way that rosbags can parse
-                found.update(parse(kind, self._definitions.get(kind) or _installed(kind)))
+                found.update(parse(kind, self._definitions.get(kind) or installed(kind)))
         store = get_typestore(Stores.EMPTY)
         store.register(found)
         return store
@@ -183,10 +183,6 @@ class Bag:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
-
-
-def _installed(kind: str) -> MessageDefinition:
-    return MessageDefinition(MessageDefinitionFormat.MSG, definition(kind))
 
 
 def _deserialise(kind: type, data: bytes) -> Any:

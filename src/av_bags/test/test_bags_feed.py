@@ -2,12 +2,17 @@ import bag_messages as make
 import numpy as np
 import pytest
 from nav_msgs.msg import Odometry
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image
+from vision_msgs.msg import Detection2DArray
 
+from av_bags.definitions import serialiser
 from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
-from av_interfaces.msg import DoaArray
+from av_common.track import Track
+from av_common.track_messages import bearing_message, state_message
+from av_interfaces.msg import DoaArray, PointingCommand, Visibility
 from av_vision.messages import image_from_message
 
 
@@ -59,3 +64,14 @@ def test_without_decoding_only_what_is_converted_becomes_a_message(mixed):
     doa, image, odometry = Feed(*mixed, decode=False)
     assert doa.message is None and doa.data
     assert isinstance(image.message, Image) and isinstance(odometry.message, Odometry)
+
+
+def test_messages_are_serialised_as_by_rclpy():
+    vision = deserialize_message(make.cdr(make.detections(make.EPOCH, 0.1)), Detection2DArray)
+    doa = deserialize_message(make.cdr(make.doa(make.EPOCH, 0.3)), DoaArray)
+    track = Track(make.EPOCH)
+    odometry = Odometry(child_frame_id='base_link')
+    for message in (vision, doa, bearing_message(track, 'base_link'), state_message(track, ['doa', 'odometry'], 'base_link'),
+                    PointingCommand(reason='why'), Visibility(visibility=0.5), odometry):
+        name = f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
+        assert serialiser(name)(message).rstrip(b'\0') == bytes(serialize_message(message)).rstrip(b'\0')

@@ -43,7 +43,7 @@ class RecorderNode(RigNode):
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
         self._writer = BackgroundWriter(datetime.now().strftime(self._settings.path), self._settings.compression,
-                                    1_000_000 * self._settings.queue_mb)
+                                        1_000_000 * self._settings.queue_mb)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
         self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import Any
 
-from rclpy.serialization import serialize_message
-
 from av_bags import topics as names
+from av_bags.definitions import serialiser
 from av_bags.feed import SECOND
 from av_bags.topics import absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
@@ -29,7 +28,7 @@ class OutputQueue:
 
     def put(self, name: str, time: float, message: Any, data: bytes = b'') -> None:
         """Take a message of a time in s; `data` is the message in CDR where that is known."""
-        self._waiting.append((name, round(time * SECOND), data or bytes(serialize_message(message))))
+        self._waiting.append((name, round(time * SECOND), data or serialiser(names.KINDS[name][0])(message)))
         if len(self._waiting) >= BATCH:
             self.flush()
 

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from av_audio.stage import DoaStage
 from av_bags import topics as names
+from av_bags.definitions import serialiser
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
@@ -112,4 +113,6 @@ class Pipeline:
 
 def transmitted(message: Message) -> Message:
     """A message as a subscriber finds it: with the precision of its fields."""
-    return deserialize_message(serialize_message(message), type(message))
+    kind = type(message)
+    name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+    return deserialize_message(serialiser(name)(message), kind)
