@@ -17,7 +17,7 @@ from av_evaluation.metrics.results import MethodResult, RunResult, figures_toget
 from av_evaluation.report.page import Page
 from av_evaluation.runs import schedule
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import changed_scenario, run_case
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 
@@ -119,14 +119,14 @@ def test_the_same_seed_gives_the_same_result_and_another_one_another():
 
 def test_the_published_rules_choose_the_image_when_nothing_else_does():
     """A source that stays put behind a rig that turns: after the turn the image that stayed is taken, then those near it."""
-    true, turn, recording = math.radians(120.0), math.radians(60.0), Recording()
+    true, turn, record = math.radians(120.0), math.radians(60.0), MeasurementRecord()
     for k in range(100):
         time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
-        recording.events.append((time, yaw, 0.0))
+        record.events.append((time, yaw, 0.0))
         body = true - yaw
-        recording.sounds.setdefault('phat', []).append(DoaMeasurement(time - 0.25, tuple(
+        record.doa.setdefault('phat', []).append(DoaMeasurement(time - 0.25, tuple(
             Hypothesis(image, 1e-3) for image in (math.pi - body, body)), 1.0, 0.5))
-    time, world = chosen_images(recording.sounds['phat'], recording, 0.5)
+    time, world = chosen_images(record.doa['phat'], record, 0.5)
     assert time == pytest.approx(0.1 * np.arange(100))  # at the window's end
     error = np.abs(np.degrees(wrap(world - true)))
     assert error[0] > 50.0 and np.max(error[60:]) < 5.0

@@ -12,7 +12,7 @@ from av_evaluation.metrics.metrics import summarise
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.report.picture import draw
 from av_evaluation.report.table import format_table
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import judge_run
 
 
@@ -63,7 +63,7 @@ def test_a_sense_that_looks_in_vain_covers_nothing():
     for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'confidence', 'delay')), strict=True):
         blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
     blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
-    result = judge_run('blind', blind, Recording(), ('fused', 'sight', 'sound'))
+    result = judge_run('blind', blind, MeasurementRecord(), ('fused', 'sight', 'sound'))
     assert result.methods['sight'].coverage == 0.0 and not len(result.methods['sight'].error_deg)
     assert result.methods['fused'].coverage == 1.0 and set(result.missing) == {'sound'}
 

@@ -39,17 +39,17 @@ def test_the_demo_keeps_its_promises(run):
 
 def test_another_tracker_is_given_the_same_data(run):
     """Fed again, the filter says the same to the bit; the published machine does worse on the same data."""
-    again = run.recording.feed(BayesTracker())
+    again = run.rig.record.replay(BayesTracker())
     assert np.array_equal(again['azimuth'], run.log.fused['azimuth'], equal_nan=True)
     summary, end = summarise(run.log), float(run.log.fused['time'][-1])
-    ours, gated = (figures_of(*bearings(method, run.recording, run.log), run.log, summary.acquired, end).rmse_deg
+    ours, gated = (figures_of(*bearings(method, run.rig.record, run.log), run.log, summary.acquired, end).rmse_deg
                    for method in ('fused', 'gated'))
     assert ours < gated
-    assert len(run.recording.feed(GatedTracker())) == len(again)
+    assert len(run.rig.record.replay(GatedTracker())) == len(again)
 
 
 def test_a_rig_that_flies_hears_through_its_ego_rotors():
-    """They are as loud as the drone, but known from a recording of the rig alone; else it hears hardly anything but them."""
+    """They are as loud as the drone, but known from a record of the rig alone; else it hears hardly anything but them."""
     run = OfflineRun(load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(25.0)

@@ -1,4 +1,4 @@
-"""`ros2 run av_evaluation replay BAG --out OUT.mcap`: what the rig would have said, computed anew from a recording."""
+"""`ros2 run av_evaluation replay BAG --out OUT.mcap`: what the rig would have said, computed from a recording."""
 
 from __future__ import annotations
 

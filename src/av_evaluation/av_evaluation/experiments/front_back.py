@@ -88,10 +88,10 @@ def decide(start: Start, method: str) -> Decision:
     """Fly one start until front and back are declared."""
     run = OfflineRun(scenario_of(start), load_rig(find_config('rig')), tracker_of(method), start.seed,
                      PointingController(PointingSettings(move_gimbal=False)))
-    for track in run.steps():
-        if track.resolved:
-            truth = float(run.log.true_azimuth([track.time])[0])
-            return Decision(track.time, is_wrong(track.azimuth, truth), track.hemisphere_probability)
+    for now, bearing in run.steps():
+        if bearing is not None and bearing.resolved:
+            truth = float(run.log.true_azimuth([now])[0])
+            return Decision(now, is_wrong(bearing.azimuth, truth), bearing.hemisphere_probability)
     return Decision(math.inf, False, 0.5)
 
 

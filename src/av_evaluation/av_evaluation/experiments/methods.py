@@ -16,7 +16,7 @@ from av_common.angles import wrap
 from av_common.track import State
 from av_evaluation.experiments.unaided import chosen_images
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
@@ -36,7 +36,7 @@ class UnavailableError(ValueError):
     """The run holds nothing that a method could work on."""
 
 
-def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5, aided: bool = True
+def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5, aided: bool = True
              ) -> tuple[NDArray, NDArray]:
     """Times (n,) and body azimuths (n,) in rad of one method, median-filtered in the world frame.
 
@@ -47,7 +47,7 @@ def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5, a
     if method not in METHODS:
         raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
     if method in ('fused', 'gated'):
-        series = track(method, recording, log, tau)
+        series = track(method, record, log, tau)
         time, world = _following(series, log)
         looked = len(series) > 0
     elif method == 'sight':
@@ -56,10 +56,10 @@ def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5, a
         world = wrap(log.sight['azimuth'][seen] + _yaw(time, log))
         looked = len(log.sight) > 0
     elif method == 'kalman':
-        time, world = _kalman(recording, log, tau, aided)
+        time, world = _kalman(record, log, tau, aided)
     else:
-        sounds = _sounds(method, recording)
-        time, world = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
+        sounds = _sounds(method, record)
+        time, world = _unmirrored(sounds, log) if aided else chosen_images(sounds, record, tau)
         if method == 'moving_average':
             time, world = _averaged(time, world)
     if not time.size and not looked:
@@ -67,25 +67,25 @@ def bearings(method: str, recording: Recording, log: RunLog, tau: float = 0.5, a
     return time, wrap(_median(world) - _yaw(time, log))
 
 
-def track(method: str, recording: Recording, log: RunLog, tau: float = 0.5) -> Series:
+def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5) -> Series:
     """What the filter (`fused`) or the published machine (`gated`) says, as `RunLog.fused`. Raises UnavailableError."""
     machine = MachineSettings(tau=tau)
     if method == 'fused' and tau == MachineSettings().tau:
         return log.fused
-    if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in recording.events):
+    if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
         raise UnavailableError(f'{method}: only bearings were recorded, not what they rest on')
-    return recording.feed(BayesTracker(BayesSettings(machine=machine)) if method == 'fused'
+    return record.replay(BayesTracker(BayesSettings(machine=machine)) if method == 'fused'
                           else GatedTracker(GatedSettings(machine=machine)))
 
 
-def _sounds(method: str, recording: Recording) -> list[DoaMeasurement]:
+def _sounds(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
     """The sounds that a method of hearing works on; a bag without sound holds the rig's own directions only."""
-    own = recording.sounds.get(OWN, [])
+    own = record.doa.get(OWN, [])
     if method == 'sound':
         return own
     if method in BASELINES:
-        return recording.sounds.get(BASELINES[method], [])
-    return recording.sounds.get(BASELINES['gcc_phat'], own)
+        return record.doa.get(BASELINES[method], [])
+    return record.doa.get(BASELINES['gcc_phat'], own)
 
 
 def _following(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
@@ -112,13 +112,13 @@ def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
     return time, np.angle(sums[AVERAGED:] - sums[:-AVERAGED])
 
 
-def _kalman(recording: Recording, log: RunLog, tau: float, aided: bool) -> tuple[NDArray, NDArray]:
+def _kalman(record: MeasurementRecord, log: RunLog, tau: float, aided: bool) -> tuple[NDArray, NDArray]:
     """A Kalman filter of azimuth and rate over GCC-PHAT and confident detections, with fixed noise, each taken as of now."""
-    sounds = _sounds('kalman', recording)
+    sounds = _sounds('kalman', record)
     late = 0.5 * sounds[0].window if sounds and aided else 0.0
-    heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, recording, tau)
+    heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, record, tau)
     events = [(time + late, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*heard, strict=True)]
-    for look in (event for event in recording.events if isinstance(event, CameraMeasurement)):
+    for look in (event for event in record.events if isinstance(event, CameraMeasurement)):
         if look.best is not None and look.best.score >= tau:
             events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))
     if not events:

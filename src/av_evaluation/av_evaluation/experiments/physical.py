@@ -19,19 +19,17 @@ from av_audio.benchmark.scenes import read_responses
 from av_audio.benchmark.signals import add_noise, load_clip
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_audio.messages import doa_array
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
+from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.runs.recording import Recording, RecordingTracker
+from av_evaluation.runs.measurement_record import MeasurementRecord
+from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.filter.tracker import BayesTracker
-from av_fusion.measurement.geometry import camera_in_body, doa_in_body
-from av_vision import visibility
-from av_vision.models import shipped_model
-from av_vision.temporal_detector import TemporalDetector
-from av_vision.yolo import Detector, DetectorSettings
+from av_fusion.measurement.geometry import camera_in_body
+from av_vision.stage import DetectionStage, make_detection_stage
 
 # Clips that the shipped detector was not trained on.
 CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
@@ -46,54 +44,44 @@ CUT = math.radians(5.0)  # a label that moves so far between two frames is of an
 STEP_DEG, DWELL_S = 20.0, 4.0
 
 
-class Hall:
-    """Measurements given to a tracker in order, with the truth beside them; the rig stands still at the origin."""
+class StaticRig:
+    """A rig that stands still at the origin and is fed with recorded or rendered material, with the truth beside it.
 
-    def __init__(self, array: MicrophoneArray, rate: int, estimators: tuple[str, ...]) -> None:
-        self.log, self.recording = RunLog(), Recording()
-        self._tracker = RecordingTracker(BayesTracker(), self.recording)
-        self._settings, self._array = LocalizerSettings(), array
-        self._localizers = {method: Localizer(array, rate, LocalizerSettings(method=method)) for method in ('ml', *estimators)}
-        self._rate, self._next = rate, 0
+    Attributes:
+        rig: the stages, with log and record.
 
-    def hear(self, samples: NDArray) -> None:
-        """The next samples (n, 2)."""
-        now = (self._next + len(samples)) / self._rate
-        for method, localizer in self._localizers.items():
-            for estimate in localizer.process(samples, self._next):
-                message = doa_array(estimate, self._array, estimate.time, 'microphones', self._settings.window_s, method)
-                sounds = doa_in_body(message, np.eye(3))[:1]
-                self.recording.sounds.setdefault(method, []).extend(sounds)
-                for sound in sounds if method == 'ml' else ():
-                    self._tracker.add_doa(sound)
-                    images = [hypothesis.azimuth for hypothesis in sound.hypotheses]
-                    self.log.sound.add(sound.time, images[0], images[1] if len(images) > 1 else math.nan, sound.confidence,
-                                       now - sound.time - 0.5 * sound.window)
-        self._next += len(samples)
+    Parameters:
+        array: microphones, in the body frame.
+        sample_rate (Hz): of the sound.
+        estimators: further methods of direction finding to record.
+        detection: detects in images; None for a rig without a camera.
+    """
 
-    def see(self, time: float, boxes: NDArray, visibility: float) -> None:
-        """A picture with boxes (n, 5), corners in pixels and confidence; `visibility` 0-1 as detector_node would tell it."""
-        centres, sizes = 0.5 * (boxes[:, :2] + boxes[:, 2:4]), boxes[:, 2:4] - boxes[:, :2]
-        look = camera_in_body(time, CAMERA.model, centres, sizes, boxes[:, 4], CAMERA.optical_to_body, visibility)
-        self._tracker.add_camera(look)
-        best = look.best
-        self.log.sight.add(time, best.azimuth if best else math.nan, best.score if best else 0.0, 0.0)
+    def __init__(self, array: MicrophoneArray, sample_rate: int, estimators: tuple[str, ...],
+                 detection: DetectionStage | None = None) -> None:
+        self.rig = OfflineRig(array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, BayesTracker(), detection, estimators)
+        self._sample_rate, self._next = sample_rate, 0
 
-    def follow(self, time: float, true_azimuth: float) -> None:
-        """Ask for the bearing; the truth of that time is known."""
-        self.log.rig.add(time, 0.0, 0.0, 0.0, 0.0)
-        self.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
-        track = self._tracker.estimate(time)
-        self.log.fused.add(time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
-                           time - track.measured)
+    def on_samples(self, samples: NDArray) -> None:
+        """The next samples (n, 2), which arrive as soon as the last of them is captured."""
+        first, self._next = self._next, self._next + len(samples)
+        self.rig.on_samples(samples, self._sample_rate, first, self._next / self._sample_rate)
+
+    def advance(self, time: float, true_azimuth: float) -> None:
+        """Let time pass until `time` (s), when the target is at `true_azimuth` (rad)."""
+        self.rig.log.rig.add(time, 0.0, 0.0, 0.0, 0.0)
+        self.rig.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
+        self.rig.on_pose(time, np.array([1.0, 0.0, 0.0, 0.0]), 0.0)
+        self.rig.advance(time)
 
 
-def drone_detector(model: str | Path) -> TemporalDetector:
-    """Detects drones in successive images as detector_node does."""
-    return TemporalDetector(Detector(model, DetectorSettings(keep=('drone',), threads=1)))
+def detection_stage(model: str) -> DetectionStage:
+    """The stage of detector_node with a model's ONNX file; '' or 'shipped' for the shipped one. Raises ModelError."""
+    return make_detection_stage(node_parameters('av_vision', 'detector_node', (), {
+        'model': '' if model == 'shipped' else model, 'threads': 1}))
 
 
-def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
+def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
     """A real clip with real sound. Raises FileNotFoundError without the recordings, OSError for a broken film."""
     truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
     first, end = longest_take(truth)
@@ -102,38 +90,35 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     array = calibrated_ears(data)
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
-    hall, per_frame = Hall(array, rate, estimators), round(rate / VIDEO_HZ)
-    detector = drone_detector(shipped_model())
+    static, per_frame = StaticRig(array, rate, estimators, detection_stage('shipped')), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
         film.grab()
     for number, azimuth in enumerate(truth):
-        read, picture = film.read()
+        read, image = film.read()
         if not read:
             break
-        hall.hear(sound[number * per_frame:(number + 1) * per_frame])
+        static.on_samples(sound[number * per_frame:(number + 1) * per_frame])
+        now = (number + 1) / VIDEO_HZ
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
-            picture = np.zeros_like(picture) if covered else picture
-            found, _ = detector.detect(picture, number / VIDEO_HZ)
-            boxes = np.column_stack([found.boxes.reshape(-1, 4), found.scores])
-            hall.see((number + 1) / VIDEO_HZ, boxes, visibility.estimate(picture).share)
-        hall.follow((number + 1) / VIDEO_HZ, float(azimuth))
-    if not len(hall.log.fused):
-        raise OSError(f'{clip}: no picture can be read')
-    return hall.log, hall.recording, [
+            static.rig.on_image(np.zeros_like(image) if covered else image, now, now)
+        static.advance(now, float(azimuth))
+    if not len(static.rig.log.fused):
+        raise OSError(f'{clip}: no image can be read')
+    return static.rig.log, static.rig.record, [
         'real video and detector, real drone sound through measured ears at the labelled azimuths; the lens covered for '
         f'{100 * (COVERED[1] - COVERED[0]):.0f} % of the time']
 
 
-def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, Recording, list[str]]:
+def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
     """A loudspeaker with a drone's voice goes round in steps in a rendered room. Raises ImportError, FileNotFoundError."""
     import pyroomacoustics
     random = np.random.default_rng([7, number])
     voice = load_clip(_voice(data, str(number)))
     size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
     absorption, order = pyroomacoustics.inverse_sabine(0.3, size)
-    hall, length = Hall(PAIR, RATE, estimators), round(DWELL_S * RATE)
+    static, length = StaticRig(PAIR, RATE, estimators), round(DWELL_S * RATE)
     for step in range(round(360.0 / STEP_DEG)):
         azimuth = math.radians(STEP_DEG * step)
         box = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption), max_order=min(order, 8))
@@ -144,10 +129,11 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         box.simulate()
         heard = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
         for part, piece in enumerate(np.split(heard, round(10 * DWELL_S))):
-            hall.hear(piece)
-            hall.follow(step * DWELL_S + 0.1 * (part + 1), azimuth)
-    return hall.log, hall.recording, ['real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB '
-                                      'above noise; the rig stands still and is blind']
+            static.on_samples(piece)
+            static.advance(step * DWELL_S + 0.1 * (part + 1), azimuth)
+    return static.rig.log, static.rig.record, [
+        'real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB above noise; the rig stands '
+        'still and is blind']
 
 
 def labelled_azimuths(file: Path) -> NDArray:
@@ -173,7 +159,7 @@ def longest_take(azimuths: NDArray) -> tuple[int, int]:
 
 
 def calibrated_ears(data: Path) -> MicrophoneArray:
-    """The head as a pair, its delays measured with another drone's recording at every other azimuth."""
+    """The head as a pair, its delays measured with another drone's record at every other azimuth."""
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
     voice = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
     angles, paths = [], []

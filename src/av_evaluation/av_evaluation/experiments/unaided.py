@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
-def chosen_images(sounds: Sequence[DoaMeasurement], recording: Recording, tau: float) -> tuple[NDArray, NDArray]:
+def chosen_images(sounds: Sequence[DoaMeasurement], record: MeasurementRecord, tau: float) -> tuple[NDArray, NDArray]:
     """Ends of the windows of `sounds` (n,) in s, and of each the image (n,) that the published controller would take.
 
     Azimuths in rad in the world frame. The controller gets the run's poses and pictures and these sounds instead of its own:
@@ -32,7 +32,7 @@ def chosen_images(sounds: Sequence[DoaMeasurement], recording: Recording, tau: f
                 times.append(_end(sound))
                 azimuths.append(tracker.chosen_azimuth)
 
-    for event in recording.events:
+    for event in record.events:
         if isinstance(event, DoaMeasurement):
             continue
         if isinstance(event, CameraMeasurement):

@@ -27,7 +27,7 @@ from av_evaluation.replay.output_queue import OutputQueue
 from av_evaluation.replay.pipeline import Pipeline, transmitted
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.replay.sensor_frames import SensorFrames
-from av_evaluation.runs.recording import Recording, RecordingTracker
+from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
@@ -104,14 +104,14 @@ class Replay:
     Parameters:
         bag: to replay.
         settings: see `ReplaySettings`.
-        recording: takes what the tracker is given, or None.
-        estimators: further methods of estimating directions, whose results go to `recording`.
+        record: takes what the tracker is given, or None.
+        estimators: further methods of estimating directions, whose results go to `record`.
     """
 
-    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), recording: Recording | None = None,
+    def __init__(self, bag: Bag, settings: ReplaySettings = ReplaySettings(), record: MeasurementRecord | None = None,
                  estimators: Sequence[str] = ()) -> None:
-        self._bag, self._settings, self._recording = bag, settings, recording
-        self._recorder = RunRecorder(recording)
+        self._bag, self._settings, self._record = bag, settings, record
+        self._recorder = RunRecorder(record)
         self.notes: list[str] = []
         self._out: OutputQueue | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
@@ -153,21 +153,21 @@ class Replay:
         name, arrival, message, data = record
         if self._out is not None and name not in (names.AUDIO, names.IMAGE):
             self._out.put(name, arrival, message, data)
-        if name == names.AUDIO and self._recording is not None:
-            self._compare(message, arrival, self._recording)
+        if name == names.AUDIO and self._record is not None:
+            self._compare(message, arrival, self._record)
         if name in TRUTHS:
             self._recorder.on_truth(name, message)
         elif name not in READ_AHEAD:
             self._pipeline.advance(arrival)
             self._pipeline.take(name, message, arrival)
 
-    def _compare(self, frame: Any, arrival: float, recording: Recording) -> None:
+    def _compare(self, frame: Any, arrival: float, record: MeasurementRecord) -> None:
         """Record the directions that other methods find in the same sound."""
         for method, stage in self._compared.items():
             with suppress(ValueError):  # noted for the rig's own method
                 for directions in stage.on_audio(frame, arrival):
                     measurements = self._converter.doa(transmitted(directions))
-                    recording.sounds.setdefault(method, []).extend(measurements[:1])
+                    record.doa.setdefault(method, []).extend(measurements[:1])
 
     def _publish(self, name: str, time: float, message: Any) -> None:
         """Put what was computed to the output."""
@@ -200,8 +200,8 @@ class Replay:
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
             tracker: Tracker = make_tracker(fusion)
-            if self._recording is not None:
-                tracker = RecordingTracker(tracker, self._recording)
+            if self._record is not None:
+                tracker = RecordingTracker(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker)
         pointing = None
         if self._settings.commands or self.stage == 'bearing':

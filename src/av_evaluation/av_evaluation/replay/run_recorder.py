@@ -11,7 +11,7 @@ from av_common.frames import attitude_of, yaw_of
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
@@ -22,16 +22,16 @@ class RunRecorder:
         log: measurements, tracks and true poses.
 
     Parameters:
-        recording: also takes the most confident measurement of each `DoaArray`, or None.
+        record: also takes the most confident measurement of each `DoaArray`, or None.
     """
 
-    def __init__(self, recording: Recording | None = None) -> None:
-        self.log, self._recording = RunLog(), recording
+    def __init__(self, record: MeasurementRecord | None = None) -> None:
+        self.log, self._record = RunLog(), record
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
-        if self._recording is not None:
-            self._recording.sounds.setdefault('ml', []).extend(measurements[:1])
+        if self._record is not None:
+            self._record.doa.setdefault('ml', []).extend(measurements[:1])
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
             self.log.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,

@@ -54,7 +54,7 @@ class Case:
 
     @property
     def is_bag(self) -> bool:
-        """Whether the input is a recording."""
+        """Whether the input is a record."""
         return is_bag(Path(self.input))
 
     @property

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from av_audio.localizer import METHODS as ESTIMATORS
 from av_audio.localizer import LocalizerSettings
@@ -20,27 +18,26 @@ from av_common.config_reader import read
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_evaluation.experiments.physical import FILMED, ROOM, drone_detector, filmed, room
+from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
 from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.report.picture import draw
 from av_evaluation.runs.cases import Case
-from av_evaluation.runs.recording import Recording
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario
-from av_vision.models import shipped_model
 
 KALMAN_NEEDS = 'phat'
 
 
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError that say what is wrong with the input."""
-    log, recording, notes = _measure(case)
-    result = judge_run(case.name, log, recording, case.methods, case.taus)
+    log, record, notes = _measure(case)
+    result = judge_run(case.name, log, record, case.methods, case.taus)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
     content = io.BytesIO()
@@ -49,7 +46,7 @@ def run_case(case: Case) -> RunResult:
     return result
 
 
-def _measure(case: Case) -> tuple[RunLog, Recording, list[str]]:
+def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     """Truth, measurements and the bearing made of them; notes on what they rest on."""
     if case.input.startswith(FILMED):
         return filmed(case.input.removeprefix(FILMED), Path(case.data), _estimators(case.methods))
@@ -58,7 +55,7 @@ def _measure(case: Case) -> tuple[RunLog, Recording, list[str]]:
     return _replay(case) if case.is_bag else _simulate(case)
 
 
-def judge_run(name: str, log: RunLog, recording: Recording, methods: tuple[str, ...],
+def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...],
               taus: tuple[float, ...] = ()) -> RunResult:
     """Every method's bearings beside the truth."""
     acquired = summarise(log).acquired
@@ -69,7 +66,7 @@ def judge_run(name: str, log: RunLog, recording: Recording, methods: tuple[str, 
     wanted += [(f'{method}@{tau:g}', method, tau) for tau in taus for method in ('fused', 'gated')]
     for label, method, tau in wanted:
         try:
-            result.methods[label] = _judge(method, log, recording, tau, acquired, span)
+            result.methods[label] = _judge(method, log, record, tau, acquired, span)
         except UnavailableError as error:
             result.missing[label] = str(error)
     if log.has_truth:
@@ -78,37 +75,37 @@ def judge_run(name: str, log: RunLog, recording: Recording, methods: tuple[str, 
     return result
 
 
-def _judge(method: str, log: RunLog, recording: Recording, tau: float, acquired: float, span: float) -> MethodResult:
-    time, azimuth = bearings(method, recording, log, tau)
+def _judge(method: str, log: RunLog, record: MeasurementRecord, tau: float, acquired: float, span: float) -> MethodResult:
+    time, azimuth = bearings(method, record, log, tau)
     judged = judge(time, azimuth, log, acquired)
     grid = np.arange(acquired, acquired + span, 1.0 / GRID_HZ) if span > 0.0 else np.zeros(0)
     opposite = np.zeros(0, bool) if method in FOLDED else judged.opposite
-    unaided = judge(*bearings(method, recording, log, tau, aided=False), log, acquired) if method in FOLDED else judged
+    unaided = judge(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else judged
     result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
     if method in ('fused', 'gated'):
-        series = track(method, recording, log, tau)
+        series = track(method, record, log, tau)
         result.time_to_decide_s, result.switches = time_to_decide(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]
     elif method == 'kalman':
         delay = np.zeros(0)
     else:
         hears = method != 'sight'
-        window = next((sound.window for sounds in recording.sounds.values() for sound in sounds), 0.0)
+        window = next((sound.window for sounds in record.doa.values() for sound in sounds), 0.0)
         delay = (log.sound if hears else log.sight)['delay'] + (0.5 * window if hears else 0.0)
     known = delay[np.isfinite(delay)]
     result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
     return result
 
 
-def _simulate(case: Case) -> tuple[RunLog, Recording, list[str]]:
+def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     scenario, rig = changed_scenario(case), load_rig(find_config('rig'))
     if case.array:
         rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
     pointing = PointingController(PointingSettings(move_gimbal=False)) if case.follow else None
     run = OfflineRun(scenario, rig, BayesTracker(), case.seed, pointing, _estimators(case.methods),
-                     _detect(case.model) if case.model else None, listening=LocalizerSettings(band_hz=case.band_hz))
+                     detection_stage(case.model) if case.model else None, settings=LocalizerSettings(band_hz=case.band_hz))
     run.run(case.duration or None)
-    return run.log, run.recording, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
+    return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
 
 
 def changed_scenario(case: Case) -> Scenario:
@@ -126,14 +123,14 @@ def changed_scenario(case: Case) -> Scenario:
     return read(Scenario, content, folder=file.parent)
 
 
-def _replay(case: Case) -> tuple[RunLog, Recording, list[str]]:
-    recording = Recording()
+def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
+    record = MeasurementRecord()
     settings = ReplaySettings(stage=case.stage, model=case.model, parameters=case.parameters, namespace=case.namespace,
                               remappings=parse_remappings(case.remap), array=case.array,
                               duration=case.duration or math.inf)
     with Bag(case.input) as bag:
-        replay = Replay(bag, settings, recording, _estimators(case.methods))
-        return replay.run(), recording, replay.notes
+        replay = Replay(bag, settings, record, _estimators(case.methods))
+        return replay.run(), record, replay.notes
 
 
 def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
@@ -142,13 +139,3 @@ def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
     if {'kalman', 'moving_average'} & set(methods):
         needed.add(KALMAN_NEEDS)
     return tuple(name for name in ESTIMATORS if name in needed)
-
-
-def _detect(model: str) -> Callable:
-    detector = drone_detector(shipped_model() if model == 'shipped' else model)
-
-    def detect(picture: NDArray, time: float) -> list[tuple[float, float, float, float, float]]:
-        found, _ = detector.detect(picture, time)
-        return [(*map(float, box), float(score)) for box, score in zip(found.boxes, found.scores, strict=True)]
-
-    return detect

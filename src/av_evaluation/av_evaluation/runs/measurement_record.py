@@ -1,28 +1,31 @@
-"""What the senses told a tracker in a run, so that other trackers can be given the very same."""
+"""The measurements of a run in order of arrival, so that other trackers and methods get the same data."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.tracker_protocol import Tracker
+
+Pose = tuple[float, float, float]  # time (s), yaw (rad), yaw rate (rad/s)
 
 
 @dataclass
-class Recording:
-    """What was told in order of arrival.
+class MeasurementRecord:
+    """Measurements of one run.
 
-    `sounds` by estimator ('ml' is the rig's own); `events` are poses (time, yaw, rate), the rig's own sounds, looks, and
-    the times (float) at which a bearing was asked for.
+    Attributes:
+        doa: directions of arrival by estimator; 'ml' is the rig's own.
+        events: poses, the rig's own directions, camera measurements, and the times (s) at which the track was asked for.
     """
 
-    sounds: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
-    events: list[tuple[float, float, float] | DoaMeasurement | CameraMeasurement | float] = field(default_factory=list)
+    doa: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
+    events: list[Pose | DoaMeasurement | CameraMeasurement | float] = field(default_factory=list)
 
-    def feed(self, tracker: Any) -> Series:
+    def replay(self, tracker: Tracker) -> Series:
         """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
         series = RunLog().fused
         for event in self.events:
@@ -40,35 +43,40 @@ class Recording:
 
 
 class RecordingTracker:
-    """A tracker that notes down what it is told before it passes it on."""
+    """A tracker that records its input before another one uses it.
 
-    def __init__(self, tracker: Any, recording: Recording) -> None:
-        self._tracker, self._events = tracker, recording.events
+    Parameters:
+        tracker: uses the input.
+        record: gets the events.
+    """
+
+    def __init__(self, tracker: Tracker, record: MeasurementRecord) -> None:
+        self._tracker, self._events = tracker, record.events
+
+    def reset(self) -> None:
+        """See `Tracker`."""
+        self._tracker.reset()
 
     def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """See `BayesTracker`."""
+        """See `Tracker`."""
         self._events.append((time, yaw, yaw_rate))
         self._tracker.add_pose(time, yaw, yaw_rate)
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
-        """See `BayesTracker`."""
+        """See `Tracker`."""
         self._events.append(measurement)
         self._tracker.add_doa(measurement)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `BayesTracker`."""
+        """See `Tracker`."""
         self._events.append(measurement)
         self._tracker.add_camera(measurement)
 
-    def reset(self) -> None:
-        """See `BayesTracker`."""
-        self._tracker.reset()
-
-    def diagnostics(self) -> dict[str, str]:
-        """See `BayesTracker`."""
-        return self._tracker.diagnostics()
-
     def estimate(self, time: float) -> Track:
-        """See `BayesTracker`."""
+        """See `Tracker`."""
         self._events.append(time)
         return self._tracker.estimate(time)
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        return self._tracker.diagnostics()

@@ -1,0 +1,110 @@
+"""The stages of the rig, fed with arrays instead of messages: for simulated runs and for recorded material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+from vision_msgs.msg import Detection2DArray
+
+from av_audio.ego_noise import NoiseRecording
+from av_audio.localizer import LocalizerSettings
+from av_audio.messages import audio_frame
+from av_audio.stage import DoaStage
+from av_bags import topics
+from av_common.camera import PinholeCamera
+from av_common.microphone_array import MicrophoneArray
+from av_common.stamps import to_stamp
+from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay.pipeline import Pipeline
+from av_evaluation.replay.run_recorder import RunRecorder
+from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
+from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.stage import FusionStage
+from av_fusion.tracker_protocol import Tracker
+from av_interfaces.msg import Bearing
+from av_vision.messages import image_message
+from av_vision.stage import DetectionStage
+
+DEFAULT_METHOD = 'ml'  # the rig's own estimator of directions
+TARGET_CLASSES = ('drone',)
+
+
+class OfflineRig:
+    """Passes samples, images and poses through the stages of the rig and records what follows. Times are in s.
+
+    Attributes:
+        log: truth, measurements and bearings.
+        record: the measurements, for other trackers and methods.
+        bearing: the newest bearing, None before the first.
+
+    Parameters:
+        array: microphones.
+        array_rotation (3, 3): from the array's frame to the body.
+        camera: intrinsics.
+        camera_rotation (3, 3): from the camera's optical frame to the body.
+        tracker: estimates the bearing.
+        detection: detects in images; None where only detections are given.
+        estimators: further methods of `LocalizerSettings`, whose directions go to the record only.
+        settings: of the localizer.
+        ego_noise: of the rig alone.
+    """
+
+    def __init__(self, array: MicrophoneArray, array_rotation: NDArray, camera: PinholeCamera, camera_rotation: NDArray,
+                 tracker: Tracker, detection: DetectionStage | None = None, estimators: Sequence[str] = (),
+                 settings: LocalizerSettings | None = None, ego_noise: NoiseRecording | None = None) -> None:
+        settings = settings or LocalizerSettings()
+        self.record = MeasurementRecord()
+        self.bearing: Bearing | None = None
+        rotations = {'microphones': array_rotation, 'camera': camera_rotation}
+        self._converter = MeasurementConverter(rotations.get, TARGET_CLASSES, camera)
+        recorder = RunRecorder(self.record)
+        fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder)
+        self._estimators = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
+        self._pipeline = Pipeline(DoaStage(array, settings, ego_noise), detection, fusion, None, recorder, self._converter,
+                                  self._publish)
+        self.log: RunLog = recorder.log
+
+    def on_samples(self, samples: NDArray, sample_rate: int, first_sample: int, arrival: float) -> None:
+        """The next samples (n, channels) of all microphones."""
+        header = Header(stamp=to_stamp(first_sample / sample_rate), frame_id='microphones')
+        frame = audio_frame(samples.astype(np.float32, copy=False), first_sample, sample_rate, header)
+        for method, stage in self._estimators.items():
+            for directions in stage.on_audio(frame, arrival):
+                self.record.doa.setdefault(method, []).extend(self._converter.doa(directions)[:1])
+        self._take(topics.AUDIO, frame, arrival)
+
+    def on_image(self, image: NDArray[np.uint8], time: float, arrival: float) -> None:
+        """An image (height, width, 3), BGR, captured at `time`."""
+        self._take(topics.IMAGE, image_message(Header(stamp=to_stamp(time), frame_id='camera'), image), arrival)
+
+    def on_detections(self, make: Callable[[Header], Detection2DArray], time: float, arrival: float) -> None:
+        """Detections of an image captured at `time`; `make` gives the message for its header."""
+        self._take(topics.DETECTIONS, make(Header(stamp=to_stamp(time), frame_id='camera')), arrival)
+
+    def on_pose(self, time: float, attitude_wxyz: NDArray, yaw_rate: float) -> None:
+        """The rig's attitude in the world and its yaw rate (rad/s), known at once."""
+        odometry = Odometry(header=Header(stamp=to_stamp(time)))
+        w, x, y, z = map(float, attitude_wxyz)
+        odometry.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
+        odometry.twist.twist.angular.z = yaw_rate
+        self._take(topics.ODOMETRY, odometry, time)
+
+    def advance(self, now: float) -> None:
+        """Give the bearings that are due until `now` without a measurement."""
+        self._pipeline.advance(now)
+
+    def _take(self, name: str, message: Any, arrival: float) -> None:
+        self._pipeline.take(name, message, arrival)
+        if self._pipeline.problems:
+            raise ValueError('; '.join(sorted(self._pipeline.problems)))
+
+    def _publish(self, name: str, time: float, message: Any) -> None:
+        if name == topics.BEARING:
+            self.bearing = message
