@@ -22,7 +22,7 @@ setup(
     zip_safe=True,
     maintainer='The av_rig maintainers',
     maintainer_email='av_rig@users.noreply.github.com',
-    description='A track to a pointing command that is safe to obey.',
+    description='Bearings to limited commands for a gimbal and the yaw of a vehicle.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -1,1 +1,1 @@
-"""Bearings of sight and sound to one track and a pointing command; launch files, configuration and evaluation."""
+"""Fusion of directions of arrival and detections to the bearing of one target; launch files and configuration of the suite."""

@@ -17,14 +17,14 @@ class SimulatedSensors:
         self.random = np.random.default_rng(abs(seed))
         self.sound_sigma, self.sight_sigma = sound_sigma, sight_sigma
 
-    def hear(self, time: float, azimuth: float, confidence: float = 0.9) -> DoaMeasurement:
+    def doa(self, time: float, azimuth: float, confidence: float = 0.9) -> DoaMeasurement:
         """Two mirror images (front and back of a left-right pair), sigma growing as 1/|cos(azimuth)|."""
         sigma = self.sound_sigma / max(abs(math.cos(azimuth)), 0.1)
         heard = float(wrap(azimuth + self.random.normal(0.0, sigma)))
         slope = max(abs(math.cos(heard)), LEAST_SINE)
         return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, math.sin(heard), (slope * sigma) ** 2), confidence)
 
-    def look(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
+    def camera(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
              detection_probability: float = 0.9) -> CameraMeasurement:
         """An image that shows the target when it is in view and `visibility * recall` allows."""
         seen = abs(wrap(azimuth)) < half_view and self.random.random() < visibility * detection_probability

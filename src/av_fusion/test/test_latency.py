@@ -1,4 +1,4 @@
-"""The offset between the clocks of ear and eye is found from a target that moves."""
+"""The offset between the clocks of microphones and camera is found from a target that moves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from av_fusion.calibration.latency import estimate_offset
 
 
 def curves(offset, seed=0, turned=0.0, scale=1.0, amplitude=0.5):
-    """A target swinging before the camera: heard 10 times a second with stamps `offset` s late, seen 12 times a second."""
+    """A target swinging before the camera: 10 directions a second with stamps `offset` s late, 12 detections a second."""
     random = np.random.default_rng(seed)
     path = lambda t: amplitude * np.sin(0.9 * t) + 0.3 * amplitude * np.sin(2.3 * t + 1.0)  # noqa: E731
     heard_at, seen_at = np.arange(0.0, 40.0, 0.1), np.arange(0.0, 40.0, 1.0 / 12.0)

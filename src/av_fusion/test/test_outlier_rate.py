@@ -1,4 +1,4 @@
-"""How far what is heard is the target is learnt from what is seen."""
+"""The rate of outliers among directions of arrival is learned from detections."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from simulated_sensors import SimulatedSensors
 from av_fusion.filter.outlier_rate import OutlierRateEstimator
 
 
-def learnt(share_wrong, seconds=40.0, seed=1):
-    """Share of other sources that is learnt when a share of the seconds is heard 60 degrees off."""
-    random, senses, estimator = np.random.default_rng(seed), SimulatedSensors(seed), OutlierRateEstimator(0.01)
+def learned(share_wrong, seconds=40.0, seed=1):
+    """Rate learned when in a share of the seconds directions are 60 degrees off."""
+    random, sensors, estimator = np.random.default_rng(seed), SimulatedSensors(seed), OutlierRateEstimator(0.01)
     for second in range(int(seconds)):
         off = math.radians(60.0) if random.random() < share_wrong else 0.0
         for step in range(10):
             time = 100.0 + second + 0.1 * step
-            estimator.compare(senses.hear(time, 0.2 + off), time, 0.2)
+            estimator.compare(sensors.doa(time, 0.2 + off), time, 0.2)
     return estimator.rate(1.0)
 
 
 @pytest.mark.parametrize('share_wrong', [0.0, 0.3, 0.9])
 def test_the_share_is_found(share_wrong):
     """Within what 40 draws of it allow, two standard deviations, and the prior's pull."""
-    assert abs(learnt(share_wrong) - share_wrong) < 0.05 + 2.0 * math.sqrt(share_wrong * (1.0 - share_wrong) / 40.0)
+    assert abs(learned(share_wrong) - share_wrong) < 0.05 + 2.0 * math.sqrt(share_wrong * (1.0 - share_wrong) / 40.0)
 
 
 def test_the_mirror_image_is_no_disagreement():
-    """A pair hears the back's image of what is seen in front: that is the same sound."""
-    estimator, senses = OutlierRateEstimator(0.01), SimulatedSensors(2)
+    """Directions of the image behind a target seen in front are no outliers."""
+    estimator, sensors = OutlierRateEstimator(0.01), SimulatedSensors(2)
     for step in range(200):
-        estimator.compare(senses.hear(0.1 * step, math.pi - 0.3), 0.1 * step, 0.3)
+        estimator.compare(sensors.doa(0.1 * step, math.pi - 0.3), 0.1 * step, 0.3)
     assert estimator.rate(1.0) < 0.02
 
 
 def test_unsure_sounds_are_estimatored_less_and_zero_switches_it_off():
-    """What is heard surely is the target's; a confidence of zero says nothing."""
+    """Confident directions stem from the target; with a prior of zero there are no outliers."""
     assert OutlierRateEstimator(0.01).rate(0.95) < 0.02 < 0.5 < OutlierRateEstimator(0.01).rate(0.2)
-    estimator, senses = OutlierRateEstimator(0.0), SimulatedSensors(3)
+    estimator, sensors = OutlierRateEstimator(0.0), SimulatedSensors(3)
     for step in range(100):
-        estimator.compare(senses.hear(0.1 * step, 1.5), 0.1 * step, 0.0)
+        estimator.compare(sensors.doa(0.1 * step, 1.5), 0.1 * step, 0.0)
     assert estimator.rate(0.2) == 0.0

@@ -1,4 +1,4 @@
-"""How agile a target counts, by what it surprises with."""
+"""The scale of the process noise follows the innovations."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import pytest
 from av_fusion.filter.process_noise import LARGEST, LEAST, AdaptiveProcessNoise
 
 
-def after(measurements, surprise, rate, noise_scale=None):
-    """Agility after independent measurements that surprise so much (innovation squared over variance)."""
-    noise_scale = noise_scale or AdaptiveProcessNoise()
+def after(measurements, nis, rate, noise=None):
+    """The scale after independent measurements of this normalised innovation squared."""
+    noise = noise or AdaptiveProcessNoise()
     for _ in range(measurements):
-        noise_scale.note(1.0, rate, surprise**0.5, 1.0)
-        noise_scale.adapt(1.0)
-    return noise_scale
+        noise.note(1.0, rate, nis**0.5, 1.0)
+        noise.adapt(1.0)
+    return noise
 
 
-def test_surprises_raise_it_at_once_and_their_absence_lowers_it():
-    """Three sigma once is enough; it falls again within ten calm measurements, to the usual."""
-    startled = after(1, 9.0, 0.2)
-    assert startled.value == LARGEST
-    assert after(10, 0.5, 0.0, startled).value == pytest.approx(1.0)
+def test_large_innovations_raise_it_at_once_and_small_ones_lower_it():
+    """Three sigma once is enough; it falls to 1 within ten small innovations."""
+    manoeuvring = after(1, 9.0, 0.2)
+    assert manoeuvring.value == LARGEST
+    assert after(10, 0.5, 0.0, manoeuvring).value == pytest.approx(1.0)
 
 
-def test_only_who_moves_evenly_for_long_counts_as_calm():
-    """Little changes in four measurements, much in a hundred, nothing for one that hangs in the air; a surprise ends it."""
+def test_only_long_steady_motion_lowers_it_below_one():
+    """Four measurements change little, a hundred much; a hovering target changes nothing, a large innovation ends it."""
     assert after(4, 0.5, 0.2).value > 0.7
-    calm = after(100, 0.5, 0.2)
-    assert calm.value == LEAST
+    steady = after(100, 0.5, 0.2)
+    assert steady.value == LEAST
     assert after(100, 0.5, 0.0).value == 1.0
-    assert after(1, 9.0, 0.2, calm).value == LARGEST
+    assert after(1, 9.0, 0.2, steady).value == LARGEST

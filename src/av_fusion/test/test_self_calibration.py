@@ -1,4 +1,4 @@
-"""Sight corrects hearing: ears that are turned, too far apart or bent are found out, and wrong detections do no harm."""
+"""Self-calibration finds a rotated axis, a wrong baseline and bent delays, and wrong detections do no harm."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 
 
-def biased_sound(time, azimuth, offset, scale, random, sigma=0.01):
+def biased_measurement(time, azimuth, offset, scale, random, sigma=0.01):
     """What a pair on the y axis reports whose axis is off by `offset` rad and whose baseline is `scale` too long."""
     cosine = np.clip((1.0 + scale) * math.cos(azimuth - 0.5 * math.pi - offset) + random.normal(0.0, sigma), -0.999, 0.999)
     return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, cosine, sigma**2), 0.95)
 
 
 def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed=1):
-    """RMS error in deg of sound alone, after 20 s in which a target swinging before the camera was seen too."""
+    """RMS error (deg) of sound alone, after 20 s in which the camera saw the target swinging."""
     random = np.random.default_rng(seed)
-    senses = SimulatedSensors(seed)
+    sensors = SimulatedSensors(seed)
     calibration = SelfCalibrationSettings(enabled=enabled)
     tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), self_calibration=calibration))
     errors = []
@@ -33,11 +33,11 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
         t = 100.0 + step / 20.0
         truth = 0.5 * math.sin(0.5 * (t - 100.0))
         if t < 120.0:
-            look = senses.look(t, truth)
+            camera = sensors.camera(t, truth)
             if random.random() < wrong_share:
-                look = look._replace(detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
-            tracker.add_camera(look)
-        tracker.add_doa(biased_sound(t, truth, math.radians(offset_deg), scale, random))
+                camera = camera._replace(detections=(Detection(float(random.uniform(-0.5, 0.5)), 1e-4, 0.9, 0.0, 0.01),))
+            tracker.add_camera(camera)
+        tracker.add_doa(biased_measurement(t, truth, math.radians(offset_deg), scale, random))
         track = tracker.estimate(t)
         if t > 122.0:
             errors.append(math.degrees(wrap(track.azimuth - truth)))
@@ -45,8 +45,8 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
 
 
 @pytest.mark.parametrize(('offset_deg', 'scale'), [(5.0, 0.0), (-5.0, 0.05), (0.0, -0.05), (5.0, 0.05)])
-def test_after_sight_biased_ears_hear_nearly_as_well_as_good_ones(offset_deg, scale):
-    """5 degrees of turn and 5 % of baseline leave half a degree more error than good ears have."""
+def test_a_calibrated_array_is_nearly_as_accurate_as_an_ideal_one(offset_deg, scale):
+    """An axis 5 degrees off and 5 % of baseline leave at most half a degree more error than an ideal array."""
     good, _ = error_after_sight(False, 0.0, 0.0)
     without, _ = error_after_sight(False, offset_deg, scale)
     refined, _ = error_after_sight(True, offset_deg, scale)
@@ -54,7 +54,7 @@ def test_after_sight_biased_ears_hear_nearly_as_well_as_good_ones(offset_deg, sc
     assert refined < 0.5 * without or without < good + 0.5
 
 
-def test_good_ears_stay_good():
+def test_an_ideal_array_stays_ideal():
     """Where there is nothing to correct, nothing gets worse."""
     without, _ = error_after_sight(False, 0.0, 0.0)
     refined, tracker = error_after_sight(True, 0.0, 0.0)
@@ -64,15 +64,15 @@ def test_good_ears_stay_good():
 
 @pytest.mark.parametrize('seed', range(3))
 def test_wrong_detections_do_not_make_it_diverge(seed):
-    """With a third of the detections anywhere in view the corrections stay bounded, and hearing no worse than uncorrected."""
+    """With a third of the detections anywhere in view corrections stay bounded, and the error is no larger than without."""
     without, _ = error_after_sight(False, 5.0, 0.05, 0.33, seed)
     refined, tracker = error_after_sight(True, 5.0, 0.05, 0.33, seed)
     assert refined < without + 0.3
     assert np.all(np.abs(tracker.self_calibration.values) <= 2.0 * np.array(SelfCalibrationSettings().sigmas) + 1e-12)
 
 
-def test_the_numbers_are_found():
-    """From directions all around, each of the five numbers comes out within three of its own sigmas."""
+def test_the_parameters_are_found():
+    """From directions all around, each of the five parameters is within three of its sigmas."""
     random, self_calibration = np.random.default_rng(3), ArraySelfCalibration()
     truth = np.array([math.radians(4.0), 0.03, 0.01, -0.01, 0.01])
     for k in range(3000):
@@ -89,14 +89,14 @@ def test_it_forgets_towards_the_array_as_described():
     self_calibration = ArraySelfCalibration(SelfCalibrationSettings(memory=5.0))
     for k in range(200):
         self_calibration.compare(0.05 * k, math.cos(1.2) + 0.05, 1.2, 0.0, 1e-3)
-    learnt = float(np.abs(self_calibration.values).sum())
+    learned = float(np.abs(self_calibration.values).sum())
     for k in range(200):
         self_calibration.compare(100.0 + 0.05 * k, math.cos(1.2), 1.2, 0.0, 1e-3)
-    assert float(np.abs(self_calibration.values).sum()) < 0.3 * learnt
+    assert float(np.abs(self_calibration.values).sum()) < 0.3 * learned
 
 
-def test_absurd_comparisons_are_refused():
-    """NaN, infinite variances and impossible cosines teach nothing."""
+def test_implausible_comparisons_are_refused():
+    """NaN, infinite variances and impossible cosines have no effect."""
     self_calibration = ArraySelfCalibration()
     for measured, variance in ((math.nan, 0.01), (0.5, math.inf), (0.5, 0.0), (30.0, 0.01)):
         assert not self_calibration.compare(0.0, measured, 1.0, 0.0, variance)
@@ -109,14 +109,14 @@ def test_it_can_be_switched_off():
     assert tracker.self_calibration.compared == 0 and isinstance(CameraMeasurement(0.0, ()), CameraMeasurement)
 
 
-def test_a_camera_that_looks_aside_teaches_little():
-    """Good ears, sight 1 degree off at 20 degrees within its own sigma: what is heard at 60 degrees is moved by less than 4."""
-    self_calibration, tracker, senses = ArraySelfCalibration(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
+def test_a_misaligned_camera_has_little_effect():
+    """With a camera 1 degree off at 20 degrees, within its sigma, an ideal array moves by less than 4 at 60 degrees."""
+    self_calibration, tracker, sensors = ArraySelfCalibration(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
     tracker.self_calibration = self_calibration
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
-        tracker.add_camera(senses.look(t, truth * 1.05))
-        tracker.add_doa(senses.hear(t, truth))
+        tracker.add_camera(sensors.camera(t, truth * 1.05))
+        tracker.add_doa(sensors.doa(t, truth))
     angle = math.radians(30.0)  # from the axis
     moved = math.acos(self_calibration.correct(math.cos(angle), angle)[0]) - angle
     assert self_calibration.compared > 100 and abs(math.degrees(moved)) < 4.0

@@ -1,4 +1,4 @@
-"""The published machine: sight leads from tau on, else hearing."""
+"""The published machine: the camera leads from tau on, else the microphones."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from av_fusion.measurement.measurements import CameraMeasurement, Detection, Doa
 TURN_RATE = math.radians(40.0)
 
 
-def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0, obey=False):
-    """Feed 20 sounds and 15 pictures a second; returns times, tracks and body azimuths of the truth."""
+def run(tracker, sensors, azimuth_world, yaw, seconds, doa=True, visibility=0.0, obey=False):
+    """Feed 20 directions and 15 images a second; returns times, tracks and body azimuths of the truth."""
     times, tracks, truths, heading = [], [], [], yaw(0.0) if callable(yaw) else yaw
     for step in range(int(seconds * 60)):
         t = 100.0 + step / 60.0
@@ -29,10 +29,10 @@ def run(tracker, senses, azimuth_world, yaw, seconds, hear=True, visibility=0.0,
             heading += float(np.clip(wanted, -TURN_RATE / 60.0, TURN_RATE / 60.0))
         tracker.add_pose(t, float(wrap(heading)), 0.0)
         body = float(wrap(azimuth_world(t - 100.0) - heading))
-        if hear and step % 3 == 0:
-            tracker.add_doa(senses.hear(t, body))
+        if doa and step % 3 == 0:
+            tracker.add_doa(sensors.doa(t, body))
         if step % 4 == 0:
-            tracker.add_camera(senses.look(t, body, visibility))
+            tracker.add_camera(sensors.camera(t, body, visibility))
         times.append(t - 100.0)
         tracks.append(tracker.estimate(t))
         truths.append(body)
@@ -45,7 +45,7 @@ def errors_deg(tracks, truths, start):
 
 
 def test_keeps_both_mirror_images_until_the_rig_turns():
-    """Without sight and without a turn nothing tells front from back, and the filter says so."""
+    """Without detections and without rotation front and back stay open."""
     tracker = BayesTracker()
     _, tracks, _ = run(tracker, SimulatedSensors(1), lambda t: math.radians(150), 0.0, 4.0)
     assert tracks[-1].state == State.ACOUSTIC_ACTIVE
@@ -55,7 +55,7 @@ def test_keeps_both_mirror_images_until_the_rig_turns():
 
 
 @pytest.mark.parametrize('azimuth_deg', [10, 60, 100, 135, 175, -20, -80, -110, -170])
-def test_a_commanded_rotation_tells_front_from_back(azimuth_deg):
+def test_a_requested_rotation_resolves_front_and_back(azimuth_deg):
     """Obeying the requested rotation resolves the hemisphere within 5 s, to the right side."""
     tracker = BayesTracker()
     times, tracks, truths = run(tracker, SimulatedSensors(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0, 6.0,
@@ -74,7 +74,7 @@ def test_gated_resolves_by_fixed_rotation():
 
 
 def test_sight_resolves_and_sharpens():
-    """One look at a target in view settles the hemisphere, and the error is that of sight."""
+    """One image of a target in view resolves the hemisphere, and the error is that of the camera."""
     _, tracks, truths = run(BayesTracker(), SimulatedSensors(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
     assert tracks[-1].state == State.VISUAL_ACTIVE and tracks[-1].resolved
     assert np.sqrt(np.mean(errors_deg(tracks, truths, 60) ** 2)) < 0.4
@@ -96,7 +96,7 @@ def test_dense_fog_never_flips_a_right_hemisphere():
 
 
 def test_tracks_a_moving_target_from_a_turning_rig():
-    """A target at 15 deg/s heard from a rig turning at 30 deg/s, past end-fire: the yaw of each measurement's time counts."""
+    """By sound, a target at 15 deg/s past end-fire of a rig turning at 30: the yaw of each measurement's time counts."""
     found, rate = [], math.radians(15)
     for seed in range(8, 13):
         _, tracks, truths = run(BayesTracker(), SimulatedSensors(seed), lambda t: rate * t, lambda t: 2.0 * rate * t, 12.0)
@@ -110,17 +110,17 @@ def test_late_measurements_count_at_their_own_time():
     """Sound that comes 0.4 s late gives the same bearing as sound in time, within the noise."""
     rate = math.radians(12)
     prompt, late = BayesTracker(), BayesTracker()
-    senses = SimulatedSensors(9)
+    sensors = SimulatedSensors(9)
     pending = []
     for step in range(400):
         t = 100.0 + step / 20.0
-        sound = senses.hear(t, float(wrap(rate * (t - 100.0))))
-        prompt.add_doa(sound)
-        pending.append(sound)
+        measurement = sensors.doa(t, float(wrap(rate * (t - 100.0))))
+        prompt.add_doa(measurement)
+        pending.append(measurement)
         if len(pending) > 8:
             late.add_doa(pending.pop(0))
         for tracker in (prompt, late):
-            tracker.add_camera(senses.look(t, 3.0, 0.0))
+            tracker.add_camera(sensors.camera(t, 3.0, 0.0))
     truth = rate * 400 / 20.0
     for tracker in (late, prompt):  # folded to the front: nothing tells the hemisphere here
         assert abs(math.asin(math.sin(tracker.estimate(120.0).azimuth)) - math.asin(math.sin(truth))) < math.radians(4)
@@ -128,56 +128,56 @@ def test_late_measurements_count_at_their_own_time():
 
 def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     """No bearing is invented: variance grows, coasting is said, then the track ends; sound brings it back."""
-    tracker, senses = BayesTracker(), SimulatedSensors(10)
-    run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
+    tracker, sensors = BayesTracker(), SimulatedSensors(10)
+    run(tracker, sensors, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
     soon, later, end = (tracker.estimate(103.0 + dt) for dt in (0.5, 2.0, 20.0))
     assert later.state == State.COASTING and later.azimuth_variance > soon.azimuth_variance
     assert end.state == State.NONE and math.isnan(end.azimuth)
     for k in range(20):
-        tracker.add_doa(senses.hear(130.0 + 0.05 * k, 0.3))
+        tracker.add_doa(sensors.doa(130.0 + 0.05 * k, 0.3))
     assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
 
 
 @pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
 def test_garbage_is_ignored(tracker_class):
     """NaN, infinite and empty measurements leave a good track alone."""
-    tracker, senses = tracker_class(), SimulatedSensors(11)
-    run(tracker, senses, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
+    tracker, sensors = tracker_class(), SimulatedSensors(11)
+    run(tracker, sensors, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
     before = tracker.estimate(103.0)
     nan, inf = math.nan, math.inf
-    for sound in (DoaMeasurement(nan, (Hypothesis(0.1, 0.1),), 0.9), DoaMeasurement(103.0, (Hypothesis(nan, 0.1),), 0.9),
+    for measurement in (DoaMeasurement(nan, (Hypothesis(0.1, 0.1),), 0.9), DoaMeasurement(103.0, (Hypothesis(nan, 0.1),), 0.9),
                   DoaMeasurement(103.0, (), 0.9), DoaMeasurement(103.0, (Hypothesis(0.1, 0.1),), nan)):
-        tracker.add_doa(sound)
+        tracker.add_doa(measurement)
     tracker.add_pose(103.0, nan, inf)
     after = tracker.estimate(103.0)
     assert after.azimuth == pytest.approx(before.azimuth, abs=1e-9)
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_nothing_seen_in_fog_never_flips_a_right_hemisphere(seed):
-    """Half a minute of pictures without detections, where almost nothing can be seen, leaves front in front."""
-    tracker, senses = BayesTracker(), SimulatedSensors(seed)
-    run(tracker, senses, lambda t: 0.3, 0.0, 2.0, visibility=1.0)
+def test_images_in_fog_never_flip_a_correct_hemisphere(seed):
+    """Half a minute of images without detections, where almost nothing can be seen, leaves front in front."""
+    tracker, sensors = BayesTracker(), SimulatedSensors(seed)
+    run(tracker, sensors, lambda t: 0.3, 0.0, 2.0, visibility=1.0)
     path = lambda t: 0.3 + 0.2 * math.sin(0.4 * t)  # noqa: E731
     for step in range(30 * 10):
         t = 102.0 + step / 10.0
-        tracker.add_doa(senses.hear(t, path(t)))
-        tracker.add_camera(senses.look(t, 3.0, 0.02))
+        tracker.add_doa(sensors.doa(t, path(t)))
+        tracker.add_camera(sensors.camera(t, 3.0, 0.02))
         track = tracker.estimate(t)
         assert track.front_probability > 0.95 and track.resolved
 
 
 @pytest.mark.parametrize('seed', range(3))
 def test_a_second_drone_does_not_break_the_track(seed):
-    """Another drone, heard in turn and seen as surely, is left alone: the nearest in the posterior is followed."""
-    tracker, senses = BayesTracker(), SimulatedSensors(seed)
+    """A second drone with equal scores is left alone: the one nearest in the posterior is followed."""
+    tracker, sensors = BayesTracker(), SimulatedSensors(seed)
     first, second = (lambda t: 0.1 * t), (lambda t: 0.55 - 0.05 * t)
     errors = []
     for step in range(8 * 20):
         t = step / 20.0
-        tracker.add_doa(senses.hear(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
-        looks = [senses.look(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
-        tracker.add_camera(looks[0]._replace(detections=tuple(d for look in looks for d in look.detections)))
+        tracker.add_doa(sensors.doa(100.0 + t, first(t) if t < 2.0 or step % 4 else second(t)))
+        looks = [sensors.camera(100.0 + t, path(t)) for path in ([first] if t < 2.0 else [first, second])]
+        tracker.add_camera(looks[0]._replace(detections=tuple(d for camera in looks for d in camera.detections)))
         track = tracker.estimate(100.0 + t)
         errors.append(min(abs(track.azimuth - first(t)), abs(track.azimuth - second(t))))
         if t < 3.0:
@@ -186,15 +186,15 @@ def test_a_second_drone_does_not_break_the_track(seed):
 
 
 def test_order_of_arrival_hardly_matters():
-    """Looks that arrive 0.2 s late among sounds in time: as in order, within 0.3 of sigma; sigma within a factor of 1.6."""
+    """Images that arrive 0.2 s late among directions: within 0.3 sigma of those in order, sigma within a factor of 1.6."""
     for seed in range(3):
-        senses, messages = SimulatedSensors(seed), []
+        sensors, messages = SimulatedSensors(seed), []
         for step in range(120):
             t = 100.0 + step / 20.0
             azimuth = 0.2 + 0.05 * step / 20.0
-            messages.append((t, senses.hear(t, azimuth)))
+            messages.append((t, sensors.doa(t, azimuth)))
             if step % 2:
-                messages.append((t + 0.2, senses.look(t, azimuth)))
+                messages.append((t + 0.2, sensors.camera(t, azimuth)))
         in_order, as_arrived = BayesTracker(), BayesTracker()
         for tracker, key in ((in_order, lambda m: m[1].time), (as_arrived, lambda m: m[0])):
             for _, message in sorted(messages, key=key):
@@ -205,14 +205,14 @@ def test_order_of_arrival_hardly_matters():
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
-    """Sight comes and goes for 2 s each, all that is heard comes from 60 degrees: the bearing stays, or ends and says so."""
-    tracker, senses, tracked = BayesTracker(), SimulatedSensors(seed, math.radians(2.0)), []
+def test_persistent_reflections_do_not_take_over_a_detected_target(seed):
+    """Detections for 2 s of 4, all directions from 60 degrees: the bearing stays, or the track ends."""
+    tracker, sensors, tracked = BayesTracker(), SimulatedSensors(seed, math.radians(2.0)), []
     for step in range(30 * 20):
         t = 100.0 + step / 20.0
         if step % 80 < 40:
-            tracker.add_camera(senses.look(t, -0.2))
-        tracker.add_doa(senses.hear(t - 0.25, math.radians(60.0)))
+            tracker.add_camera(sensors.camera(t, -0.2))
+        tracker.add_doa(sensors.doa(t - 0.25, math.radians(60.0)))
         track = tracker.estimate(t)
         if t > 110.0:
             tracked.append(track.state != State.NONE)
@@ -221,14 +221,14 @@ def test_reflections_heard_on_end_do_not_carry_off_a_seen_target(seed):
     assert np.mean(tracked) > 0.8
 
 
-def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
-    """What is heard does not fit a target that moves at 5 deg/s and is seen no more: on course for `coast` s, then none."""
-    tracker, senses, rate, ended = BayesTracker(), SimulatedSensors(3, math.radians(2.0)), math.radians(5.0), None
+def test_a_contradicted_track_coasts_and_moves_nothing():
+    """Directions contradict a target at 5 deg/s that is detected no more: it coasts for `coast` s, then the track ends."""
+    tracker, sensors, rate, ended = BayesTracker(), SimulatedSensors(3, math.radians(2.0)), math.radians(5.0), None
     for step in range(40 * 20):
         t = 100.0 + step / 20.0
-        tracker.add_doa(senses.hear(t - 0.25, math.radians(120.0) * math.sin(step)))
+        tracker.add_doa(sensors.doa(t - 0.25, math.radians(120.0) * math.sin(step)))
         if t < 120.0:
-            tracker.add_camera(senses.look(t, rate * (t - 110.0)))
+            tracker.add_camera(sensors.camera(t, rate * (t - 110.0)))
         track = tracker.estimate(t)
         if t > 120.0 and 'contradict' in track.reason:
             ended = ended or t
@@ -241,20 +241,20 @@ def test_a_track_in_doubt_is_carried_on_for_a_while_and_moves_nothing():
 
 @pytest.mark.parametrize('rate', [6.0, 9.0])
 @pytest.mark.parametrize('seed', range(3))
-def test_who_flew_evenly_goes_on_past_end_fire(seed, rate):
-    """Around a standing rig, seen in front only: in the second minute at the latest continuity tells behind from front."""
-    tracker, senses, errors = BayesTracker(), SimulatedSensors(seed, math.radians(1.0)), []
+def test_steady_motion_continues_past_end_fire(seed, rate):
+    """Around a rig that stands still, in view in front only: within a minute continuity resolves front and back."""
+    tracker, sensors, errors = BayesTracker(), SimulatedSensors(seed, math.radians(1.0)), []
     for step in range(120 * 20):
         t = step / 20.0
         body = float(wrap(math.radians(rate * t)))
-        tracker.add_camera(senses.look(100.0 + t, body))
-        tracker.add_doa(senses.hear(100.0 + t, body))
+        tracker.add_camera(sensors.camera(100.0 + t, body))
+        tracker.add_doa(sensors.doa(100.0 + t, body))
         errors.append(wrap(tracker.estimate(100.0 + t).azimuth - body))
     assert math.degrees(float(np.sqrt(np.mean(np.square(errors[60 * 20:]))))) < 5.0
 
 
-def test_a_detection_is_the_target_with_its_confidence():
-    """Calibrated, it is that probability: of the first thing seen after empty pictures, and after weaker sights of it."""
+def test_a_detection_is_the_target_with_its_score():
+    """A score is a probability: of the first detection after empty images, and after weaker detections."""
     tracker = BayesTracker()
     for step, confidence in enumerate([0.0] * 20 + [0.05, 0.1, 0.2, 0.6]):
         detections = (Detection(0.2, 1e-4, confidence),) if confidence else ()
@@ -265,11 +265,11 @@ def test_a_detection_is_the_target_with_its_confidence():
         assert sum(weights) == pytest.approx(confidence, abs=0.01)
 
 
-def test_who_was_only_heard_may_be_on_either_side_past_end_fire():
-    """Nothing tells the hemisphere of what a standing rig never saw, and the filter says so."""
-    tracker, senses = BayesTracker(), SimulatedSensors(1)
+def test_without_detections_either_side_of_end_fire_stays_open():
+    """A rig that stands still and never detects the target leaves the hemisphere open."""
+    tracker, sensors = BayesTracker(), SimulatedSensors(1)
     for step in range(24 * 20):
         t = step / 20.0
-        tracker.add_doa(senses.hear(100.0 + t, math.radians(-20.0 + 9.0 * t)))
+        tracker.add_doa(sensors.doa(100.0 + t, math.radians(-20.0 + 9.0 * t)))
         track = tracker.estimate(100.0 + t)
         assert not track.resolved or abs(math.degrees(track.azimuth)) > 75.0

@@ -37,13 +37,13 @@ class Histogram:
         for _ in range(SUBSTEPS):
             self.mass = np.fft.ifft(np.fft.fft(self.mass @ self._kick, axis=0) * self._drift, axis=0).real.clip(0.0)
 
-    def hear(self, yaw: float, sound) -> None:
-        azimuth, variance = sound.hypotheses[0].azimuth, sound.hypotheses[0].azimuth_variance
+    def doa(self, yaw: float, measurement) -> None:
+        azimuth, variance = measurement.hypotheses[0].azimuth, measurement.hypotheses[0].azimuth_variance
         angle = azimuth - 0.5 * math.pi  # from the axis, which is the rig's left
         noise = variance * math.sin(angle) ** 2
-        peak = 0.5 * sound.confidence * 2.0 * math.pi / math.sqrt(2.0 * math.pi * variance)
+        peak = 0.5 * measurement.confidence * 2.0 * math.pi / math.sqrt(2.0 * math.pi * variance)
         misfit = math.cos(angle) - np.cos(AZIMUTHS - yaw - 0.5 * math.pi)
-        self.mass *= (1.0 - sound.confidence + peak * np.exp(-0.5 * misfit**2 / noise))[:, None]
+        self.mass *= (1.0 - measurement.confidence + peak * np.exp(-0.5 * misfit**2 / noise))[:, None]
         self.mass /= self.mass.sum()
 
     def front(self, yaw: float) -> float:
@@ -62,17 +62,17 @@ class Histogram:
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
     monkeypatch.setattr(process_noise, 'LARGEST', 1.0)  # the histogram knows one acceleration only
-    tracker, histogram, senses = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
+    tracker, histogram, sensors = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):
         t, yaw = step * DT, math.radians(15.0) * step * DT
         truth = math.radians(start_deg) + math.radians(5.0) * t
-        sound = senses.hear(100.0 + t, float(wrap(truth - yaw)))
+        measurement = sensors.doa(100.0 + t, float(wrap(truth - yaw)))
         tracker.add_pose(100.0 + t, yaw, 0.0)
-        tracker.add_doa(sound)
+        tracker.add_doa(measurement)
         if step:
             histogram.predict()
-        histogram.hear(yaw, sound)
+        histogram.doa(yaw, measurement)
         track = tracker.estimate(100.0 + t)
         if step < 2 or abs(math.cos(truth - yaw)) < 0.5:
             continue  # within 30 degrees of end-fire the posterior is no sum of few Gaussians

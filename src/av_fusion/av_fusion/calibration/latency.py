@@ -36,25 +36,25 @@ class Offset:
     pairs: int
 
 
-def estimate_offset(heard: tuple[ArrayLike, ArrayLike, ArrayLike], seen: tuple[ArrayLike, ArrayLike],
+def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sightings: tuple[ArrayLike, ArrayLike],
                     largest: float = 0.6) -> Offset:
     """Estimate the offset from directions of arrival and sightings of one target.
 
     Parameters:
-        heard: times (n; s) and azimuths of both mirror images (n; rad) in the body frame.
-        seen: times (k; s) and azimuths (k; rad) in the body frame.
+        directions: times (n; s) and azimuths of both mirror images (n; rad) in the body frame.
+        sightings: times (k; s) and azimuths (k; rad) in the body frame.
         largest (s): largest offset searched.
 
     Raises ValueError for too few simultaneous measurements, and for a target that hardly moves.
     """
-    times, first, second = (np.asarray(column, float) for column in heard)
-    at, azimuths = (np.asarray(column, float) for column in seen)
+    times, first, second = (np.asarray(column, float) for column in directions)
+    at, azimuths = (np.asarray(column, float) for column in sightings)
     if len(times) < LEAST_PAIRS or len(at) < LEAST_PAIRS:
         raise ValueError(f'{len(times)} directions of arrival and {len(at)} sightings: at least {LEAST_PAIRS} of each needed')
     axis = _axis(first, second)
-    cosine, shown = np.cos(first - axis), np.cos(azimuths - axis)
+    cosine, seen_cosine = np.cos(first - axis), np.cos(azimuths - axis)
     order = np.argsort(at)
-    at, shown = at[order], shown[order]
+    at, seen_cosine = at[order], seen_cosine[order]
     offsets = np.arange(-largest, largest + 0.5 * STEP_S, STEP_S)
     usable = np.logical_and.reduce([_covered(times - offset, at) for offset in (-largest, 0.0, largest)])
     if usable.sum() < LEAST_PAIRS:
@@ -62,7 +62,7 @@ def estimate_offset(heard: tuple[ArrayLike, ArrayLike, ArrayLike], seen: tuple[A
     times, cosine = times[usable], cosine[usable]
     if np.std(cosine) < LEAST_MOTION:
         raise ValueError('the target hardly moves while it is seen: move it through the field of view, or rotate the rig')
-    left = np.array([_residual(cosine, np.interp(times - offset, at, shown)) for offset in offsets])
+    left = np.array([_residual(cosine, np.interp(times - offset, at, seen_cosine)) for offset in offsets])
     best = int(np.clip(np.argmin(left), 1, len(left) - 2))
     curvature = left[best - 1] - 2.0 * left[best] + left[best + 1]
     if curvature <= 0.0 or np.argmin(left) in (0, len(left) - 1):
@@ -87,8 +87,8 @@ def _covered(times: NDArray, at: NDArray) -> NDArray[np.bool_]:
     return inside & (at[after] - at[after - 1] <= GAP_S)
 
 
-def _residual(heard: NDArray, seen: NDArray) -> float:
+def _residual(directions: NDArray, sightings: NDArray) -> float:
     """Residual sum of squares of an affine fit of the measured curve by the seen one."""
-    x, y = seen - seen.mean(), heard - heard.mean()
+    x, y = sightings - sightings.mean(), directions - directions.mean()
     power = float(x @ x)
     return float(y @ y) - (float(x @ y) ** 2 / power if power > 0.0 else 0.0)
