@@ -127,11 +127,11 @@ def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
                  and 0.0 < measurement.window <= 60.0)
     if not plausible:
         return None
-    if measurement.cone is not None:
-        return measurement if _is_usable_cone(measurement.cone) else None
     kept = _usable(measurement.hypotheses)
     if not kept:
         return None
+    if measurement.cone is not None:  # its images are usable together or not at all
+        return measurement if kept == measurement.hypotheses and _is_usable_cone(measurement.cone) else None
     return measurement if kept == measurement.hypotheses else measurement._replace(hypotheses=kept)
 
 
