@@ -44,7 +44,7 @@ class Track(NamedTuple):
 
     time: float
     state: State = State.NONE
-    reason: str = 'nothing heard or seen yet'
+    reason: str = 'no measurement yet'
     changed: float = 0.0
     source: Source = Source.NOTHING
     azimuth: float = math.nan
