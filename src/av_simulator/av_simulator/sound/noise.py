@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,8 @@ class Noise:
     sides along the ground, that swells and fades by `urban_swing_db`. `diffuse_db_spl` is pink and comes from
     everywhere. With `snr`, the levels only set the ratios between the kinds, and their sum is scaled.
     """
+
+    RENAMED_KEYS: ClassVar[dict[str, str]] = {'own_rotors': 'ego_rotors'}
 
     self_noise_db_spl: float | None = 30.0
     wind: Wind | None = None
