@@ -5,12 +5,12 @@
 #   make test       every test; TESTS="src/av_audio/test -k delay" for some
 #   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
-#   make lint       style, types, layers of packages, package.xml files, shell scripts
+#   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
 #   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test report detector lint layers packages clean distclean
+.PHONY: build demo test report detector lint layers packages links clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
@@ -41,7 +41,7 @@ detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
 # Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked where actionlint is installed.
-lint: layers packages
+lint: layers packages links
 	$(ENV) && ruff check .
 	$(ENV) && mypy
 	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
@@ -56,6 +56,10 @@ packages:
 	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
 	$(ENV) && python3 tools/lint/package_dependencies.py src/*
 	$(ENV) && python3 tools/lint/metadata.py src/*
+
+# Links in documents lead to files and headings that exist.
+links:
+	$(ENV) && python3 tools/lint/links.py
 
 clean:
 	rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py
