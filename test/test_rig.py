@@ -32,7 +32,7 @@ def test_the_simulated_drone_is_tracked(tmp_path, port_offset):
     skip_figures_where_overloaded()    # without gaps on any machine: test_offline_run.py
     assert rig.value('coverage') > 90.0, rig.output
     assert rig.value('median error') < 3.0, rig.output
-    assert rig.value('front/back told in') < 10.0, rig.output
+    assert rig.value('front/back resolved in') < 10.0, rig.output
     assert json.loads((tmp_path / 'metrics.json').read_text())['senses']['fused']['coverage'] > 0.9
 
 

@@ -21,7 +21,7 @@ from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import changed_scenario, run_case
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 
-FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_decide_s',
+FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_resolve_s',
            'switches', 'latency_ms', 'unaided_rmse_deg'}
 
 
@@ -158,7 +158,7 @@ def test_figures_of_runs_together_are_those_of_all_their_errors(tmp_path):
 def test_a_page_holds_all_it_shows(tmp_path):
     page = Page('Title & more', 'by `a <command>`')
     page.table(['method', 'x'], [['ours', '1'], ['theirs', '2']], ours='ours')
-    page.picture(b'\x89PNG', 'a "caption"')
+    page.figure(b'\x89PNG', 'a "caption"')
     page.write(tmp_path / 'page.html')
     text = (tmp_path / 'page.html').read_text()
     assert 'Title &amp; more' in text and '<code>a &lt;command&gt;</code>' in text and text.count('class=ours') == 1

@@ -10,7 +10,7 @@ import pytest
 from av_common.track import State
 from av_evaluation.metrics.metrics import summarise
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.report.picture import draw
+from av_evaluation.report.plot import draw
 from av_evaluation.report.table import format_table
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import judge_run
@@ -41,7 +41,7 @@ def test_known_errors_come_out():
     assert sound.rmse_deg <= 5.0 + 1e-6
     assert sight.rmse_deg == pytest.approx(0.0, abs=1e-3) and sight.coverage == pytest.approx(0.5, abs=0.03)
     assert summary.switches == 1
-    assert summary.time_to_decide == pytest.approx(2.1, abs=0.01)
+    assert summary.time_to_resolve == pytest.approx(2.1, abs=0.01)
     assert fused.delay_median_ms == pytest.approx(100.0)
 
 

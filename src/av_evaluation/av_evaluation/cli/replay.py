@@ -88,7 +88,7 @@ def replay(options: argparse.Namespace) -> int:
     print(format_table(summary))
     print(speed)
     if options.report:
-        from av_evaluation.report.picture import draw  # matplotlib takes a second to load
+        from av_evaluation.report.plot import draw  # matplotlib takes a second to load
 
         folder = Path(options.report)
         folder.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from av_evaluation.experiments.paper import cases_of, make_page, metrics_by_experiment
+from av_evaluation.experiments.publication import cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.comparison import format_rows, rows_of, write_json
 from av_evaluation.report.measured import write_readme
 from av_evaluation.runs.program import add_run_options, compute, run_program

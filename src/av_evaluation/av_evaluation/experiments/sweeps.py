@@ -78,10 +78,10 @@ def add_sweep(page: Page, sweep: Sweep, figures: dict[str, dict[str, dict[str, f
     for key, scale, name, log in (('rmse_deg', 1.0, 'RMSE (deg)', True), ('coverage', 100.0, 'coverage (%)', False)):
         curves = {method: (values, [np.nan if by[method][key] is None else scale * by[method][key] for by in figures.values()])
                   for method in METHODS}
-        page.picture(curve_chart(curves, f'{sweep.title} ({sweep.unit})', name, log), f'{name} by method.')
+        page.figure(curve_chart(curves, f'{sweep.title} ({sweep.unit})', name, log), f'{name} by method.')
     head = [sweep.unit, *(f'{method}: RMSE' for method in METHODS), *(f'{method}: coverage' for method in METHODS),
             'fused: wrong side', 'told in']
     page.table(head, [[value, *(cell(by[method], 'rmse_deg', 1.0, '{:.2f}°') for method in METHODS),
                        *(cell(by[method], 'coverage', 100.0, '{:.0f} %') for method in METHODS),
                        cell(by['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
-                       cell(by['fused'], 'time_to_decide_s', 1.0, '{:.1f} s')] for value, by in figures.items()])
+                       cell(by['fused'], 'time_to_resolve_s', 1.0, '{:.1f} s')] for value, by in figures.items()])

@@ -18,7 +18,7 @@ COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0
            ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
            ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
 TIMES = (('unaided_rmse_deg', 'unaided', 1.0, '{:.2f}°'), ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
-         ('time_to_decide_s', 'decides in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
+         ('time_to_resolve_s', 'decides in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
          ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
 
 
@@ -92,7 +92,7 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
                    '"unaided" is their RMSE with the published choice of image, at the instant at which it comes. Fused, gated '
                    'and sight are given nothing. '
                    'Intervals: bootstrap over blocks of 2 s.')
-    page.picture(distribution_chart(runs, methods_of(runs)), 'Share of errors below each size.')
+    page.figure(distribution_chart(runs, methods_of(runs)), 'Share of errors below each size.')
     add_taus(page, runs)
     inputs = list(dict.fromkeys(run.case['input'] for run in runs))
     if len(inputs) > 1:
@@ -107,7 +107,7 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         page.heading(run.name, 3)
         for text in (*run.notes, *run.missing.values()):
             page.paragraph(text)
-        page.picture(bearing_chart(run), f'{run.name}: bearing and error.')
+        page.figure(bearing_chart(run), f'{run.name}: bearing and error.')
     for name, why in failures.items():
         page.paragraph(f'`{name}` failed: {why}')
     page.write(out / 'report.html')
@@ -121,7 +121,7 @@ def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
         curves = {name: (list(taus), [np.nan if taus[tau][name]['rmse_deg'] is None else taus[tau][name]['rmse_deg']
                                       for tau in taus]) for name in ('fused', 'gated')}
         page.heading('Sensitivity to the gate tau')
-        page.picture(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the detection confidence.')
+        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the detection confidence.')
 
 
 def add_domains(page: Page, one: Sequence[RunResult], other: Sequence[RunResult]) -> None:

@@ -39,7 +39,7 @@ class Summary:
 
     senses: dict[str, Errors]
     acquired: float = math.nan
-    time_to_decide: float = math.nan
+    time_to_resolve: float = math.nan
     switches: int = 0
     notes: dict[str, str] = field(default_factory=dict)
 
@@ -62,7 +62,7 @@ def summarise(log: RunLog, tau: float = 0.5) -> Summary:
               'sound': figures_of(log.sound['time'][heard], sound, log, acquired, end),
               'sight': figures_of(log.sight['time'][seen], log.sight['azimuth'][seen], log, acquired, end)}
     timed = {name: _with_timing(errors, getattr(log, name)) for name, errors in senses.items()}
-    return Summary(timed, acquired, time_to_decide(log), switches(log.fused), dict(log.notes))
+    return Summary(timed, acquired, time_to_resolve(log), switches(log.fused), dict(log.notes))
 
 
 def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, end: float) -> Errors:
@@ -125,7 +125,7 @@ def coverage_of(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> floa
     return float(np.mean(age <= FRESH_S))
 
 
-def time_to_decide(log: RunLog, track: Series | None = None) -> float:
+def time_to_resolve(log: RunLog, track: Series | None = None) -> float:
     """Seconds from the first sound or bearing to the first bearing of a track (the log's own) that is resolved.
 
     Where there is truth, rightly so.

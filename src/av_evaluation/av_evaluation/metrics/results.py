@@ -25,7 +25,7 @@ class MethodResult:
 
     `error_deg` and `opposite` belong to `judged_time`, where there is truth; `unaided_deg` are the errors without the truth's
     help. `latency_ms` is from the capture of the
-    newest measurement to the bearing, `time_to_decide_s` and `switches` are told of trackers only.
+    newest measurement to the bearing, `time_to_resolve_s` and `switches` are told of trackers only.
     """
 
     time: NDArray
@@ -36,7 +36,7 @@ class MethodResult:
     unaided_deg: NDArray
     coverage: float
     latency_ms: float = math.nan
-    time_to_decide_s: float = math.nan
+    time_to_resolve_s: float = math.nan
     switches: float = math.nan
 
 
@@ -53,18 +53,18 @@ class RunResult:
     notes: list[str] = field(default_factory=list)
     truth: Columns = field(default_factory=dict)
     state: Columns = field(default_factory=dict)
-    picture: bytes = b''
+    plot: bytes = b''
 
     def save(self, folder: Path) -> None:
-        """Write `<name>-<key>.npz` and `.png`, the picture first: what has the first file is complete."""
+        """Write `<name>-<key>.npz` and `.png`, the plot first: what has the first file is complete."""
         columns = {f'{name}/{key}': value for name, method in self.methods.items()
                    for key, value in vars(method).items() if isinstance(value, np.ndarray)}
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
         numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
                    for name, method in self.methods.items()}
         words = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'missing', 'notes')}
-        if self.picture:
-            (folder / f'{self.name}-{self.key}.png').write_bytes(self.picture)
+        if self.plot:
+            (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)
         content = io.BytesIO()
         np.savez_compressed(content, words=np.array(json.dumps([words, numbers])), **columns)
         partial = folder / f'{self.name}-{self.key}.part'
@@ -78,8 +78,8 @@ class RunResult:
             with np.load(folder / f'{name}-{key}.npz') as kept:
                 columns = {column: kept[column] for column in kept.files}
             words, numbers = json.loads(str(columns.pop('words')))
-            picture = folder / f'{name}-{key}.png'
-            result = cls(**words, picture=picture.read_bytes() if picture.exists() else b'')
+            plot = folder / f'{name}-{key}.png'
+            result = cls(**words, plot=plot.read_bytes() if plot.exists() else b'')
         except (OSError, ValueError, KeyError):  # not there, or cut off
             return None
         for method, values in numbers.items():
@@ -116,7 +116,7 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
     figures['worst_rmse_deg'] = max(each, default=math.nan)
     unaided = np.concatenate([result.unaided_deg for _, result in results])
     figures['unaided_rmse_deg'] = rmse(unaided) if unaided.size else math.nan
-    for key in ('time_to_decide_s', 'switches', 'latency_ms'):
+    for key in ('time_to_resolve_s', 'switches', 'latency_ms'):
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
     if intervals:

@@ -148,7 +148,7 @@ class MonitorNode(RigNode):
             out = Path(self._settings.out)
             self._log.save(out)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
-            from av_evaluation.report.picture import draw  # matplotlib takes a second to load: not at the start
+            from av_evaluation.report.plot import draw  # matplotlib takes a second to load: not at the start
 
             draw(self._log, out / 'bearing.png', self._settings.title)
             print(f'{"picture":<20}  {out / "bearing.png"}', flush=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_evaluation.metrics.results import RunResult, errors_together
-from av_evaluation.report.picture import broken, shade
+from av_evaluation.report.plot import broken, shade
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
            'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
@@ -20,13 +20,20 @@ LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sigh
 
 
 def label(method: str) -> str:
-    """What a method is called in tables and pictures."""
+    """Name of a method, or of `name@tau`, in tables and figures."""
     name, _, tau = method.partition('@')
     return LABELS.get(name, name) + (f', tau {tau}' if tau else '')
 
 
 def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'fused')) -> Figure:
-    """Azimuth in the rig's frame and error against time, the leading sense shaded; one error in 50 may lie outside."""
+    """Azimuth in the body frame and error against time, over shades of the track's state.
+
+    The axis of errors spans 98 % of them.
+
+    Parameters:
+        run: with truth and states.
+        methods: to plot; those that the run lacks are left out.
+    """
     figure = Figure(figsize=(11, 5.6), layout='constrained')
     bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [5, 2]})
     start = float(run.truth['time'][0]) if run.truth else min(
@@ -57,7 +64,12 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
 
 
 def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Figure:
-    """Share of errors below each size, a curve a method."""
+    """Cumulative distribution of the absolute errors, one curve for each method.
+
+    Parameters:
+        runs: whose errors are pooled.
+        methods: to plot; those without errors are left out.
+    """
     figure = Figure(figsize=(11, 4.2), layout='constrained')
     axes = figure.subplots()
     for method in methods:
@@ -73,7 +85,14 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
 
 def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], xlabel: str, ylabel: str,
                 log: bool = False) -> Figure:
-    """Figures (y, on a logarithmic axis where `log`) against a parameter (x), a curve a method."""
+    """Figures against a varied parameter, one curve for each method.
+
+    Parameters:
+        curves: values of the parameter and figures (nan: none) by method.
+        xlabel: name of the parameter, with its unit.
+        ylabel: name of the figure, with its unit.
+        log: whether the axis of figures is logarithmic.
+    """
     figure = Figure(figsize=(11, 3.8), layout='constrained')
     axes = figure.subplots()
     for name, (x, y) in curves.items():
@@ -88,7 +107,7 @@ def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], x
 
 
 def _reach(values: Sequence[NDArray], steps: Sequence[float], share: float) -> float:
-    """The smallest of the steps that this share of the sizes of the values, in degrees, stays below."""
+    """Half the span of an axis: the smallest step below which this share of the absolute values (deg) lies."""
     sizes = np.abs(np.concatenate([np.zeros(1), *values]))
     return next((step for step in steps if np.quantile(sizes[np.isfinite(sizes)], share) < step), steps[-1])
 

@@ -1,4 +1,4 @@
-"""The README's table of measured values, made from metrics.json, so that the two cannot disagree."""
+"""The README's table of measured values, made from metrics.json."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from av_evaluation.metrics.comparison import cell
 
 BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
-# Title of each experiment, and what stood behind its detections.
+# Title of each experiment, and the source of its detections.
 EXPERIMENTS = {
     'circle': ('drone circles in clear air', "simulator's oracle"),
     'tripod': ('loudspeaker in steps', "simulator's oracle"),
@@ -22,7 +22,7 @@ EXPERIMENTS = {
 
 
 def measured_table(content: Mapping) -> str:
-    """The rows of the README for the content of metrics.json."""
+    """The table of the README for the content of metrics.json, as Markdown."""
     lines = ['| experiment | detections from | sound alone, RMSE | sight alone, RMSE (coverage) | fused, RMSE (coverage) '
              '| published gate, RMSE | wrong side | front/back resolved in | command |',
              '|---|---|---|---|---|---|---|---|---|']
@@ -31,13 +31,18 @@ def measured_table(content: Mapping) -> str:
         if figures:
             fused = figures['fused']
             cells = [_rmse(figures['sound']), _both(figures['sight']), _both(fused), _rmse(figures['gated']),
-                     cell(fused, 'hemisphere_errors', 100.0, '{:.1f} %'), cell(fused, 'time_to_decide_s', 1.0, '{:.1f} s')]
+                     cell(fused, 'hemisphere_errors', 100.0, '{:.1f} %'), cell(fused, 'time_to_resolve_s', 1.0, '{:.1f} s')]
             lines.append(f'| {title} | {detections} | {" | ".join(cells)} | `{content["command"]}` |')
     return '\n'.join(lines)
 
 
 def write_readme(readme: Path, content: Mapping) -> None:
-    """Put the rows between the README's marks. Raises ValueError where there are none."""
+    """Replace the table between the README's marks. Raises ValueError for a README without marks.
+
+    Parameters:
+        readme: file that is changed.
+        content: of metrics.json.
+    """
     text = readme.read_text()
     if BEGIN not in text or END not in text:
         raise ValueError(f'{readme}: no line {BEGIN}')
@@ -46,10 +51,15 @@ def write_readme(readme: Path, content: Mapping) -> None:
 
 
 def disagreement(readme: Path, metrics: Path) -> str:
-    """What the README says that metrics.json does not, empty if they agree."""
+    """The difference between the table of the README and that of metrics.json, empty if they agree.
+
+    Parameters:
+        readme: file with the marks.
+        metrics: file of measured values.
+    """
     expected = measured_table(json.loads(metrics.read_text()))
-    said = readme.read_text().split(BEGIN)[-1].split(END)[0].strip()
-    return '' if said == expected else f'{readme} says\n{said}\nbut {metrics} gives\n{expected}'
+    written = readme.read_text().split(BEGIN)[-1].split(END)[0].strip()
+    return '' if written == expected else f'{readme} has\n{written}\nbut {metrics} gives\n{expected}'
 
 
 def _rmse(figures: Mapping) -> str:

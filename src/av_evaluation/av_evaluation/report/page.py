@@ -1,4 +1,4 @@
-"""One HTML file to look at: headings, paragraphs, tables and pictures, all inside of the file."""
+"""A report as one HTML file: headings, paragraphs, tables and figures, without links to other files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,12 @@ code { background: #f0f2f6; padding: .1rem .35rem; border-radius: 3px; font-size
 
 
 class Page:
-    """Collects parts and writes them as one file. Texts are plain; `code` between backticks is set as such."""
+    """A report that is built part by part. Texts are plain; what stands between backticks is set as code.
+
+    Parameters:
+        title: of the page.
+        lead: paragraph below the title, empty for none.
+    """
 
     def __init__(self, title: str, lead: str = '') -> None:
         self._title = title
@@ -40,39 +45,56 @@ class Page:
             self._parts.append(f'<p class="lead">{_text(lead)}</p>')
 
     def heading(self, text: str, level: int = 2) -> None:
-        """A heading."""
+        """Add a heading.
+
+        Parameters:
+            text: of the heading.
+            level: 1 to 6, as in HTML.
+        """
         self._parts.append(f'<h{level}>{_text(text)}</h{level}>')
 
     def paragraph(self, text: str) -> None:
-        """A paragraph."""
+        """Add a paragraph."""
         self._parts.append(f'<p>{_text(text)}</p>')
 
     def table(self, head: Sequence[str], rows: Sequence[Sequence[str]], ours: str = '', theirs: Collection[str] = ()) -> None:
-        """A table; the row whose first cell is `ours` stands out, and so do those whose first cell is among `theirs`."""
+        """Add a table.
+
+        Parameters:
+            head: cells of the header.
+            rows: cells of each row, as many as in the header.
+            ours: first cell of the row that is highlighted as this project's.
+            theirs: first cells of the rows that are highlighted as the publication's.
+        """
         kinds = {**dict.fromkeys(theirs, ' class=theirs'), **({ours: ' class=ours'} if ours else {})}
         cells = ''.join(f'<th>{_text(cell)}</th>' for cell in head)
         body = ''.join(f'<tr{kinds.get(row[0], "")}>'
                        + ''.join(f'<td>{_text(cell)}</td>' for cell in row) + '</tr>' for row in rows)
         self._parts.append(f'<div class="scroll"><table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table></div>')
 
-    def picture(self, picture: Figure | bytes, caption: str) -> None:
-        """A figure, or the bytes of a PNG, with a caption."""
-        if isinstance(picture, Figure):
+    def figure(self, figure: Figure | bytes, caption: str) -> None:
+        """Add a figure.
+
+        Parameters:
+            figure: of matplotlib, or the bytes of a PNG file.
+            caption: text below it, and its alternative text.
+        """
+        if isinstance(figure, Figure):
             content = io.BytesIO()
-            picture.savefig(content, format='png', dpi=120)
-            picture = content.getvalue()
-        encoded = base64.b64encode(picture).decode()
+            figure.savefig(content, format='png', dpi=120)
+            figure = content.getvalue()
+        encoded = base64.b64encode(figure).decode()
         self._parts.append(f'<figure><img alt="{html.escape(caption, quote=True)}" src="data:image/png;base64,{encoded}">'
                            f'<figcaption>{_text(caption)}</figcaption></figure>')
 
     def write(self, path: Path) -> None:
-        """Write the file."""
+        """Write the page to a file."""
         path.write_text(f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{_text(self._title)}</title>'
                         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
                         f'<body><main>{"".join(self._parts)}</main></body></html>\n')
 
 
 def _text(text: str) -> str:
-    """Escaped, with what stands between backticks as code."""
-    pieces = html.escape(str(text)).split('`')
-    return ''.join(f'<code>{piece}</code>' if number % 2 else piece for number, piece in enumerate(pieces))
+    """Escaped for HTML, with what stands between backticks as code."""
+    parts = html.escape(str(text)).split('`')
+    return ''.join(f'<code>{part}</code>' if number % 2 else part for number, part in enumerate(parts))

@@ -1,4 +1,4 @@
-"""The line that a person reads each second."""
+"""The line that the monitor prints each second."""
 
 from __future__ import annotations
 
@@ -14,9 +14,17 @@ MARKS = {State.NONE: 'no target', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_A
 
 def format_status(elapsed: float, bearing: Any | None, state: Any | None, command: Any | None, truth: float,
                   rates: Mapping[str, float], delay: float, problems: Mapping[str, str]) -> str:
-    """State, bearing with sigma, truth and error, confidences, command, rates, delay, and what is missing.
+    """One line of state, bearing, confidences, command, rates and delay, and a line for each problem.
 
-    `bearing`, `state` and `command` are the newest messages or None; `truth` (rad) and `delay` (s) are nan when unknown.
+    Parameters:
+        elapsed (s): since the start.
+        bearing: newest `Bearing`, or None.
+        state: newest `FusionState`, or None.
+        command: newest `PointingCommand`, or None.
+        truth (rad): true azimuth in the body frame, nan where unknown.
+        rates (Hz): of messages, by name.
+        delay (s): from the newest measurement to its bearing, nan where unknown.
+        problems: of nodes, by their names.
     """
     parts = [f'{elapsed:5.0f} s']
     if bearing is None or bearing.state == State.NONE:

@@ -1,4 +1,4 @@
-"""The figures of a run as a table to read."""
+"""The figures of a run as a table of plain text."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ ROWS = (('coverage', 'coverage', '{:.1f} %', 100.0), ('RMSE', 'rmse_deg', '{:.2f
         ('95th percentile', 'p95_deg', '{:.2f} deg', 1.0), ('errors > 20 deg', 'outliers', '{:.1f} %', 100.0),
         ('hemisphere wrong', 'hemisphere_errors', '{:.1f} %', 100.0), ('rate', 'rate_hz', '{:.1f} Hz', 1.0),
         ('delay, median', 'delay_median_ms', '{:.0f} ms', 1.0), ('delay, 95th perc.', 'delay_p95_ms', '{:.0f} ms', 1.0))
+LABEL_WIDTH = 24
 
 
 def format_table(summary: Summary) -> str:
-    """A row a figure, a column a sense, then what concerns the whole run."""
+    """One row for each figure, one column for each series, then the figures of the whole run."""
     names = list(summary.senses)
-    lines = [f'{"":<20}' + ''.join(f'{name:>14}' for name in names)]
-    lines += [f'{label:<20}' + ''.join(f'{_cell(summary.senses[name], key, form, scale):>14}' for name in names)
+    lines = [f'{"":<{LABEL_WIDTH}}' + ''.join(f'{name:>14}' for name in names)]
+    lines += [f'{label:<{LABEL_WIDTH}}' + ''.join(f'{_cell(summary.senses[name], key, form, scale):>14}' for name in names)
               for label, key, form, scale in ROWS]
-    lines.append(f'{"front/back told in":<20}{_number(summary.time_to_decide, "{:.1f} s"):>14}')
-    lines.append(f'{"switches":<20}{summary.switches:>14}')
-    lines += [f'{key:<20}  {value}' for key, value in summary.notes.items()]
+    lines.append(f'{"front/back resolved in":<{LABEL_WIDTH}}{_number(summary.time_to_resolve, "{:.1f} s"):>14}')
+    lines.append(f'{"switches":<{LABEL_WIDTH}}{summary.switches:>14}')
+    lines += [f'{key:<{LABEL_WIDTH}}  {value}' for key, value in summary.notes.items()]
     return '\n'.join(lines)
 
 

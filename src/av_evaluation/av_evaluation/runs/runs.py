@@ -19,11 +19,11 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
-from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_decide
+from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
-from av_evaluation.report.picture import draw
+from av_evaluation.report.plot import draw
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.filter.tracker import BayesTracker
@@ -42,7 +42,7 @@ def run_case(case: Case) -> RunResult:
     result.notes += notes
     content = io.BytesIO()
     draw(log, content, case.name)
-    result.picture = content.getvalue()
+    result.plot = content.getvalue()
     return result
 
 
@@ -84,7 +84,7 @@ def _judge(method: str, log: RunLog, record: MeasurementRecord, tau: float, acqu
     result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
     if method in ('fused', 'gated'):
         series = track(method, record, log, tau)
-        result.time_to_decide_s, result.switches = time_to_decide(log, series), float(switches(series))
+        result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]
     elif method == 'kalman':
         delay = np.zeros(0)

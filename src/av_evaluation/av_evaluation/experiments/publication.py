@@ -85,18 +85,18 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
         several = runs.get(experiment.scenario, ())
         if several:
             page.heading(f'{experiment.figure}. {experiment.title}')
-            page.picture(bearing_chart(several[0]), f'{several[0].name}: bearing and error against time. Green: sight leads; '
+            page.figure(bearing_chart(several[0]), f'{several[0].name}: bearing and error against time. Green: sight leads; '
                                                     'orange: sound leads.')
             still = runs.get(f'{experiment.scenario}, rig still', ())
             if still:
-                page.picture(bearing_chart(still[0]), 'The same with the rig standing still: the camera sees it only ahead.')
+                page.figure(bearing_chart(still[0]), 'The same with the rig standing still: the camera sees it only ahead.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
             if experiment.scenario in PAPER:
                 page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PAPER[experiment.scenario]))
     _sensitivity(page, [run for name in ('fog_woodland', 'occluded_room') for run in runs.get(name, ())])
     _stand_ins(page, runs)
     page.heading('All errors')
-    page.picture(distribution_chart(_four(runs), METHODS), 'Share of errors below each size in the four experiments together.')
+    page.figure(distribution_chart(_four(runs), METHODS), 'Share of errors below each size in the four experiments together.')
     return page
 
 
@@ -107,7 +107,7 @@ def _table_1(page: Page, runs: Runs) -> None:
         figures = metrics_of(several, ('sound', 'sight', 'fused'))
         rows.append([name, str(len(several)), *(_with_coverage(figures[sense]) for sense in figures),
                      cell(figures['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
-                     cell(figures['fused'], 'time_to_decide_s', 1.0, '{:.1f} s')])
+                     cell(figures['fused'], 'time_to_resolve_s', 1.0, '{:.1f} s')])
     rows += [[name, '', *known, 'by hand', ''] for name, *known in PAPER.values()]
     page.table(['experiment', 'runs', 'sound: RMSE (coverage)', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)',
                 'fused: wrong side', 'front/back told in'], rows, ours='the four together',
@@ -156,7 +156,7 @@ def _sensitivity(page: Page, runs: Sequence[RunResult]) -> None:
     if taus:
         curves = {name: (list(taus), [100.0 * (taus[tau][name]['coverage'] or np.nan) for tau in taus])
                   for name in ('fused', 'gated')}
-        page.picture(curve_chart(curves, 'tau', 'coverage (%)'), 'Coverage against the gate. Experiments 3 and 4.')
+        page.figure(curve_chart(curves, 'tau', 'coverage (%)'), 'Coverage against the gate. Experiments 3 and 4.')
 
 
 def _stand_ins(page: Page, runs: Runs) -> None:
@@ -169,9 +169,9 @@ def _stand_ins(page: Page, runs: Runs) -> None:
                    'for 55 % of each clip. `room` is a real drone\'s sound in steps of 20 degrees around a pair of '
                    'microphones in a room of pyroomacoustics, an independent renderer.')
     first = runs['filmed'][0]
-    page.picture(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
+    page.figure(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
     page.table(*rows_of(metrics_of(runs['filmed'])), ours=label('fused'))
     if runs.get('room'):
         page.heading('A room by another renderer', 3)
-        page.picture(bearing_chart(runs['room'][0], ('sound',)), 'Hearing alone, mirror images folded.')
+        page.figure(bearing_chart(runs['room'][0], ('sound',)), 'Hearing alone, mirror images folded.')
         page.table(*rows_of(metrics_of(runs['room'])), ours=label('sound'))

@@ -1,4 +1,4 @@
-"""A run as a picture: truth, sound, sight and bearing against time, with who led when."""
+"""The plot of a run: truth, measurements and estimated bearing against time, with the state of the track."""
 
 from __future__ import annotations
 
@@ -22,7 +22,13 @@ SHADES = {State.VISUAL_ACTIVE: ('#cfe8cf', 'sight leads'), State.ACOUSTIC_ACTIVE
 
 
 def draw(log: RunLog, path: Path | BinaryIO, title: str = '') -> None:
-    """Write the picture as PNG to a file."""
+    """Plot a run: azimuths above, the error with its interval of 2 sigma below.
+
+    Parameters:
+        log: of the run.
+        path: file, or open binary file, to which the PNG is written.
+        title: of the plot.
+    """
     figure = Figure(figsize=(12, 7), layout='constrained')
     FigureCanvasAgg(figure)
     bearing, error = figure.subplots(2, 1, sharex=True, gridspec_kw={'height_ratios': [3, 1]})
@@ -31,7 +37,7 @@ def draw(log: RunLog, path: Path | BinaryIO, title: str = '') -> None:
     shade((bearing, error), log.fused['time'] - start, log.fused['state'])
     for name in ('azimuth', 'mirrored'):
         bearing.plot(log.sound['time'] - start, np.degrees(log.sound[name]), '.', color='#d98200', markersize=2, alpha=0.5,
-                     label='sound, both mirror images' if name == 'azimuth' else None)
+                     label='sound, both hypotheses' if name == 'azimuth' else None)
     bearing.plot(log.sight['time'] - start, np.degrees(log.sight['azimuth']), '.', color='#1a7f37', markersize=4, label='sight')
     time = log.fused['time']
     bearing.plot(time - start, np.degrees(broken(log.fused['azimuth'])), color='#1f4fd8', linewidth=1.2, label='fused')
@@ -50,7 +56,13 @@ def draw(log: RunLog, path: Path | BinaryIO, title: str = '') -> None:
 
 
 def shade(axes: Sequence[Axes], time: NDArray, state: NDArray) -> None:
-    """Who led when, in the background of pictures of one time axis; named in the first one's legend."""
+    """Shade the background by the state of the track; the legend of the first axes names the colours.
+
+    Parameters:
+        axes: that share one time axis.
+        time (n, s): on this axis.
+        state (n,): of the track at these times, values of `State`.
+    """
     if not len(time):
         return
     edges, named = [0, *(np.flatnonzero(np.diff(state)) + 1), len(state) - 1], set()
@@ -64,7 +76,7 @@ def shade(axes: Sequence[Axes], time: NDArray, state: NDArray) -> None:
 
 
 def broken(azimuth: NDArray) -> NDArray:
-    """The curve (n,) in rad with gaps where it wraps, so that no line is drawn across the picture."""
+    """An azimuth (n, rad) with nan after each wrap, so that no line is drawn across the plot."""
     curve = np.array(wrap(azimuth), float)
     curve[1:][np.abs(np.diff(curve)) > np.pi] = np.nan
     return curve
