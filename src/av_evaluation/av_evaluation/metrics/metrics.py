@@ -1,4 +1,4 @@
-"""Figures of a run: coverage, errors, how soon front and back were told apart, switches, rates and delays."""
+"""Figures of a run: coverage, errors, time to resolve front and back, switches, rates and delays."""
 
 from __future__ import annotations
 
@@ -13,13 +13,26 @@ from av_common.track import State
 from av_evaluation.metrics.run_log import RunLog, Series
 
 GRID_HZ = 20.0
-FRESH_S = 0.25  # a report counts this long for coverage
+VALID_S = 0.25  # a bearing counts this long for coverage
 OUTLIER_DEG = 20.0
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one sense or method. Angles in degrees; shares 0..1; nan where there is no truth."""
+    """Figures of one series of bearings. Angles in degrees, shares from 0 to 1; nan without truth.
+
+    Attributes:
+        coverage: share of the time with a valid bearing.
+        rmse_deg: root of the mean square error.
+        mae_deg: mean absolute error.
+        median_deg: median of the absolute errors.
+        p95_deg: 95th percentile of the absolute errors.
+        outliers: share of errors beyond 20 degrees.
+        hemisphere_errors: share of bearings in front for a target behind, or the reverse.
+        rate_hz: of bearings.
+        delay_median_ms: median of the delays.
+        delay_p95_ms: 95th percentile of the delays.
+    """
 
     coverage: float = math.nan
     rmse_deg: float = math.nan
@@ -35,7 +48,15 @@ class Errors:
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of a run, for `fused`, `sound` (the nearer of its mirror images) and `sight`."""
+    """Figures of a run.
+
+    Attributes:
+        senses: of `fused`, `sound` (the hypothesis nearer to the truth) and `sight`.
+        acquired (s): time from which errors count, nan without bearings.
+        time_to_resolve (s): see the function of this name.
+        switches: see the function of this name.
+        notes: on the origin of the data.
+    """
 
     senses: dict[str, Errors]
     acquired: float = math.nan
@@ -45,39 +66,54 @@ class Summary:
 
 
 def summarise(log: RunLog, tau: float = 0.5) -> Summary:
-    """Compute the figures.
+    """Compute the figures of a run.
 
-    They count from the arrival of the first detection on; where nothing was seen from the first bearing whose hemisphere
-    was declared, else from the first bearing.
+    Errors count from the arrival of the first detection. Without one they count from the first bearing with resolved front
+    and back, else from the first bearing.
+
+    Parameters:
+        log: of the run.
+        tau: confidence from which a detection counts.
     """
-    seen = log.sight['confidence'] >= tau
-    following = log.fused['state'] != State.NONE
-    heard = log.sound['confidence'] > 0.0
-    declared = following & (log.fused['resolved'] > 0.0)
-    beginnings = ((log.sight['time'] + log.sight['delay'])[seen], log.fused['time'][declared], log.fused['time'][following])
-    acquired = next((float(times.min()) for times in beginnings if times.size), math.nan)
+    detected = log.sight['confidence'] >= tau
+    tracked = log.fused['state'] != State.NONE
+    valid = log.sound['confidence'] > 0.0
+    resolved = tracked & (log.fused['resolved'] > 0.0)
+    candidates = ((log.sight['time'] + log.sight['delay'])[detected], log.fused['time'][resolved], log.fused['time'][tracked])
+    acquired = next((float(times.min()) for times in candidates if times.size), math.nan)
     end = max((float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)), default=0.0)
-    sound = np.stack([log.sound['azimuth'], log.sound['mirrored']])[:, heard]
-    senses = {'fused': figures_of(log.fused['time'][following], log.fused['azimuth'][following], log, acquired, end),
-              'sound': figures_of(log.sound['time'][heard], sound, log, acquired, end),
-              'sight': figures_of(log.sight['time'][seen], log.sight['azimuth'][seen], log, acquired, end)}
+    sound = np.stack([log.sound['azimuth'], log.sound['mirrored']])[:, valid]
+    senses = {'fused': figures_of(log.fused['time'][tracked], log.fused['azimuth'][tracked], log, acquired, end),
+              'sound': figures_of(log.sound['time'][valid], sound, log, acquired, end),
+              'sight': figures_of(log.sight['time'][detected], log.sight['azimuth'][detected], log, acquired, end)}
     timed = {name: _with_timing(errors, getattr(log, name)) for name, errors in senses.items()}
     return Summary(timed, acquired, time_to_resolve(log), switches(log.fused), dict(log.notes))
 
 
 def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, end: float) -> Errors:
-    """Figures of body azimuths (n,) in rad at times (n,) in s, from `acquired` to `end`.
+    """Figures of a series of bearings.
 
-    Azimuths (2, n) are mirror images, of which the nearer to the truth counts (nan: there is none).
+    Parameters:
+        time (n, s): of the bearings.
+        azimuth (n, rad) or (2, n, rad): in the body frame. Of two hypotheses the one nearer to the truth counts; nan is none.
+        log: with the truth.
+        acquired (s): from which errors and coverage count.
+        end (s): of the time that counts for coverage.
     """
     judged = judge(time, azimuth, log, acquired)
-    grid = np.arange(acquired, end, 1.0 / GRID_HZ) if math.isfinite(acquired) else np.empty(0)
+    grid = instants(acquired, end) if math.isfinite(acquired) else np.zeros(0)
     return errors_of(judged.error_deg, judged.opposite, coverage_of(grid, time))
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Bearings beside the truth (n,): times in s, signed errors in degrees, and whether front and back are confused."""
+    """Bearings compared with the truth.
+
+    Attributes:
+        time (n, s): of the bearings.
+        error_deg (n, degrees): signed errors.
+        opposite (n,): whether front and back are confused.
+    """
 
     time: NDArray[np.float64]
     error_deg: NDArray[np.float64]
@@ -85,19 +121,32 @@ class Judged:
 
 
 def judge(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.inf) -> Judged:
-    """Compare body azimuths (n,), or mirror images (2, n), with the truth, from `acquired` on and where there is truth."""
-    images, truth = np.atleast_2d(azimuth), log.true_azimuth(time)
-    apart = wrap(np.nan_to_num(images) - truth)
-    apart[np.isnan(images)] = np.nan
-    chosen = np.argmin(np.abs(np.nan_to_num(apart, nan=np.inf)), axis=0) if time.size else np.zeros(0, int)
-    error = np.degrees(np.take_along_axis(apart, chosen[np.newaxis], axis=0)[0])
+    """Compare bearings with the truth, where there is one.
+
+    Parameters:
+        time (n, s): of the bearings.
+        azimuth (n, rad) or (2, n, rad): in the body frame. Of two hypotheses the one nearer to the truth counts; nan is none.
+        log: with the truth.
+        acquired (s): earlier bearings are left out.
+    """
+    hypotheses, truth = np.atleast_2d(azimuth), log.true_azimuth(time)
+    errors = wrap(np.nan_to_num(hypotheses) - truth)
+    errors[np.isnan(hypotheses)] = np.nan
+    chosen = np.argmin(np.abs(np.nan_to_num(errors, nan=np.inf)), axis=0) if time.size else np.zeros(0, int)
+    error = np.degrees(np.take_along_axis(errors, chosen[np.newaxis], axis=0)[0])
     counted = np.isfinite(error) & (time >= acquired)
-    opposite = np.cos(truth) * np.cos(images[0]) < 0.0 if len(images) == 1 else np.zeros(len(time), bool)
+    opposite = np.cos(truth) * np.cos(hypotheses[0]) < 0.0 if len(hypotheses) == 1 else np.zeros(len(time), bool)
     return Judged(time[counted], error[counted], opposite[counted])
 
 
 def errors_of(error_deg: NDArray, opposite: NDArray, coverage: float) -> Errors:
-    """Figures of signed errors (n,) in degrees."""
+    """Figures of a series of errors, without rate and delays.
+
+    Parameters:
+        error_deg (n, degrees): signed errors.
+        opposite (m,): whether front and back are confused; empty where that is not defined.
+        coverage: share of the time with a valid bearing.
+    """
     error = np.abs(error_deg)
     if not error.size:
         return Errors(coverage)
@@ -114,21 +163,35 @@ def _with_timing(errors: Errors, series: Series) -> Errors:
     return replace(errors, rate_hz=rate, delay_median_ms=float(np.median(delay)), delay_p95_ms=float(np.percentile(delay, 95)))
 
 
+def instants(begin: float, end: float) -> NDArray[np.float64]:
+    """Instants (n, s) between two times (s) at which coverage is evaluated."""
+    return np.arange(begin, end, 1.0 / GRID_HZ).astype(np.float64)
+
+
 def coverage_of(grid: NDArray[np.float64], reports: NDArray[np.float64]) -> float:
-    """Share of the instants of `grid` (s) with a report no older than FRESH_S."""
+    """Share of instants with a bearing no older than VALID_S; nan without instants.
+
+    Parameters:
+        grid (n, s): instants.
+        reports (m, s): times of the bearings.
+    """
     if not grid.size:
         return math.nan
     if not reports.size:
         return 0.0
     newest = np.searchsorted(np.sort(reports), grid + 1.0 / GRID_HZ) - 1
     age = np.where(newest >= 0, grid - np.sort(reports)[np.maximum(newest, 0)], np.inf)
-    return float(np.mean(age <= FRESH_S))
+    return float(np.mean(age <= VALID_S))
 
 
 def time_to_resolve(log: RunLog, track: Series | None = None) -> float:
-    """Seconds from the first sound or bearing to the first bearing of a track (the log's own) that is resolved.
+    """Time (s) from the first measurement of sound, or bearing, to the first resolved bearing; nan where there is none.
 
-    Where there is truth, rightly so.
+    Resolved bearings that are wrong by more than 20 degrees do not count.
+
+    Parameters:
+        log: of the run.
+        track: bearings, like `RunLog.fused`; the log's own where None.
     """
     track = log.fused if track is None else track
     time, resolved = track['time'], track['resolved'] > 0.0
@@ -136,12 +199,12 @@ def time_to_resolve(log: RunLog, track: Series | None = None) -> float:
         return math.nan
     wrong = np.abs(wrap(track['azimuth'] - log.true_azimuth(time))) > math.radians(OUTLIER_DEG)
     right = time[resolved & ~wrong]
-    heard = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[track['state'] != State.NONE]])
-    return float(max(right[0] - heard.min(), 0.0)) if right.size and heard.size else math.nan
+    reported = np.concatenate([log.sound['time'][log.sound['confidence'] > 0.0], time[track['state'] != State.NONE]])
+    return float(max(right[0] - reported.min(), 0.0)) if right.size and reported.size else math.nan
 
 
 def switches(track: Series) -> int:
-    """How often the leading sense changed between sight and sound."""
+    """Number of changes of a track between `VISUAL_ACTIVE` and `ACOUSTIC_ACTIVE`."""
     state = track['state']
     leading = state[(state == State.VISUAL_ACTIVE) | (state == State.ACOUSTIC_ACTIVE)]
     return int(np.count_nonzero(np.diff(leading)))

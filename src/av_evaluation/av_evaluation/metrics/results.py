@@ -1,4 +1,4 @@
-"""What is kept of a run: each method's bearings beside the truth, and figures of one run or of many together."""
+"""Results of runs: bearings and errors of each method, and figures over one or several runs."""
 
 from __future__ import annotations
 
@@ -21,11 +21,19 @@ Columns = dict[str, NDArray]
 
 @dataclass
 class MethodResult:
-    """One method in one run. Times in s, azimuths in rad in the body frame, errors signed, in degrees.
+    """Bearings and errors of one method in one run.
 
-    `error_deg` and `opposite` belong to `judged_time`, where there is truth; `unaided_deg` are the errors without the truth's
-    help. `latency_ms` is from the capture of the
-    newest measurement to the bearing, `time_to_resolve_s` and `switches` are told of trackers only.
+    Attributes:
+        time (n, s): of the bearings.
+        azimuth (n, rad): in the body frame.
+        judged_time (m, s): of the bearings with a truth.
+        error_deg (m, degrees): signed errors.
+        opposite (m,): whether front and back are confused; empty where the true hemisphere is given.
+        unaided_deg (k, degrees): signed errors with the hypothesis of the published controller.
+        coverage: share of the time with a valid bearing.
+        latency_ms (ms): from the capture of the newest measurement to the bearing, median.
+        time_to_resolve_s (s): to resolve front and back; nan but for trackers.
+        switches: changes between sight and sound; nan but for trackers.
     """
 
     time: NDArray
@@ -42,7 +50,20 @@ class MethodResult:
 
 @dataclass
 class RunResult:
-    """One run. `methods` by name, by `name@tau` for other gates; `missing` says why a method is not among them."""
+    """Result of one run.
+
+    Attributes:
+        name: of the run, unique within an evaluation.
+        key: digest of the case and the code, see `Case.key`.
+        case: fields of the `Case`.
+        span_s (s): time for which errors count.
+        methods: results by name of the method, `name@tau` for other gates.
+        missing: reasons why a method has no result, by its name.
+        notes: on the origin of the data.
+        truth: columns `time` (s) and `azimuth` (rad, body frame); empty without truth.
+        state: columns `time` (s), `state` and `sigma` (rad) of the track.
+        plot: PNG of the run.
+    """
 
     name: str
     key: str
@@ -56,35 +77,41 @@ class RunResult:
     plot: bytes = b''
 
     def save(self, folder: Path) -> None:
-        """Write `<name>-<key>.npz` and `.png`, the plot first: what has the first file is complete."""
-        columns = {f'{name}/{key}': value for name, method in self.methods.items()
+        """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
+        columns: dict[str, Any] = {f'{name}/{key}': value for name, method in self.methods.items()
                    for key, value in vars(method).items() if isinstance(value, np.ndarray)}
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
         numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
                    for name, method in self.methods.items()}
-        words = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'missing', 'notes')}
+        header = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'missing', 'notes')}
         if self.plot:
             (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)
         content = io.BytesIO()
-        np.savez_compressed(content, words=np.array(json.dumps([words, numbers])), **columns)
+        np.savez_compressed(content, words=np.array(json.dumps([header, numbers])), **columns)
         partial = folder / f'{self.name}-{self.key}.part'
         partial.write_bytes(content.getvalue())
         partial.replace(folder / f'{self.name}-{self.key}.npz')
 
     @classmethod
     def load(cls, folder: Path, name: str, key: str) -> RunResult | None:
-        """The result kept under this name and key, None where there is none."""
+        """Read a result; None where there is none or its file is incomplete.
+
+        Parameters:
+            folder: to which it was saved.
+            name: of the run.
+            key: of its case.
+        """
         try:
             with np.load(folder / f'{name}-{key}.npz') as kept:
                 columns = {column: kept[column] for column in kept.files}
-            words, numbers = json.loads(str(columns.pop('words')))
+            header, numbers = json.loads(str(columns.pop('words')))
             plot = folder / f'{name}-{key}.png'
-            result = cls(**words, plot=plot.read_bytes() if plot.exists() else b'')
-        except (OSError, ValueError, KeyError):  # not there, or cut off
+            result = cls(**header, plot=plot.read_bytes() if plot.exists() else b'')
+        except (OSError, ValueError, KeyError):  # absent, or incomplete
             return None
         for method, values in numbers.items():
-            mine = {column.split('/')[1]: value for column, value in columns.items() if column.startswith(f'{method}/')}
-            result.methods[method] = MethodResult(**mine, **values)
+            arrays = {column.split('/')[1]: value for column, value in columns.items() if column.startswith(f'{method}/')}
+            result.methods[method] = MethodResult(**arrays, **values)
         for part in ('truth', 'state'):
             setattr(result, part, {column.split('//')[1]: value for column, value in columns.items()
                                    if column.startswith(f'{part}//')})
@@ -92,15 +119,20 @@ class RunResult:
 
 
 def errors_together(runs: Sequence[RunResult], method: str) -> NDArray:
-    """Signed errors of a method in all runs, in degrees."""
+    """Signed errors (n, degrees) of a method, those of all runs in one array."""
     return np.concatenate([np.zeros(0), *(run.methods[method].error_deg for run in runs if method in run.methods)])
 
 
 def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = True) -> dict[str, float | None]:
-    """Figures of a method over all errors of all runs, as they stand in metrics.json: None where there is nothing to tell.
+    """Figures of a method over all errors of all runs, as in metrics.json; None where a figure is not defined.
 
-    Coverage is weighted by the runs' lengths; times, switches and latency are medians over runs, but for
-    `worst_rmse_deg`, the largest RMSE of a run.
+    Coverage is weighted by the lengths of the runs. Time to resolve, switches and latency are medians over runs.
+    `worst_rmse_deg` is the largest RMSE of a run.
+
+    Parameters:
+        runs: whose errors are pooled.
+        method: name, or `name@tau`.
+        intervals: whether to compute the interval of the RMSE.
     """
     results = [(run, run.methods[method]) for run in runs if method in run.methods]
     if not results:

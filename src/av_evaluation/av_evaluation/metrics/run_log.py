@@ -1,4 +1,4 @@
-"""What happened in a run, as columns that metrics and pictures read."""
+"""Log of a run: truth, measurements and estimates as columns of numbers."""
 
 from __future__ import annotations
 
@@ -13,20 +13,24 @@ from av_common.angles import wrap
 
 
 class Series:
-    """Rows of numbers in order of arrival, read as columns by name. Flat storage: hours of a run fit in memory."""
+    """A table of numbers that grows by rows and is read by columns; 8 bytes for each number.
+
+    Parameters:
+        names: of the columns.
+    """
 
     def __init__(self, *names: str) -> None:
         self._names = names
         self._flat = array('d')
 
     def add(self, *values: float) -> None:
-        """Append one row; raises ValueError when a value is missing."""
+        """Append one row, a value for each column. Raises ValueError for another number of values."""
         if len(values) != len(self._names):
             raise ValueError(f'{len(values)} values, expected {self._names}')
         self._flat.extend(values)
 
     def extend(self, *columns: ArrayLike) -> None:
-        """Append rows, given as columns (n,)."""
+        """Append rows, given as one array (n,) for each column."""
         self._flat.frombytes(np.column_stack(columns).astype(np.float64).tobytes())
 
     def __len__(self) -> int:
@@ -37,7 +41,7 @@ class Series:
         return self._table()[:, self._names.index(name)]
 
     def save(self, path: Path) -> None:
-        """Write the rows as CSV with a header."""
+        """Write the rows as CSV with a header; times to the microsecond."""
         formats = ['%.6f' if name == 'time' else '%.9g' for name in self._names]
         np.savetxt(path, self._table(), formats, delimiter=',', header=','.join(self._names), comments='')
 
@@ -46,22 +50,29 @@ class Series:
 
 
 class RunLog:
-    """Truth, what each sense said, and the bearing. Times in s, azimuths in rad in the body frame.
+    """Truth, measurements and estimated bearing of a run. Times in s, positions in m, azimuths in rad in the body frame.
 
-    `delay` is from the capture of what a message rests on to its arrival here: for sound from its window's end, for the bearing
-    from its newest measurement.
+    A delay is the time from capture to arrival: for sound from the end of its window, for a bearing from its newest measurement.
+
+    Attributes:
+        target: true positions of the target in the world.
+        rig: true positions and yaw of the rig in the world.
+        sound: azimuths of the first and second hypothesis of each window; `mirrored` is nan without a second one.
+        sight: azimuth of the best detection of each image, nan with confidence 0 where there is none.
+        fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
+        notes: on the origin of the data, by topic.
     """
 
     def __init__(self) -> None:
         self.target = Series('time', 'x', 'y', 'z')
         self.rig = Series('time', 'x', 'y', 'z', 'yaw')
-        self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay')  # mirrored is nan where there is none
-        self.sight = Series('time', 'azimuth', 'confidence', 'delay')  # azimuth is nan where nothing was detected
+        self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay')
+        self.sight = Series('time', 'azimuth', 'confidence', 'delay')
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay')
         self.notes: dict[str, str] = {}
 
     def save(self, folder: Path) -> None:
-        """Write each series as `<name>.csv` into a folder, one column a quantity, for whoever wants to look closer."""
+        """Write each series as `<name>.csv` into a folder, which is made where it does not exist."""
         folder.mkdir(parents=True, exist_ok=True)
         for name, series in vars(self).items():
             if isinstance(series, Series):
@@ -69,22 +80,22 @@ class RunLog:
 
     @property
     def has_truth(self) -> bool:
-        """Whether errors can be told."""
+        """Whether errors can be computed."""
         return len(self.target) > 1 and len(self.rig) > 1
 
     def true_azimuth(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Azimuth of the target in the rig's frame at times (n,), nan outside of the truth's span."""
+        """True azimuth (n, rad) of the target in the body frame at times (n, s), nan outside of the truth's span."""
         time = np.asarray(time, float)
         if not self.has_truth:
             return np.full(time.shape, math.nan)
-        moment = {'left': math.nan, 'right': math.nan}
-        east, north = (np.interp(time, self.target['time'], self.target[axis], **moment)
-                       - np.interp(time, self.rig['time'], self.rig[axis], **moment) for axis in 'xy')
-        yaw = np.interp(time, self.rig['time'], np.unwrap(self.rig['yaw']), **moment)
+        outside = {'left': math.nan, 'right': math.nan}
+        east, north = (np.interp(time, self.target['time'], self.target[axis], **outside)
+                       - np.interp(time, self.rig['time'], self.rig[axis], **outside) for axis in 'xy')
+        yaw = np.interp(time, self.rig['time'], np.unwrap(self.rig['yaw']), **outside)
         return wrap(np.arctan2(north, east) - yaw)
 
     @property
     def duration(self) -> float:
-        """Seconds from the first to the last thing that happened."""
+        """Time (s) from the first to the last row of all series but the rig's."""
         times = np.concatenate([series['time'] for series in (self.target, self.sound, self.sight, self.fused)])
         return float(np.ptp(times)) if times.size else 0.0

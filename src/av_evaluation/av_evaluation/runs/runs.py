@@ -19,7 +19,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
-from av_evaluation.metrics.metrics import GRID_HZ, coverage_of, judge, summarise, switches, time_to_resolve
+from av_evaluation.metrics.metrics import coverage_of, instants, judge, summarise, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
@@ -78,7 +78,7 @@ def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[
 def _judge(method: str, log: RunLog, record: MeasurementRecord, tau: float, acquired: float, span: float) -> MethodResult:
     time, azimuth = bearings(method, record, log, tau)
     judged = judge(time, azimuth, log, acquired)
-    grid = np.arange(acquired, acquired + span, 1.0 / GRID_HZ) if span > 0.0 else np.zeros(0)
+    grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
     opposite = np.zeros(0, bool) if method in FOLDED else judged.opposite
     unaided = judge(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else judged
     result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
