@@ -17,7 +17,7 @@ from av_evaluation.runs.runs import judge_run
 
 
 def circle_log(error_deg: float = 2.0) -> RunLog:
-    """A target that circles a rig that turns; the bearing is off by a constant, sight covers the first half."""
+    """A target that circles a turning rig; the bearing has a constant error, sight covers the first half."""
     log = RunLog()
     for k in range(200):
         t = 1000.0 + 0.1 * k
@@ -33,7 +33,7 @@ def circle_log(error_deg: float = 2.0) -> RunLog:
 
 
 def test_known_errors_come_out():
-    """RMSE, coverage, switches and the time to decide of a made-up run."""
+    """RMSE, coverage, switches and time to resolve of a synthetic run."""
     summary = summarise(circle_log())
     fused, sound, sight = (summary.senses[name] for name in ('fused', 'sound', 'sight'))
     assert fused.rmse_deg == pytest.approx(2.0, abs=0.01) and fused.median_deg == pytest.approx(2.0, abs=0.01)
@@ -56,8 +56,8 @@ def test_gaps_cost_coverage():
     assert summarise(gappy).senses['fused'].coverage == pytest.approx(2.0 / 3.0, abs=0.03)
 
 
-def test_a_sense_that_looks_in_vain_covers_nothing():
-    """Never confident: no coverage, rather than no figure; never asked: no figure."""
+def test_sight_without_detections_has_no_coverage():
+    """Detections below the gate: coverage 0; no images or sound: no figure."""
     log = circle_log()
     blind = RunLog()
     for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'confidence', 'delay')), strict=True):
@@ -69,7 +69,7 @@ def test_a_sense_that_looks_in_vain_covers_nothing():
 
 
 def test_an_empty_run_and_one_without_truth_make_a_table(tmp_path):
-    """Nothing heard, nothing seen, nothing known: the table says so with dashes, and a picture is drawn."""
+    """Without measurements and truth the table has dashes, and a plot is written."""
     assert 'coverage' in format_table(summarise(RunLog()))
     log = RunLog()
     log.fused.add(1.0, 0.1, 0.1, State.ACOUSTIC_ACTIVE, 1, 0.1)

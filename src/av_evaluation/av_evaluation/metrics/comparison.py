@@ -1,8 +1,9 @@
-"""Methods side by side: the table on screen, metrics.json, and the report of an evaluation."""
+"""Comparison of methods: table, metrics.json and report of an evaluation."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -18,35 +19,53 @@ COLUMNS = (('coverage', 'coverage', 100.0, '{:.1f} %'), ('rmse_deg', 'RMSE', 1.0
            ('mae_deg', 'mean', 1.0, '{:.2f}°'), ('median_deg', 'median', 1.0, '{:.2f}°'), ('p95_deg', '95th', 1.0, '{:.2f}°'),
            ('outliers', '> 20°', 100.0, '{:.1f} %'), ('hemisphere_errors', 'wrong side', 100.0, '{:.1f} %'))
 TIMES = (('unaided_rmse_deg', 'unaided', 1.0, '{:.2f}°'), ('worst_rmse_deg', 'worst run', 1.0, '{:.2f}°'),
-         ('time_to_resolve_s', 'decides in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
+         ('time_to_resolve_s', 'resolved in', 1.0, '{:.1f} s'), ('switches', 'switches', 1.0, '{:.0f}'),
          ('latency_ms', 'latency', 1.0, '{:.0f} ms'))
 
 
 def methods_of(runs: Sequence[RunResult]) -> list[str]:
-    """The methods of the runs in their order, those at other gates left out."""
+    """Methods of the runs in their order, without those at other gates (`name@tau`)."""
     named = dict.fromkeys(method for run in runs for method in (*run.methods, *run.missing))
     return [method for method in named if '@' not in method]
 
 
 def metrics_of(runs: Sequence[RunResult], methods: Sequence[str] | None = None) -> dict[str, dict[str, float | None]]:
-    """What stands in metrics.json: the figures of each method over all runs."""
+    """Figures of each method over all runs, the content of metrics.json.
+
+    Parameters:
+        runs: whose errors are pooled.
+        methods: to include; those of the runs where None.
+    """
     return {method: figures_together(runs, method) for method in methods or methods_of(runs)}
 
 
 def cell(figures: Figures, key: str, scale: float, form: str) -> str:
-    """A figure to read, a dash where there is none."""
+    """A figure as text, a dash where there is none.
+
+    Parameters:
+        figures: of a method.
+        key: of the figure.
+        scale: factor from the figure to the unit of the text.
+        form: format with the unit.
+    """
     value = figures.get(key)
     return form.format(scale * value) if value is not None else '–'
 
 
+def number(figures: Figures, key: str) -> float:
+    """A figure, nan where there is none."""
+    value = figures.get(key)
+    return math.nan if value is None else value
+
+
 def interval(figures: Figures) -> str:
-    """The confidence interval of the RMSE."""
+    """The confidence interval of the RMSE as text."""
     low, high = figures.get('rmse_low_deg'), figures.get('rmse_high_deg')
     return '–' if low is None or high is None else f'{low:.2f}–{high:.2f}°'
 
 
 def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]:
-    """Head and rows of the table of methods."""
+    """Header and rows of the table of methods."""
     head = ['method', *(name for _, name, _, _ in COLUMNS[:2]), '95 % interval', *(name for _, name, _, _ in COLUMNS[2:]),
             *(name for _, name, _, _ in TIMES)]
     rows = []
@@ -58,41 +77,52 @@ def rows_of(metrics: Mapping[str, Figures]) -> tuple[list[str], list[list[str]]]
 
 
 def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as text, columns as wide as they need to be."""
+    """A table as text with aligned columns.
+
+    Parameters:
+        head: cells of the header.
+        rows: cells of each row.
+    """
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
     return '\n'.join('  '.join(text.ljust(width) if not column else text.rjust(width)
                                for column, (text, width) in enumerate(zip(row, widths, strict=True))) for row in (head, *rows))
 
 
 def taus_of(runs: Sequence[RunResult]) -> dict[float, dict[str, dict[str, float | None]]]:
-    """Figures of `fused` and `gated` by the gate on the detection confidence."""
+    """Figures of `fused` and `gated` by the gate on the confidence of detections."""
     taus = sorted({float(method.split('@')[1]) for run in runs for method in run.methods if '@' in method})
     return {tau: {name: figures_together(runs, f'{name}@{tau:g}', intervals=False) for name in ('fused', 'gated')}
             for tau in taus}
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write JSON that others can read: no NaN."""
+    """Write content as JSON. Raises ValueError for nan, which standard JSON lacks."""
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n')
 
 
 def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Path, command: str) -> Path:
-    """Write metrics.json, runs.json, the pictures and report.html into a folder; returns the report's path."""
+    """Write metrics.json, runs.json and report.html; returns the path of the report.
+
+    Parameters:
+        runs: to report.
+        failures: reasons, by the names of the runs that failed.
+        out: existing folder.
+        command: by which the report was made.
+    """
     metrics = metrics_of(runs)
     write_json(out / 'metrics.json', metrics)
     write_json(out / 'runs.json', [
         {'name': run.name, 'case': run.case, 'notes': run.notes, 'missing': run.missing,
          'methods': {method: figures_together([run], method) for method in run.methods}} for run in runs])
-    page = Page('How well the drone was followed', f'{len(runs)} runs. Made by `{command}`.')
+    page = Page('Evaluation of bearings', f'{len(runs)} runs. Made by `{command}`.')
     page.heading('All runs together')
     page.table(*rows_of(metrics), ours=label('fused'))
-    page.paragraph('Errors count from the first detection on; where nothing was seen, from the first bearing whose hemisphere '
-                   'was declared. All methods get the same data and the same median filter. Methods of hearing alone, and the '
-                   'Kalman filter, are given the true one of two mirror images and judged at the centre of their window; '
-                   '"unaided" is their RMSE with the published choice of image, at the instant at which it comes. Fused, gated '
-                   'and sight are given nothing. '
-                   'Intervals: bootstrap over blocks of 2 s.')
-    page.figure(distribution_chart(runs, methods_of(runs)), 'Share of errors below each size.')
+    page.paragraph('Errors count from the first detection; without one, from the first bearing with resolved front '
+                   'and back. All methods get the same data and the same median filter. Methods of sound alone, and the '
+                   'Kalman filter, are given the true one of two hypotheses and judged at the centre of their window; '
+                   '"unaided" is their RMSE with the hypothesis of the published controller, at the time of arrival. Fused, '
+                   'gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
+    page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')
     add_taus(page, runs)
     inputs = list(dict.fromkeys(run.case['input'] for run in runs))
     if len(inputs) > 1:
@@ -108,30 +138,40 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         for text in (*run.notes, *run.missing.values()):
             page.paragraph(text)
         page.figure(bearing_chart(run), f'{run.name}: bearing and error.')
-    for name, why in failures.items():
-        page.paragraph(f'`{name}` failed: {why}')
+    for name, reason in failures.items():
+        page.paragraph(f'`{name}` failed: {reason}')
     page.write(out / 'report.html')
     return out / 'report.html'
 
 
 def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
-    """A chart of the RMSE by the gate, where it was varied."""
+    """Add a chart of the RMSE by the gate, where it was varied."""
     taus = taus_of(runs)
     if taus:
-        curves = {name: (list(taus), [np.nan if taus[tau][name]['rmse_deg'] is None else taus[tau][name]['rmse_deg']
-                                      for tau in taus]) for name in ('fused', 'gated')}
+        curves = {name: (list(taus), [number(taus[tau][name], 'rmse_deg') for tau in taus]) for name in ('fused', 'gated')}
         page.heading('Sensitivity to the gate tau')
-        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the detection confidence.')
+        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the confidence of detections.')
 
 
 def add_domains(page: Page, one: Sequence[RunResult], other: Sequence[RunResult]) -> None:
-    """How alike errors of two domains are."""
+    """Add the comparison of two domains.
+
+    Parameters:
+        page: that gets the table.
+        one: runs of the first domain.
+        other: runs of the second domain.
+    """
     page.heading('Two domains', 3)
     page.table(*domain_rows(one, other))
 
 
 def domain_rows(one: Sequence[RunResult], other: Sequence[RunResult]) -> tuple[list[str], list[list[str]]]:
-    """Cohen's d and percentile-matched correlation of the absolute errors, a row a method that both have."""
+    """Header and rows with Cohen's d and percentile-matched correlation of the absolute errors by method.
+
+    Parameters:
+        one: runs of the first domain.
+        other: runs of the second domain; methods without errors in either are left out.
+    """
     rows = []
     for method in ('sound', 'sight', 'fused'):
         errors = [np.abs(errors_together(runs, method)) for runs in (one, other)]

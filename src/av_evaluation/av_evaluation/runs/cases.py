@@ -1,4 +1,4 @@
-"""Cases: what to run and how. Each is computed once; what is on disk of the same case and the same code is read."""
+"""Cases: input, settings and methods of a run, with a key by which its result is found on disk."""
 
 from __future__ import annotations
 
@@ -27,13 +27,24 @@ BAG_ENDINGS = ('.mcap', '.db3')
 
 @dataclass(frozen=True)
 class Case:
-    """One run of a scenario (shipped name or file) with a seed, or a bag, and the methods to judge.
+    """One run of a scenario or a bag, and the methods to evaluate.
 
-    For scenarios: `model` is the detector's ONNX file, '' for the visual oracle; `follow` lets the rig turn as the pointing
-    controller commands, else as the scenario says; `changes` are values of the scenario's file by dotted keys; `array`
-    is an array file other than the rig's, `band_hz` where it listens. For bags: `stage`, `parameters`, `remap` and
-    `namespace` as of `replay`. Inputs `filmed:CLIP` and `room:NUMBER` rest on recordings in the folder `data`.
-    `taus`: further gates on the detection confidence, at which `fused` and `gated` are computed as well.
+    Parameters:
+        input: shipped name or file of a scenario, a bag, or `filmed:CLIP` and `room:NUMBER`.
+        seed: of the scenario's noise.
+        methods: to evaluate.
+        taus: further gates on the confidence of detections, for which `fused` and `gated` are evaluated as well.
+        duration (s): 0 for that of the input.
+        model: ONNX file of the detector, 'shipped', or '' for the simulator's visual oracle or the recorded detections.
+        follow: whether the rig of a scenario obeys the pointing controller, or moves as the scenario defines.
+        changes: values of the scenario's file by dotted keys.
+        array: array file in place of the rig's.
+        band_hz (Hz): band of the localizer in scenarios.
+        stage: of a bag, from which to compute, see `ReplaySettings`.
+        parameters: parameter files for a bag.
+        remap: remappings of a bag's topics.
+        namespace: of the recorded rig in a bag.
+        data: folder of recordings for `filmed:` and `room:`.
     """
 
     input: str
@@ -54,12 +65,12 @@ class Case:
 
     @property
     def is_bag(self) -> bool:
-        """Whether the input is a record."""
+        """Whether the input is a bag."""
         return is_bag(Path(self.input))
 
     @property
     def name(self) -> str:
-        """What the run is called."""
+        """Name of the run in reports and files."""
         stem = Path(self.input).stem.replace(':', '_')
         if self.data:
             return stem
@@ -68,14 +79,14 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Changes with whatever could change the result."""
+        """Digest of everything that the result depends on: case, files, code and shipped detector."""
         files = ('' if self.data else self.input, self.model, self.array, *self.parameters)
-        said = json.dumps([asdict(self), *map(_content, files), _code()])
-        return hashlib.sha256(said.encode()).hexdigest()[:12]
+        content = json.dumps([asdict(self), *map(_content, files), _code()])
+        return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a rosbag2: a file or a folder, even if it was cut off before its metadata were written."""
+    """Whether a path is a rosbag2, as file or folder; the folder may lack metadata.yaml after an interrupted recording."""
     if path.is_dir():
         first = (path / f'{path.name}_0{ending}' for ending in BAG_ENDINGS)
         return (path / 'metadata.yaml').exists() or any(file.exists() for file in first)
@@ -83,7 +94,11 @@ def is_bag(path: Path) -> bool:
 
 
 def find_inputs(inputs: list[str]) -> list[str]:
-    """Scenarios and bags that the inputs name, folders searched through. Raises FileNotFoundError, ValueError."""
+    """Scenarios and bags that the inputs name, with those in folders and their subfolders.
+
+    Raises FileNotFoundError for a bag that does not exist, ValueError for a folder without inputs, ConfigError (a ValueError)
+    for an unknown scenario.
+    """
     found: list[str] = []
     for name in inputs:
         path = Path(name)
@@ -102,7 +117,7 @@ def find_inputs(inputs: list[str]) -> list[str]:
 
 
 def _search(folder: Path) -> list[str]:
-    """Bags and scenarios in a folder and those below it."""
+    """Bags and scenarios in a folder and its subfolders."""
     found = []
     for entry in sorted(folder.iterdir()):
         if is_bag(entry) or (entry.suffix == '.yaml' and entry.is_file()):
@@ -113,7 +128,7 @@ def _search(folder: Path) -> list[str]:
 
 
 def _content(name: str) -> str:
-    """What tells one state of a file from another: its text, or of a bag size and time."""
+    """Digest of a file's content; of bags and models their sizes and times of change."""
     path = Path(name)
     if name in ('', 'shipped'):
         return ''
@@ -126,10 +141,10 @@ def _content(name: str) -> str:
 
 @cache
 def _code() -> str:
-    """Digest of the code that takes part and of the shipped detector."""
+    """Digest of the code of PACKAGES and of the shipped detector."""
     digest = hashlib.sha256()
     for package in PACKAGES:
-        for file in sorted(Path(package.__file__).parent.rglob('*.py')):
+        for file in sorted(Path(str(package.__file__)).parent.rglob('*.py')):
             digest.update(file.read_bytes())
     digest.update(shipped_model().read_bytes())
     return digest.hexdigest()

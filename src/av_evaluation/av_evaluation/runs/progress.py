@@ -1,4 +1,4 @@
-"""How far a long computation is: rewritten in place on a terminal, a line each elsewhere."""
+"""Progress of a long computation on standard error."""
 
 from __future__ import annotations
 
@@ -7,14 +7,25 @@ import time
 
 
 class RunProgress:
-    """Shows runs done and the time that is left; `show` goes where a report of progress is asked for."""
+    """Prints finished runs and the remaining time: in place on a terminal, else a line for each run.
+
+    Parameters:
+        quiet: whether to print nothing.
+    """
 
     def __init__(self, quiet: bool = False) -> None:
-        self._quiet, self._began, self._first = quiet, time.monotonic(), None
+        self._quiet, self._began = quiet, time.monotonic()
+        self._first: int | None = None
         self._terminal = sys.stderr.isatty()
 
     def show(self, done: int, total: int, text: str = '') -> None:
-        """`done` of `total` runs are there, the last one is called `text`."""
+        """Print the progress; the first call only sets what was computed before.
+
+        Parameters:
+            done: number of finished runs.
+            total: number of runs.
+            text: name of the run that finished last.
+        """
         if self._first is None:
             self._first = done
             if done and not self._quiet:

@@ -1,4 +1,4 @@
-"""Computes cases: a scenario flown or a bag replayed, every method judged on the same data."""
+"""Computes cases: simulates a scenario or replays a bag, and evaluates every method on the same measurements."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -35,7 +36,7 @@ KALMAN_NEEDS = 'phat'
 
 
 def run_case(case: Case) -> RunResult:
-    """Compute one case. Raises ValueError or OSError that say what is wrong with the input."""
+    """Compute one case. Raises ValueError or OSError with a message about the input."""
     log, record, notes = _measure(case)
     result = judge_run(case.name, log, record, case.methods, case.taus)
     result.case, result.key = asdict(case), case.key
@@ -47,7 +48,7 @@ def run_case(case: Case) -> RunResult:
 
 
 def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    """Truth, measurements and the bearing made of them; notes on what they rest on."""
+    """Log, record of measurements, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
         return filmed(case.input.removeprefix(FILMED), Path(case.data), _estimators(case.methods))
     if case.input.startswith(ROOM):
@@ -57,7 +58,15 @@ def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
 
 def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...],
               taus: tuple[float, ...] = ()) -> RunResult:
-    """Every method's bearings beside the truth."""
+    """Evaluate methods on one run.
+
+    Parameters:
+        name: of the run.
+        log: truth, measurements and bearings.
+        record: measurements for other methods.
+        methods: to evaluate.
+        taus: further gates for `fused` and `gated`.
+    """
     acquired = summarise(log).acquired
     ends = [float(series['time'].max()) for series in (log.fused, log.sound, log.sight) if len(series)]
     span = max(ends, default=0.0) - acquired if math.isfinite(acquired) else 0.0
@@ -88,10 +97,11 @@ def _judge(method: str, log: RunLog, record: MeasurementRecord, tau: float, acqu
         delay = series['delay'][series['state'] > 0]
     elif method == 'kalman':
         delay = np.zeros(0)
+    elif method == 'sight':
+        delay = log.sight['delay']
     else:
-        hears = method != 'sight'
-        window = next((sound.window for sounds in record.doa.values() for sound in sounds), 0.0)
-        delay = (log.sound if hears else log.sight)['delay'] + (0.5 * window if hears else 0.0)
+        window = next((doa.window for measurements in record.doa.values() for doa in measurements), 0.0)
+        delay = log.sound['delay'] + 0.5 * window
     known = delay[np.isfinite(delay)]
     result.latency_ms = 1e3 * float(np.median(known)) if known.size else math.nan
     return result
@@ -109,17 +119,20 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
 
 
 def changed_scenario(case: Case) -> Scenario:
-    """The scenario's file with the case's changes. Raises ConfigError, or ValueError for a key that leads nowhere."""
+    """The scenario of a case with its changes. Raises ConfigError, or ValueError for a key below a single value."""
     file = find_config(case.input, 'scenarios')
     content = yaml.safe_load(file.read_text())
     for key, value in case.changes:
         *path, last = key.split('.')
-        place = content
+        place: Any = content
         for part in path:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-        if not isinstance(place, list | dict):
+        if isinstance(place, list):
+            place[int(last)] = value
+        elif isinstance(place, dict):
+            place[last] = value
+        else:
             raise ValueError(f'{file}: {key}: {path[-1]} is {place!r}, nothing below it can be changed')
-        place[int(last) if isinstance(place, list) else last] = value
     return read(Scenario, content, folder=file.parent)
 
 
@@ -134,7 +147,7 @@ def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
 
 
 def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
-    """The estimators of hearing that the methods need beside the rig's own."""
+    """Estimators of directions that the methods need beside the rig's own."""
     needed = {BASELINES[method] for method in methods if method in BASELINES}
     if {'kalman', 'moving_average'} & set(methods):
         needed.add(KALMAN_NEEDS)

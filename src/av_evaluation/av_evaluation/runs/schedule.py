@@ -1,4 +1,4 @@
-"""Runs cases side by side: on this machine's cores, or on a Dask cluster. What was computed before is read from disk."""
+"""Computes cases in parallel, in processes of this machine or on a Dask cluster; kept results are read from disk."""
 
 from __future__ import annotations
 
@@ -15,14 +15,19 @@ from av_evaluation.metrics.results import RunResult
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.runs import run_case
 
-Report = Callable[[int, int, str], None]  # done, of how many, what happened last
+Report = Callable[[int, int, str], None]  # finished runs, all runs, name of the last one
 
 
 def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, scheduler: str = '',
               report: Report = lambda done, total, text: None) -> tuple[list[RunResult], dict[str, str]]:
-    """Results in the order of the cases, and why others failed, by their names. Results are kept in `out`.
+    """Compute cases; returns their results in order, and reasons of failures by the names of cases.
 
-    `workers`: processes, 0 for one a core. `scheduler`: address of a Dask scheduler to compute there instead.
+    Parameters:
+        cases: to compute.
+        out: folder in which results are kept.
+        workers: processes, 0 for one for each core.
+        scheduler: address of a Dask scheduler; '' for processes of this machine.
+        report: called after each run.
     """
     out.mkdir(parents=True, exist_ok=True)
     results: dict[int, RunResult] = {}
@@ -42,7 +47,7 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, scheduler: str
             number = running[future]
             try:
                 results[number] = future.result()
-            except Exception as error:  # noqa: BLE001  whatever one run dies of, the others go on
+            except Exception as error:  # noqa: BLE001  a failed run must not end the others
                 failures[cases[number].name] = str(error) or type(error).__name__
             else:
                 results[number].key = keys[number][1]
@@ -53,10 +58,15 @@ def run_cases(cases: Sequence[Case], out: Path, workers: int = 0, scheduler: str
 
 @contextmanager
 def _pool(workers: int, scheduler: str) -> Iterator[tuple[Callable[..., Any], Callable[[Iterable[Any]], Iterable[Any]]]]:
-    """How to submit a call, and how to wait for calls. Raises ValueError without Dask, OSError without its cluster."""
+    """Functions to submit a call and to wait for results. Raises ValueError without Dask, OSError without its cluster.
+
+    Parameters:
+        workers: number of processes.
+        scheduler: address of a Dask scheduler, or ''.
+    """
     if scheduler:
         try:
-            import distributed  # only who has a cluster needs it
+            import distributed  # an optional dependency
         except ImportError as error:
             raise ValueError('--scheduler needs the Python package distributed') from error
         with distributed.Client(scheduler, timeout='20s') as client:
@@ -64,7 +74,7 @@ def _pool(workers: int, scheduler: str) -> Iterator[tuple[Callable[..., Any], Ca
                    lambda futures: distributed.as_completed(list(futures)))
         return
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # one core each
-    # Of a keyboard interrupt this process says what there is to say.
+    # A keyboard interrupt is reported by this process only.
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context('spawn'), signal.signal, (signal.SIGINT, signal.SIG_DFL))
     try:
         futures: Callable[[Iterable[Future]], Iterator[Future]] = as_completed
