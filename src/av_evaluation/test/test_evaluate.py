@@ -12,7 +12,7 @@ from bag_messages import flight
 
 from av_common.angles import wrap
 from av_evaluation.cli.evaluate import main
-from av_evaluation.experiments.unaided import chosen_images
+from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
 from av_evaluation.report.page import Page
 from av_evaluation.runs import schedule
@@ -56,7 +56,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     metrics = json.loads((out / 'metrics.json').read_text())
     assert FIGURES.issubset(metrics['fused']) and {'fused', 'sound', 'sight'}.issubset(metrics)
     assert metrics['fused']['coverage'] == 1.0 and metrics['fused']['rmse_deg'] < 3.0
-    assert metrics['sound']['hemisphere_errors'] is None  # it is given the true one
+    assert metrics['sound']['hemisphere_errors'] is None  # the true hemisphere is given
     assert metrics['sound']['unaided_rmse_deg'] > metrics['sound']['rmse_deg']
     runs = json.loads((out / 'runs.json').read_text())
     assert {run['name'] for run in runs} == {'good', 'circle_1'}
@@ -71,7 +71,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     assert json.loads((out / 'metrics.json').read_text()) == metrics
 
 
-def test_a_case_is_computed_anew_when_anything_about_it_changes(tmp_path):
+def test_a_case_is_computed_again_when_anything_about_it_changes(tmp_path):
     path = tmp_path / 'mine.yaml'
     text = 'targets: [{trajectory: {kind: static, position: [5, 0, 2]}}]\nname: mine\n'
     path.write_text(text)
@@ -117,16 +117,16 @@ def test_the_same_seed_gives_the_same_result_and_another_one_another():
     assert np.array_equal(errors(1), errors(1)) and not np.array_equal(errors(1), errors(2))
 
 
-def test_the_published_rules_choose_the_image_when_nothing_else_does():
-    """A source that stays put behind a rig that turns: after the turn the image that stayed is taken, then those near it."""
+def test_sound_alone_takes_the_hypothesis_of_the_published_controller():
+    """A fixed source behind a turning rig: after the turn the hypothesis that stayed is taken, then those near it."""
     true, turn, record = math.radians(120.0), math.radians(60.0), MeasurementRecord()
     for k in range(100):
         time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
         record.events.append((time, yaw, 0.0))
         body = true - yaw
         record.doa.setdefault('phat', []).append(DoaMeasurement(time - 0.25, tuple(
-            Hypothesis(image, 1e-3) for image in (math.pi - body, body)), 1.0, 0.5))
-    time, world = chosen_images(record.doa['phat'], record, 0.5)
+            Hypothesis(azimuth, 1e-3) for azimuth in (math.pi - body, body)), 1.0, 0.5))
+    time, world = chosen_hypotheses(record.doa['phat'], record, 0.5)
     assert time == pytest.approx(0.1 * np.arange(100))  # at the window's end
     error = np.abs(np.degrees(wrap(world - true)))
     assert error[0] > 50.0 and np.max(error[60:]) < 5.0

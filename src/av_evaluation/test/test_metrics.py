@@ -60,7 +60,7 @@ def test_sight_without_detections_has_no_coverage():
     """Detections below the gate: coverage 0; no images or sound: no figure."""
     log = circle_log()
     blind = RunLog()
-    for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'confidence', 'delay')), strict=True):
+    for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'score', 'delay')), strict=True):
         blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
     blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
     result = judge_run('blind', blind, MeasurementRecord(), ('fused', 'sight', 'sound'))

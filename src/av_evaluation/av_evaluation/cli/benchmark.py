@@ -1,6 +1,6 @@
-"""ros2 run av_evaluation benchmark: delay and processor time of fusion_node and pointing_node, each in a process of its own.
+"""ros2 run av_evaluation benchmark: delay and processor time of fusion_node and pointing_node in separate processes.
 
-Directions and poses go in at a rate; a delay is from the publication of a direction to the command that follows it.
+Directions and poses are published at a rate; a delay is from the publication of a direction to the next command.
 """
 
 from __future__ import annotations
@@ -29,7 +29,14 @@ LONGEST_MS, MOST_CPU = 5.0, 10.0
 
 
 class Feed(Node):
-    """Publishes directions and poses at a rate, and notes when the command after each direction comes."""
+    """Publishes directions and poses, and measures the delay of the command after each direction.
+
+    Attributes:
+        delays (ms): measured.
+
+    Parameters:
+        rate (Hz): of directions and poses.
+    """
 
     def __init__(self, rate: float) -> None:
         super().__init__('fusion_benchmark')
@@ -67,10 +74,10 @@ class Feed(Node):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the figures; 1 when one misses its bound."""
+    """Print the figures; returns 1 where one misses its bound."""
     parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
-    parser.add_argument('--rate', type=float, default=50.0, help='directions, and poses, a second (50)')
-    parser.add_argument('--seconds', type=float, default=20.0, help='measured, after a start of 8 s (20)')
+    parser.add_argument('--rate', type=float, default=50.0, help='of directions and poses in Hz (%(default)s)')
+    parser.add_argument('--seconds', type=float, default=20.0, help='to measure for, after a start of 8 s (%(default)s)')
     options = parser.parse_args(arguments)
     os.environ.setdefault('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
     processes = {name: start_node(name) for name in ('fusion_node', 'pointing_node')}
@@ -102,13 +109,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start_node(name: str) -> subprocess.Popen:
-    """A node of the package of its name in a process of its own."""
+    """Start a node of the package `av_<name>` in a separate process."""
     package = f'av_{name.removesuffix("_node")}'
     return subprocess.Popen([sys.executable, '-c', f'from {package}.nodes.{name} import main; main()'])
 
 
 def cpu_seconds(process_id: int) -> float:
-    """Processor time that a process has used in s (Linux)."""
+    """Processor time (s) of a process (Linux)."""
     fields = Path(f'/proc/{process_id}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 

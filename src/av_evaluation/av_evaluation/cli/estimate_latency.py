@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation estimate_latency BAG: how much later stamps of sound are than those of pictures (or of a SCENARIO)."""
+"""ros2 run av_evaluation estimate_latency BAG: offset between the stamps of sound and of images in a bag or scenario."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from av_simulator.scenario import load_scenario
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print the offset and the parameter that makes up for it; 1 where it cannot be told."""
+    """Print the offset and the parameter that compensates it; returns 1 where it cannot be estimated."""
     parser = argparse.ArgumentParser(prog='estimate_latency', description=__doc__)
-    parser.add_argument('input', help='a bag, or a scenario (shipped name or .yaml)')
-    parser.add_argument('--tau', type=float, default=0.5, help='least confidence of a detection (0.5)')
-    parser.add_argument('--largest', type=float, default=0.6, help='largest offset looked for, in s (0.6)')
+    parser.add_argument('input', help='a bag, or a scenario (shipped name or .yaml file)')
+    parser.add_argument('--tau', type=float, default=0.5, help='score from which a detection counts (%(default)s)')
+    parser.add_argument('--largest', type=float, default=0.6, help='largest possible offset in s (%(default)s)')
     options = parser.parse_args(arguments)
     try:
         log = _log_of(options.input)
-        heard, seen = log.sound['confidence'] >= 0.5, log.sight['confidence'] >= options.tau
-        offset = estimate_offset(tuple(log.sound[name][heard] for name in ('time', 'azimuth', 'mirrored')),
-                                 tuple(log.sight[name][seen] for name in ('time', 'azimuth')), options.largest)
+        sound, sight = log.sound['confidence'] >= 0.5, log.sight['score'] >= options.tau
+        offset = estimate_offset((log.sound['time'][sound], log.sound['azimuth'][sound], log.sound['mirrored'][sound]),
+                                 (log.sight['time'][sight], log.sight['azimuth'][sight]), options.largest)
     except (ValueError, OSError) as error:
         print(f'estimate_latency: {error}', file=sys.stderr)
         return 1
     print(f'stamps of sound are {1e3 * offset.seconds:+.1f} ms (+-{1e3 * offset.sigma:.1f}) later than those of sight, '
-          f'from {offset.pairs} pairs\nfusion_node: sound_delay: {offset.seconds:.3f}   (added to what it was)')
+          f'from {offset.pairs} pairs\nfusion_node: sound_delay: {offset.seconds:.3f}   (to be added to the present value)')
     return 0
 
 

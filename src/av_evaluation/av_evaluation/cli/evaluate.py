@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation evaluate INPUT... --out DIR: how well each method follows the drone, on identical data."""
+"""ros2 run av_evaluation evaluate INPUT... --out DIR: errors of each method on identical measurements."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS
 from av_evaluation.metrics.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
+from av_evaluation.metrics.results import RunResult
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
 
@@ -19,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Compute what is not there yet, print the table, write metrics.json, pictures and report."""
+    """Compute missing runs, print the table, write metrics.json, plots and report."""
     groups, failures = compute({'all': cases_of(options)}, options)
     runs = groups['all']
     if not runs:
@@ -30,7 +31,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
 
 def cases_of(options: argparse.Namespace) -> list[Case]:
-    """A case a bag, and one for each seed of a scenario. Raises ValueError or OSError."""
+    """One case for each bag, and for each seed of a scenario. Raises ValueError or OSError for inputs, see `find_inputs`."""
     inputs = find_inputs(options.inputs)
     remap = tuple(text for text in options.remap if text)
     common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration,
@@ -41,8 +42,8 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
         [Case(name, seed, **common, follow=not options.static) for seed in range(1, options.seeds + 1)])]
 
 
-def show(runs: list) -> None:
-    """Print the figures."""
+def show(runs: Sequence[RunResult]) -> None:
+    """Print the table of figures, and the notes of the runs to standard error."""
     print(format_rows(*rows_of(metrics_of(runs))))
     for tau, methods in taus_of(runs).items():
         print(f'tau {tau:g}: RMSE' + ','.join(f' {name} {figures["rmse_deg"]:.2f}°' for name, figures in methods.items()
@@ -57,15 +58,15 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
     add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
-    add('--methods', nargs='+', choices=METHODS, default=list(METHODS))
-    add('--taus', nargs='*', type=float, default=[], help='further gates on the detection confidence, for fused and gated')
-    add('--duration', type=float, default=0.0, help="seconds of each; 0: the scenario's, the bag's")
+    add('--methods', nargs='+', choices=METHODS, default=list(METHODS), help='to evaluate; all by default')
+    add('--taus', nargs='*', type=float, default=[], help='further gates on the score of detections, for fused and gated')
+    add('--duration', type=float, default=0.0, help='of each run in s; 0: that of the scenario or bag')
     add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the simulator's oracle, "
         'and bags their recorded detections')
-    add('--static', action='store_true', help='scenarios: the rig turns as the scenario says, not to the target')
-    add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: from where on to compute anew')
-    add('--params', action='append', default=[], metavar='FILE', help="bags: the nodes' parameters; can be repeated")
-    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: topics of other names')
+    add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
+    add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
+    add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')
+    add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: names of topics in the bag')
     add('--namespace', default='', help='bags: the namespace of the recorded rig')
     add_run_options(parser, 'metrics.json, runs.json, report.html')
     return parser

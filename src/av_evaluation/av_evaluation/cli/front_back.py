@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation front_back --starts 200: how soon and surely front is told from back, drone behind, unseen."""
+"""ros2 run av_evaluation front_back --starts 200: time and reliability of resolving front and back by sound."""
 
 from __future__ import annotations
 
@@ -11,28 +11,27 @@ from dataclasses import asdict
 from itertools import repeat
 from pathlib import Path
 
-from av_evaluation.experiments.front_back import METHODS, decide, draw_starts, summarise
+from av_evaluation.experiments.front_back import METHODS, draw_starts, resolve, summarise
 
 LATEST_S, MOST_WRONG = 5.0, 0.01
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Fly the starts with each method and print the table. Returns 1 when the filter misses its bounds."""
+    """Simulate the starts with each method and print the table; returns 1 where the filter misses its bounds."""
     options = _parser().parse_args(arguments)
     starts = draw_starts(options.starts, options.seed)
-    print(f'{len(starts)} starts behind the rig (seed {options.seed}): any azimuth there, 0-20 dB, up to 20 deg/s; '
-          'seconds of sound until declared')
-    print(f'{"":<11}{"wrong":>8}{"undecided":>11}{"median":>8}{"95 %":>7}{"longest":>9}')
-    figures, decisions = {}, {}
+    print(f'{len(starts)} starts behind the rig (seed {options.seed}), 0-20 dB, up to 20 deg/s; time to resolve (s)')
+    print(f'{"":<11}{"wrong":>8}{"unresolved":>12}{"median":>8}{"95 %":>7}{"longest":>9}')
+    figures, resolutions = {}, {}
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         for method in options.methods:
-            decisions[method] = list(pool.map(decide, starts, repeat(method), chunksize=4))
-            figures[method] = f = summarise(decisions[method])
-            print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["undecided"]:>9.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'
+            resolutions[method] = list(pool.map(resolve, starts, repeat(method), chunksize=4))
+            figures[method] = f = summarise(resolutions[method])
+            print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["unresolved"]:>10.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'
                   f'{f["longest"]:>9.2f}   {METHODS[method]}', flush=True)
     if options.out:
         options.out.write_text(json.dumps({'figures': figures, 'starts': [
-            {**asdict(start), **{method: asdict(made[k]) for method, made in decisions.items()}}
+            {**asdict(start), **{method: asdict(results[k]) for method, results in resolutions.items()}}
             for k, start in enumerate(starts)]}, indent=1) + '\n')
     ours = figures.get('planned')
     missed = _missed(ours, figures.get('published')) if ours else []
@@ -53,11 +52,11 @@ def _missed(ours: dict[str, float], published: dict[str, float] | None) -> list[
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='front_back', description=__doc__)
-    parser.add_argument('--starts', type=int, default=200, help='how many (200)')
-    parser.add_argument('--seed', type=int, default=1)
-    parser.add_argument('--methods', nargs='+', choices=METHODS, default=list(METHODS))
-    parser.add_argument('--out', type=Path, help='a JSON file with every start and decision')
-    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one a core')
+    parser.add_argument('--starts', type=int, default=200, help='number of starts (%(default)s)')
+    parser.add_argument('--seed', type=int, default=1, help='of the starts (%(default)s)')
+    parser.add_argument('--methods', nargs='+', choices=METHODS, default=list(METHODS), help='to compare; all by default')
+    parser.add_argument('--out', type=Path, help='JSON file for every start and its results')
+    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
 
 

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation fuzz: senseless messages by the hundred thousand; every command must be fit to be obeyed."""
+"""ros2 run av_evaluation fuzz: random and invalid measurements; every pointing command must be within its limits."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ CHUNK = 250
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the sequences; prints what broke, with the seed that breaks it again. Returns 1 when something did."""
+    """Run the sequences and print faults with their seeds; returns 1 where there are any."""
     parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
-    parser.add_argument('--sequences', type=int, default=100_000)
-    parser.add_argument('--messages', type=int, default=20, help='of a sequence (20)')
-    parser.add_argument('--seed', type=int, default=0, help='of the first sequence')
-    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one a core')
+    parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
+    parser.add_argument('--messages', type=int, default=20, help='measurements in a sequence (%(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='of the first sequence (%(default)s)')
+    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     options = parser.parse_args(arguments)
     begun, broken = time.monotonic(), []
     starts = range(options.seed, options.seed + options.sequences, CHUNK)
@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
             done += count
             progress.show(done, options.sequences, f'{len(broken)} broken')
             for one in found[:max(0, 10 - len(broken) + len(found))]:
-                print(f'sequence {one.seed}: {one.what}', flush=True)
+                print(f'sequence {one.seed}: {one.reason}', flush=True)
     print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: '
           f'{len(broken)} broken')
     return 1 if broken else 0

@@ -1,4 +1,4 @@
-"""`ros2 run av_evaluation replay BAG --out OUT.mcap`: what the rig would have said, computed from a recording."""
+"""`ros2 run av_evaluation replay BAG --out OUT.mcap`: bearings and commands computed from a recorded bag."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from av_evaluation.report.table import format_table
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, or 1 when the bag cannot be replayed."""
     options = make_parser().parse_args(arguments)
-    gc.set_threshold(100_000)  # nearly nothing made here is cyclic: looking for it costs an eighth of the time
+    gc.set_threshold(100_000)  # few objects here are cyclic: searching for them costs an eighth of the time
     try:
         return replay(options)
     except (ValueError, OSError) as error:
@@ -38,13 +38,13 @@ def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='replay', description=__doc__, epilog=f'names to remap: {", ".join(KINDS)}')
     add = parser.add_argument
     add('bag', help='mcap or sqlite3 (.db3), a file or a folder')
-    add('--out', metavar='FILE', default='', help='write what is computed to this bag (.mcap, or a folder)')
-    add('--report', metavar='DIR', default='', help='write metrics.json and a picture to this folder')
+    add('--out', metavar='FILE', default='', help='bag for the results (.mcap, or a folder)')
+    add('--report', metavar='DIR', default='', help='folder for metrics.json and a plot')
     add('--from', dest='stage', choices=STAGES, default='',
-        help='compute anew from sound and pictures, from directions and detections, or take the recorded bearings; '
-             'default: as early as the bag allows')
-    add('--start', type=float, default=0.0, metavar='S', help='begin this long after the start of the bag')
-    add('--duration', type=float, default=float('inf'), metavar='S', help='end after this long')
+        help='compute from sound and images (raw), from directions and detections (doa), or take the recorded bearings; '
+             'default: the earliest that the bag allows')
+    add('--start', type=float, default=0.0, metavar='S', help='begin S seconds after the start of the bag')
+    add('--duration', type=float, default=float('inf'), metavar='S', help='end after S seconds')
     add('--rig', default='', metavar='FILE', help="the rig's description; default: config/rig.yaml")
     add('--array', default='', metavar='FILE', help="an array file other than the rig's")
     add('--params', action='append', default=[], metavar='FILE', help="parameters as the nodes read them, on top of "
@@ -53,16 +53,16 @@ def make_parser() -> argparse.ArgumentParser:
     add('--classes', default='', metavar='A,B', help="the model's classes that are taken for the target")
     add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='topics of other names in the bag')
     add('--namespace', default='', help='the namespace of the recorded rig')
-    add('--audio-rate', type=int, default=0, metavar='HZ', help='for sound in bare bytes: samples a second')
-    add('--audio-channels', type=int, default=2, metavar='N', help='... channels (default 2)')
-    add('--audio-format', default='S16LE', choices=FORMATS, help='... of which type (default S16LE)')
-    add('--commands', action='store_true', help='compute pointing commands, too, though nobody obeys')
-    add('--quiet', action='store_true', help='no progress')
+    add('--audio-rate', type=int, default=0, metavar='HZ', help='for sound as bytes without a header: sample rate')
+    add('--audio-channels', type=int, default=2, metavar='N', help='... number of channels (%(default)s)')
+    add('--audio-format', default='S16LE', choices=FORMATS, help='... type of samples (%(default)s)')
+    add('--commands', action='store_true', help='compute pointing commands, too; the recorded rig does not follow them')
+    add('--quiet', action='store_true', help='print no progress')
     return parser
 
 
 def settings_of(options: argparse.Namespace) -> ReplaySettings:
-    """What the options ask for. Raises BagError."""
+    """Settings of the options. Raises BagError for a remapping that cannot be read."""
     layout = AudioLayout(options.audio_rate, options.audio_channels, options.audio_format) if options.audio_rate else None
     return ReplaySettings(
         stage=options.stage, rig=options.rig, array=options.array, model=options.model,
@@ -72,7 +72,7 @@ def settings_of(options: argparse.Namespace) -> ReplaySettings:
 
 
 def replay(options: argparse.Namespace) -> int:
-    """Replay and report. Raises ValueError or OSError that say what is wrong."""
+    """Replay and report. Raises ValueError or OSError with a message about the input."""
     with ExitStack() as opened:
         bag = opened.enter_context(Bag(options.bag))
         run = Replay(bag, settings_of(options))
@@ -98,7 +98,12 @@ def replay(options: argparse.Namespace) -> int:
 
 
 class Progress:
-    """How far it is and how fast: rewritten in place on a terminal, every tenth on a line of its own elsewhere."""
+    """Progress and speed on standard error: in place on a terminal, else a line for every tenth.
+
+    Parameters:
+        length (s): of the part to replay.
+        quiet: whether to print nothing.
+    """
 
     def __init__(self, length: float, quiet: bool = False) -> None:
         self._length, self._quiet = max(length, 1e-9), quiet
@@ -108,7 +113,7 @@ class Progress:
         self._terminal = sys.stderr.isatty()
 
     def show(self, done: float) -> None:
-        """`done` s of the bag are replayed."""
+        """Print the progress, where it is due, after `done` (s) of the bag."""
         now = time.monotonic()
         due = now - self._shown_at > 0.2 if self._terminal else done / self._length >= self._shown + 0.1
         if due and not self._quiet:
@@ -118,9 +123,9 @@ class Progress:
             print(f'\r{line}  ' if self._terminal else line, end='' if self._terminal else '\n', file=sys.stderr, flush=True)
 
     def end(self) -> str:
-        """How long it took, and how much of a core: what it would take on a machine that does nothing else."""
-        took, worked = time.monotonic() - self._started, time.process_time() - self._worked
+        """Text with the speed by elapsed time, and by processor time, which other processes do not affect."""
+        elapsed, busy = time.monotonic() - self._started, time.process_time() - self._worked
         if self._terminal and not self._quiet:
             print(f'\r{"":<60}\r', end='', file=sys.stderr)
-        return (f'{self._length:.1f} s replayed in {took:.2f} s: {self._length / max(took, 1e-9):.0f} x real time '
-                f'({self._length / max(worked, 1e-9):.0f} x by the {worked:.2f} s of one core)')
+        return (f'{self._length:.1f} s replayed in {elapsed:.2f} s: {self._length / max(elapsed, 1e-9):.0f} x real time '
+                f'({self._length / max(busy, 1e-9):.0f} x by {busy:.2f} s of processor time)')

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation report --out DIR: the paper's experiments, made again, and one HTML report of them."""
+"""ros2 run av_evaluation report --out DIR: the publication's experiments repeated, with one HTML report."""
 
 from __future__ import annotations
 
@@ -22,25 +22,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def report(options: argparse.Namespace) -> int:
-    """Compute what is not there yet, write the report, and where asked for bring the README up to date."""
+    """Compute missing runs, write the report, and update the README where an option names it."""
     began = time.monotonic()
     if not options.data.exists():
-        print(f'report: no real recordings in {options.data}: the stand-ins for physical experiments are left out',
+        print(f'report: no real recordings in {options.data}: the stand-ins for physical experiments are omitted',
               file=sys.stderr)
     seeds = options.seeds or (1 if options.quick else SEEDS)
     runs, failures = compute(cases_of(seeds, options.quick, options.data), options)
     runs = {name: group for name, group in runs.items() if group}
     given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
-    content = {'command': f'make report{given}', 'experiments': metrics_by_experiment(runs)}
+    command, metrics = f'make report{given}', metrics_by_experiment(runs)
+    content = {'command': command, 'experiments': metrics}
     write_json(options.out / 'metrics.json', content)
-    make_page(runs, content['command'], options.quick).write(options.out / 'report.html')
-    print(format_rows(*rows_of(content['experiments']['all'])))
+    make_page(runs, command, options.quick).write(options.out / 'report.html')
+    print(format_rows(*rows_of(metrics['all'])))
     print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
     if options.readme and not failures:
         options.measured.parent.mkdir(parents=True, exist_ok=True)
         write_json(options.measured, content)
         write_readme(options.readme, content)
-        print(f'{options.readme} and {options.measured} brought up to date')
+        print(f'{options.readme} and {options.measured} updated')
     return 1 if failures else 0
 
 
@@ -51,8 +52,8 @@ def make_parser() -> argparse.ArgumentParser:
     add('--quick', action='store_true', help='one run of each experiment')
     add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
-    add('--readme', type=Path, help='bring the table of this README up to date ...')
-    add('--measured', type=Path, default=Path('docs/measured/metrics.json'), help='... and this file (%(default)s)')
+    add('--readme', type=Path, help='README whose table of measured values is updated')
+    add('--measured', type=Path, default=Path('docs/measured/metrics.json'), help='file of values updated with it (%(default)s)')
     add_run_options(parser, 'report.html, metrics.json')
     return parser
 

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation sweep [NAME...] --out DIR: what a figure owes to noise, fog, distance, speed and the rig's build."""
+"""ros2 run av_evaluation sweep [NAME...] --out DIR: errors against noise, fog, distance, speed and spacing."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from av_evaluation.experiments.sweeps import SWEEPS, add_sweep, cases_of, figures_of
 from av_evaluation.metrics.comparison import write_json
 from av_evaluation.report.page import Page
+from av_evaluation.runs.cases import Case
 from av_evaluation.runs.program import add_run_options, compute, run_program
 
 
@@ -18,15 +19,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def sweep(options: argparse.Namespace) -> int:
-    """Compute what is not there yet, write sweeps.json and report.html. Raises ValueError for a sweep that there is not."""
+    """Compute missing runs, write sweeps.json and report.html. Raises ValueError for an unknown sweep."""
     for name in options.names:
         if name not in SWEEPS:
             raise ValueError(f'{name!r} is no sweep, only {", ".join(SWEEPS)}')
-    groups = {(name, value): cases for name in options.names or SWEEPS
-              for value, cases in cases_of(SWEEPS[name], options.seeds, options.duration, options.out).items()}
+    groups: dict[tuple[str, float], list[Case]] = {
+        (name, value): cases for name in options.names or SWEEPS
+        for value, cases in cases_of(SWEEPS[name], options.seeds, options.duration, options.out).items()}
     runs, failures = compute(groups, options)
-    page = Page('What rig to build', f'Figures over {options.seeds} runs of {options.duration:g} s a value. The rig turns '
-                f"to the drone; sight is the simulator's visual oracle. Made by `{options.command}`.")
+    page = Page('Sweeps for the design of a rig',
+                f'Figures over {options.seeds} runs of {options.duration:g} s for each value. The rig follows the drone; '
+                f"sight is the simulator's visual oracle. Made by `{options.command}`.")
     content = {}
     for name in options.names or SWEEPS:
         content[name] = figures_of({value: several for (varied, value), several in runs.items() if varied == name})
@@ -44,9 +47,9 @@ def make_parser() -> argparse.ArgumentParser:
     """The options."""
     parser = argparse.ArgumentParser(prog='sweep', description=__doc__)
     add = parser.add_argument
-    add('names', nargs='*', metavar='NAME', help=f'of {", ".join(SWEEPS)}; all without')
+    add('names', nargs='*', metavar='NAME', help=f'of {", ".join(SWEEPS)}; all by default')
     add('--seeds', type=int, default=2, help='runs of each value (%(default)s)')
-    add('--duration', type=float, default=30.0, help='seconds of each run (%(default)s)')
+    add('--duration', type=float, default=30.0, help='of each run in s (%(default)s)')
     add_run_options(parser, 'report.html, sweeps.json')
     return parser
 

@@ -1,9 +1,9 @@
-"""How soon, and how surely, front is told from back: random starts with the drone behind, in fog, heard by the real localizer.
+"""Time and reliability of resolving front and back: random starts with the drone behind the rig, in fog, without detections.
 
-Each start is flown in the simulator (sound field, ground, noise at a set ratio) with a rig that obeys the pointing
-controller; methods differ in tracker and in the turn they ask for. A decision counts from the first sample of sound on. It is
-wrong when the bearing belongs to the mirror image, or is off by more than 20 degrees. Images closer together than 10 degrees,
-at end-fire, are one.
+Each start is simulated (sound field, ground, noise at a given ratio) with a rig that obeys the pointing controller and with the
+shipped localizer. Methods differ in tracker and requested rotation. Times count from the first sample. A resolution is wrong
+when the bearing is nearer to the mirrored direction, or has an error of more than 20 degrees. Hypotheses closer together than
+10 degrees, at end-fire, count as one.
 """
 
 from __future__ import annotations
@@ -29,20 +29,28 @@ from av_simulator.sound import Ground
 from av_simulator.sound.noise import Noise, Snr
 from av_simulator.trajectories import Circle
 
-LISTEN_S = 10.0  # after which a start counts as undecided
+DURATION_S = 10.0  # after which a start counts as unresolved
 WRONG_BY = math.radians(20.0)
-SAME = math.radians(10.0)  # closer together than this, the images are one
+SAME = math.radians(10.0)  # hypotheses closer together count as one
 FIXED = math.radians(45.0)
 METHODS = {
-    'planned': 'the filter, with the turn that it expects to tell most',
-    'fixed': "the filter's decision, with the paper's turn of 45 degrees",
-    'published': "the paper's turn of 45 degrees, and its decision after it",
+    'planned': 'the filter, with the rotation of the largest expected information',
+    'fixed': "the filter, with the publication's rotation of 45 degrees",
+    'published': 'the published controller, with its rotation of 45 degrees',
 }
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the drone begins, in the rig's frame, how fast it goes round, how loud it is over the noise, and its kind."""
+    """Initial state of a run.
+
+    Parameters:
+        azimuth_deg (degrees): of the drone, in the body frame.
+        rate_deg (degrees/s): at which it circles.
+        snr_db (dB): signal-to-noise ratio at 10 m.
+        drone: file of its sound.
+        seed: of the noise.
+    """
 
     azimuth_deg: float
     rate_deg: float
@@ -52,8 +60,14 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Decision:
-    """When front and back were declared (s from the first sample; inf: not within LISTEN_S), and whether wrongly so."""
+class Resolution:
+    """Result of a start.
+
+    Parameters:
+        time (s): from the first sample to the first resolved bearing; inf where there is none within DURATION_S.
+        wrong: whether that bearing is wrong.
+        probability: of the hemisphere, by the tracker.
+    """
 
     time: float
     wrong: bool
@@ -61,7 +75,13 @@ class Decision:
 
 
 def draw_starts(count: int, seed: int = 1, fastest_deg: float = 20.0) -> list[Start]:
-    """Starts behind the rig: azimuth 90..270 deg, rate up to +-`fastest_deg` deg/s and 0..20 dB, all uniform."""
+    """Random starts behind the rig: azimuth 90 to 270 degrees, ratio 0 to 20 dB, rate in both directions, all uniform.
+
+    Parameters:
+        count: of starts.
+        seed: of the random draws.
+        fastest_deg (degrees/s): largest rate.
+    """
     random = np.random.default_rng(seed)
     drones = sorted(file.stem for file in find_config('camera_quadrotor', 'drones').parent.glob('*.yaml'))
     return [Start(float(random.uniform(90.0, 270.0)), float(random.uniform(-fastest_deg, fastest_deg)),
@@ -69,9 +89,9 @@ def draw_starts(count: int, seed: int = 1, fastest_deg: float = 20.0) -> list[St
 
 
 def scenario_of(start: Start) -> Scenario:
-    """The drone circles at 10 m in fog that hides it, over ground that reflects."""
+    """The scenario of a start: the drone circles at 10 m in fog that hides it, over reflecting ground."""
     path = Circle(center=(0.0, 0.0, 3.0), radius=10.0, period=360.0 / (start.rate_deg or 1e-3), start_deg=start.azimuth_deg)
-    return Scenario('front_back', (Target(path, drone=start.drone),), LISTEN_S, start.seed,
+    return Scenario('front_back', (Target(path, drone=start.drone),), DURATION_S, start.seed,
                     weather=Weather(fog=Profile(values=(0.8,))), ground=Ground('forest'),
                     noise=Noise(diffuse_db_spl=30.0, snr=Snr(start.snr_db, 10.0)))
 
@@ -80,31 +100,36 @@ def tracker_of(method: str) -> BayesTracker | GatedTracker:
     """The tracker of one of METHODS."""
     if method == 'published':
         return GatedTracker(GatedSettings())
-    turn = RotationSettings() if method == 'planned' else replace(RotationSettings(), fixed=FIXED)
-    return BayesTracker(BayesSettings(rotation=turn))
+    rotation = RotationSettings() if method == 'planned' else replace(RotationSettings(), fixed=FIXED)
+    return BayesTracker(BayesSettings(rotation=rotation))
 
 
-def decide(start: Start, method: str) -> Decision:
-    """Fly one start until front and back are declared."""
+def resolve(start: Start, method: str) -> Resolution:
+    """Simulate one start with one of METHODS until front and back are resolved."""
     run = OfflineRun(scenario_of(start), load_rig(find_config('rig')), tracker_of(method), start.seed,
                      PointingController(PointingSettings(move_gimbal=False)))
     for now, bearing in run.steps():
         if bearing is not None and bearing.resolved:
             truth = float(run.log.true_azimuth([now])[0])
-            return Decision(now, is_wrong(bearing.azimuth, truth), bearing.hemisphere_probability)
-    return Decision(math.inf, False, 0.5)
+            return Resolution(now, is_wrong(bearing.azimuth, truth), bearing.hemisphere_probability)
+    return Resolution(math.inf, False, 0.5)
 
 
 def is_wrong(azimuth: float, truth: float) -> bool:
-    """Whether a bearing belongs to the mirror image (rad, in the rig's frame), or to neither."""
-    off, mirrored = abs(wrap(azimuth - truth)), abs(wrap(azimuth - (math.pi - truth)))
-    return bool(off > WRONG_BY or (off > mirrored and off > SAME))
+    """Whether a resolved bearing is wrong.
+
+    Parameters:
+        azimuth (rad): of the bearing, in the body frame.
+        truth (rad): true azimuth.
+    """
+    error, mirrored = abs(wrap(azimuth - truth)), abs(wrap(azimuth - (math.pi - truth)))
+    return bool(error > WRONG_BY or (error > mirrored and error > SAME))
 
 
-def summarise(decisions: Sequence[Decision]) -> dict[str, float]:
-    """Share wrong and undecided, and seconds to decide: median, 95th percentile, longest (undecided ones are infinite)."""
-    times = np.sort([decision.time for decision in decisions])
-    return {'starts': len(times), 'wrong': float(np.mean([decision.wrong for decision in decisions])),
-            'undecided': float(np.mean(np.isinf(times))),
+def summarise(resolutions: Sequence[Resolution]) -> dict[str, float]:
+    """Shares wrong and unresolved, and time to resolve (s): median, 95th percentile, longest; inf for unresolved starts."""
+    times = np.sort([resolution.time for resolution in resolutions])
+    return {'starts': len(times), 'wrong': float(np.mean([resolution.wrong for resolution in resolutions])),
+            'unresolved': float(np.mean(np.isinf(times))),
             **{name: float(times[min(math.ceil(share * len(times)), len(times)) - 1])
                for name, share in (('median', 0.5), ('p95', 0.95), ('longest', 1.0))}}

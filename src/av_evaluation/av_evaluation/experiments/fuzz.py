@@ -1,7 +1,7 @@
-"""Random sequences of messages through tracker and pointing: whatever comes, commands are finite and within their limits.
+"""Random sequences of measurements for tracker and pointing controller: every command is finite and within its limits.
 
-A sequence mixes what senses say with what they never should: stamps that are stale, in the future, repeated, out of order or no
-number; angles and variances that are absurd; empty lists.
+A sequence mixes valid measurements with invalid ones: stamps that are stale, in the future, repeated, out of order or nan;
+absurd angles and variances; empty lists.
 """
 
 from __future__ import annotations
@@ -23,14 +23,23 @@ TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Broken:
-    """What went wrong, and in which sequence, so that it can be made again."""
+    """A sequence that broke a limit.
+
+    Parameters:
+        seed: of the sequence, which repeats it.
+        reason: the first fault.
+    """
 
     seed: int
-    what: str
+    reason: str
 
 
 class Sequence:
-    """One random sequence for a tracker and a controller."""
+    """One random sequence for a tracker and a pointing controller.
+
+    Parameters:
+        seed: of the random draws.
+    """
 
     def __init__(self, seed: int) -> None:
         self.seed = seed
@@ -43,19 +52,19 @@ class Sequence:
         self._sent: list[DoaMeasurement | CameraMeasurement] = []
 
     def run(self, messages: int = 20) -> Broken | None:
-        """Send messages; what is broken first, or None."""
+        """Run a number of measurements; returns the first fault, or None."""
         try:
             for _ in range(messages):
                 elapsed = self._step()
-                what = self._judge(elapsed)
-                if what:
-                    return Broken(self.seed, what)
-        except Exception as error:  # noqa: BLE001, whatever it is, it is found
+                reason = self._check(elapsed)
+                if reason:
+                    return Broken(self.seed, reason)
+        except Exception as error:  # noqa: BLE001  every exception is a fault
             return Broken(self.seed, f'{type(error).__name__}: {error}')
         return None
 
     def _step(self) -> float:
-        """Send one message and let time pass; returns the seconds that count for the controller."""
+        """Send one measurement and advance the time; returns the time step (s) of the controller."""
         kind = self._random.randrange(4)
         if kind == 0:
             self._tracker.add_pose(self._stamp(), self._angle(), self._value(0.0, 1.0))
@@ -72,12 +81,12 @@ class Sequence:
         self._now += passed
         self._pointing.enabled = self._chance(0.9)
         self._track = self._tracker.estimate(self._now)
-        told = self._track if self._chance(0.9) else self._wild_track()
-        self._command = self._pointing.step(self._now, told if self._chance(0.95) else None)
+        track = self._track if self._chance(0.9) else self._wild_track()
+        self._command = self._pointing.step(self._now, track if self._chance(0.95) else None)
         return min(max(passed, 0.0), 0.1)
 
-    def _judge(self, elapsed: float) -> str:
-        """What is wrong with track and command, '' if nothing is."""
+    def _check(self, elapsed: float) -> str:
+        """The fault of track or command after a step of `elapsed` (s), '' for none."""
         track, command, settings = self._track, self._command, self._pointing.settings
         if track.state != State.NONE and not all(map(math.isfinite, (
                 track.azimuth, track.azimuth_world, track.azimuth_world_rate, track.azimuth_variance, track.front_probability,
@@ -139,6 +148,12 @@ class Sequence:
 
 
 def fuzz(first: int, count: int, messages: int = 20) -> list[Broken]:
-    """Run sequences `first` to `first + count - 1`; what broke."""
+    """Run sequences and return those with faults.
+
+    Parameters:
+        first: seed of the first sequence.
+        count: of sequences, with consecutive seeds.
+        messages: measurements in each.
+    """
     found = (Sequence(seed).run(messages) for seed in range(first, first + count))
     return [broken for broken in found if broken is not None]

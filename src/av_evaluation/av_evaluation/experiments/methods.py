@@ -1,8 +1,8 @@
-"""The methods of the paper's comparison and ours, on identical data: bearings of each as a series in the rig's frame.
+"""Methods of the publication's comparison and ours: the bearings of each on identical measurements.
 
-A direction of arrival is judged at its stamp, the centre of its window: how late it comes is its latency. A tracker says where
-the target is now, and is judged so. Hearing alone knows no hemisphere: it is given the true one, as the paper did by hand, or
-is left unaided (`unaided.py`). What is fused is given nothing.
+A direction of arrival is evaluated at its stamp, the centre of its window; its delay counts as latency. A tracker is evaluated
+at the time of its estimate. Methods of sound alone cannot resolve front and back: they are given the true hemisphere, as in the
+publication, or the hypothesis of the published controller (`unaided.py`). Trackers use no truth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_common.track import State
-from av_evaluation.experiments.unaided import chosen_images
+from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
@@ -26,60 +26,74 @@ from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 OWN = 'ml'  # the rig's own estimator
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
-FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # those that are given the true hemisphere
+FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # methods that are given the true hemisphere
 KALMAN_DENSITY = 0.02  # rad^2/s^3, of the white angular acceleration
-AVERAGED = 5  # windows, half a second
-MEDIAN = 5  # samples of the median filter that every method gets
+AVERAGED = 5  # windows of the moving average, half a second
+MEDIAN = 5  # bearings of the median filter of every method
 
 
 class UnavailableError(ValueError):
-    """The run holds nothing that a method could work on."""
+    """The run lacks the measurements that a method needs."""
 
 
 def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5, aided: bool = True
              ) -> tuple[NDArray, NDArray]:
-    """Times (n,) and body azimuths (n,) in rad of one method, median-filtered in the world frame.
+    """Times (n, s) and azimuths (n, rad, body frame) of one method, median-filtered in the world frame.
 
-    Those of FOLDED are `aided` by the truth. Empty where the target was looked for and not found. Raises UnavailableError
-    where the run lacks what the method needs, ValueError for an unknown method.
+    They are empty where the target was not detected. Raises UnavailableError where the run lacks the measurements that the
+    method needs, ValueError for an unknown method.
+
+    Parameters:
+        method: one of METHODS.
+        record: measurements of the run.
+        log: truth, measurements and bearings of the run.
+        tau: score from which a detection counts.
+        aided: whether methods of FOLDED are given the true hemisphere.
     """
-    looked = False
+    observed = False
     if method not in METHODS:
         raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
     if method in ('fused', 'gated'):
         series = track(method, record, log, tau)
-        time, world = _following(series, log)
-        looked = len(series) > 0
+        time, world = _tracked(series, log)
+        observed = len(series) > 0
     elif method == 'sight':
-        seen = log.sight['confidence'] >= tau
-        time = log.sight['time'][seen]
-        world = wrap(log.sight['azimuth'][seen] + _yaw(time, log))
-        looked = len(log.sight) > 0
+        detected = log.sight['score'] >= tau
+        time = log.sight['time'][detected]
+        world = wrap(log.sight['azimuth'][detected] + _yaw(time, log))
+        observed = len(log.sight) > 0
     elif method == 'kalman':
         time, world = _kalman(record, log, tau, aided)
     else:
-        sounds = _sounds(method, record)
-        time, world = _unmirrored(sounds, log) if aided else chosen_images(sounds, record, tau)
+        measurements = _doa_measurements(method, record)
+        time, world = _nearest(measurements, log) if aided else chosen_hypotheses(measurements, record, tau)
         if method == 'moving_average':
             time, world = _averaged(time, world)
-    if not time.size and not looked:
-        raise UnavailableError(f'{method}: nothing was reported')
+    if not time.size and not observed:
+        raise UnavailableError(f'{method}: no measurements')
     return time, wrap(_median(world) - _yaw(time, log))
 
 
 def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5) -> Series:
-    """What the filter (`fused`) or the published machine (`gated`) says, as `RunLog.fused`. Raises UnavailableError."""
+    """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
+
+    Parameters:
+        method: `fused` for the filter, `gated` for the published controller.
+        record: measurements of the run.
+        log: of the run.
+        tau: gate on the score of detections.
+    """
     machine = MachineSettings(tau=tau)
     if method == 'fused' and tau == MachineSettings().tau:
         return log.fused
     if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
-        raise UnavailableError(f'{method}: only bearings were recorded, not what they rest on')
+        raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
     return record.replay(BayesTracker(BayesSettings(machine=machine)) if method == 'fused'
                           else GatedTracker(GatedSettings(machine=machine)))
 
 
-def _sounds(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
-    """The sounds that a method of hearing works on; a bag without sound holds the rig's own directions only."""
+def _doa_measurements(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
+    """Directions of arrival that a method uses; a bag without sound holds those of the rig's own estimator only."""
     own = record.doa.get(OWN, [])
     if method == 'sound':
         return own
@@ -88,39 +102,42 @@ def _sounds(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
     return record.doa.get(BASELINES['gcc_phat'], own)
 
 
-def _following(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
-    """Times and world azimuths where there is a target."""
+def _tracked(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
+    """Times (n, s) and world azimuths (n, rad) with a track."""
     known = series['state'] != State.NONE
     time = series['time'][known]
     return time, wrap(series['azimuth'][known] + _yaw(time, log))
 
 
-def _unmirrored(sounds: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
-    """Stamps, and of each sound the image nearer to the truth, in the world frame."""
-    sounds = [sound for sound in sounds if sound.hypotheses]
-    if not sounds:
-        return np.zeros(0), np.zeros(0)
-    time = np.array([sound.time for sound in sounds])
-    azimuth = np.array([min((h.azimuth for h in sound.hypotheses), key=lambda a, t=true: abs(wrap(a - t)))
-                        for sound, true in zip(sounds, log.true_azimuth(time), strict=True)])
+def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
+    """Stamps (n, s), and of each measurement the world azimuth (n, rad) of the hypothesis nearest to the truth."""
+    measurements = [measurement for measurement in measurements if measurement.hypotheses]
+    time = np.array([measurement.time for measurement in measurements])
+    azimuth = np.zeros(len(time))
+    for k, (measurement, true) in enumerate(zip(measurements, log.true_azimuth(time), strict=True)):
+        azimuths = [hypothesis.azimuth for hypothesis in measurement.hypotheses]
+        azimuth[k] = azimuths[int(np.argmin(np.abs(wrap(np.array(azimuths) - true))))]
     return time, wrap(azimuth + _yaw(time, log))
 
 
 def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
-    """Moving average on the circle of the newest windows."""
+    """Circular mean of the newest AVERAGED azimuths at each time."""
     sums = np.cumsum(np.concatenate([np.zeros(AVERAGED), np.exp(1j * world)]))
     return time, np.angle(sums[AVERAGED:] - sums[:-AVERAGED])
 
 
 def _kalman(record: MeasurementRecord, log: RunLog, tau: float, aided: bool) -> tuple[NDArray, NDArray]:
-    """A Kalman filter of azimuth and rate over GCC-PHAT and confident detections, with fixed noise, each taken as of now."""
-    sounds = _sounds('kalman', record)
-    late = 0.5 * sounds[0].window if sounds and aided else 0.0
-    heard = _unmirrored(sounds, log) if aided else chosen_images(sounds, record, tau)
-    events = [(time + late, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*heard, strict=True)]
-    for look in (event for event in record.events if isinstance(event, CameraMeasurement)):
-        if look.best is not None and look.best.score >= tau:
-            events.append((look.time, float(look.best.azimuth + _yaw(look.time, log)), math.radians(1.0) ** 2))
+    """A Kalman filter of azimuth and rate over GCC-PHAT and detections from `tau`, with fixed noise.
+
+    Measurements count at their arrival, without compensation of delays.
+    """
+    measurements = _doa_measurements('kalman', record)
+    delay = 0.5 * measurements[0].window if measurements and aided else 0.0
+    doa = _nearest(measurements, log) if aided else chosen_hypotheses(measurements, record, tau)
+    events = [(time + delay, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*doa, strict=True)]
+    for camera in (event for event in record.events if isinstance(event, CameraMeasurement)):
+        if camera.best is not None and camera.best.score >= tau:
+            events.append((camera.time, float(camera.best.azimuth + _yaw(camera.time, log)), math.radians(1.0) ** 2))
     if not events:
         return np.zeros(0), np.zeros(0)
     events.sort()
@@ -128,7 +145,7 @@ def _kalman(record: MeasurementRecord, log: RunLog, tau: float, aided: bool) -> 
 
 
 def _filtered(events: list[tuple[float, float, float]]) -> NDArray:
-    """Azimuths (n,) of a Kalman filter of azimuth and rate, given times, azimuths and variances of measurements."""
+    """Azimuths (n, rad) of a Kalman filter, given times (s), azimuths (rad) and variances (rad^2) of measurements."""
     state, covariance, filtered, now = np.array([events[0][1], 0.0]), 0.1 * np.eye(2), [], events[0][0]
     for time, azimuth, variance in events:
         dt, now = time - now, time
@@ -147,7 +164,7 @@ def _yaw(time: NDArray | float, log: RunLog) -> NDArray:
 
 
 def _median(azimuth: NDArray) -> NDArray:
-    """Running median on the circle over the MEDIAN samples about each one."""
+    """Circular median of the MEDIAN azimuths around each one."""
     if len(azimuth) < MEDIAN:
         return azimuth
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(azimuth, MEDIAN // 2, mode='edge'), MEDIAN)

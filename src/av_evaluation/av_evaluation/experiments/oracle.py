@@ -1,4 +1,4 @@
-"""The simulator's visual oracle without its pictures: what stands before a drone is found by rays, a hundred times faster."""
+"""The simulator's visual oracle without rendered images: occlusion is found by rays, a hundred times faster."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ from av_simulator.rendering.view import Appearance, Drone, TruthBox, View, appea
 
 
 class Oracle:
-    """Reports the drones in a view as the simulator does, with the same score, hidden behind the same solids."""
+    """Boxes of the drones in a view, with the score and the occlusion of the simulator's oracle.
+
+    Parameters:
+        camera: intrinsics.
+        solids: that occlude.
+    """
 
     def __init__(self, camera: PinholeCamera, solids: Sequence[Solid]) -> None:
         self._camera, self._solids = camera, Solids(solids)
 
     def boxes(self, view: View) -> list[OracleBox]:
-        """What the oracle reports of a view."""
+        """Boxes of the visible drones in a view."""
         found = []
         for drone in view.drones:
             seen = appearance(self._camera, view, drone)
@@ -40,7 +45,7 @@ class Oracle:
         if hidden.any():
             pixels = self._camera.project(view.to_optical(points[~hidden]))
             low, high = (np.clip(edge, seen.box[:2], seen.box[2:]) for edge in (pixels.min(axis=0), pixels.max(axis=0)))
-            box = (*map(float, low), *map(float, high))
+            box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
         distance = float(np.linalg.norm(drone.position - view.position))
         transmission = view.atmosphere.transmission(view.position, drone.position)
         truth = TruthBox(drone.target_id, box, 1.0 - float(hidden.mean()), transmission, distance)
@@ -48,7 +53,11 @@ class Oracle:
 
 
 class Solids:
-    """Solids for lines of sight. In a solid's own scale it is the cube [-1, 1]^3, cut by a quadric where it is round."""
+    """Solids for the occlusion of lines of sight. In its own frame and scale a solid is [-1, 1]^3, cut by a quadric.
+
+    Parameters:
+        solids: boxes, cylinders, ellipsoids and cones in the world.
+    """
 
     def __init__(self, solids: Sequence[Solid]) -> None:
         yaw = np.array([solid.yaw for solid in solids])
@@ -63,7 +72,12 @@ class Solids:
         self._quadric = np.array([shapes[solid.shape] for solid in solids]).reshape(-1, 3)
 
     def hide(self, eye: NDArray, points: NDArray) -> NDArray[np.bool_]:
-        """Which of the points (n, 3) cannot be seen from `eye` (3,), in m in the world."""
+        """Whether each point (n,) is hidden.
+
+        Parameters:
+            eye (3, m): viewpoint in the world.
+            points (n, 3, m): in the world.
+        """
         start = np.einsum('sij,sj->si', self._to_cube, eye - self._centres)[:, np.newaxis]
         ray = np.einsum('sij,nj->sni', self._to_cube, points - eye)
         with np.errstate(divide='ignore', invalid='ignore'):
@@ -74,7 +88,7 @@ class Solids:
         square = ray[..., 0] ** 2 + ray[..., 1] ** 2 + a * ray[..., 2] ** 2
         linear = 2.0 * (start * ray)[..., :2].sum(axis=2) + (2.0 * a * start[..., 2] + b) * ray[..., 2]
         constant = start[..., 0] ** 2 + start[..., 1] ** 2 + a * start[..., 2] ** 2 + b * start[..., 2]
-        with np.errstate(divide='ignore', invalid='ignore'):  # of rays that pass by, far out
+        with np.errstate(divide='ignore', invalid='ignore'):  # rays that miss
             lowest = np.where(square > 0.0, -0.5 * linear / square, enter).clip(enter, np.maximum(enter, leave))
             inside = np.min([square * t**2 + linear * t + constant for t in (enter, lowest, leave)], axis=0) <= c
         return ((enter < leave) & inside).any(axis=0)

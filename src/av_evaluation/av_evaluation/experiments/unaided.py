@@ -1,4 +1,4 @@
-"""What hearing alone says with nobody's help: the mirror image by the published rules, at the instant at which it is said."""
+"""Bearings of sound alone without truth: the hypothesis that the published controller takes, at the time of its arrival."""
 
 from __future__ import annotations
 
@@ -14,38 +14,44 @@ from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
-def chosen_images(sounds: Sequence[DoaMeasurement], record: MeasurementRecord, tau: float) -> tuple[NDArray, NDArray]:
-    """Ends of the windows of `sounds` (n,) in s, and of each the image (n,) that the published controller would take.
+def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: MeasurementRecord,
+                      tau: float) -> tuple[NDArray, NDArray]:
+    """Ends of windows (n, s), and world azimuth (n, rad) of the hypothesis that the published controller takes in each.
 
-    Azimuths in rad in the world frame. The controller gets the run's poses and pictures and these sounds instead of its own:
-    what was seen, what was heard before and what the rig's turns showed decide.
+    The controller uses the run's poses and camera measurements, with these directions in place of the run's own.
+
+    Parameters:
+        measurements: directions of arrival.
+        record: measurements of the run.
+        tau: gate on the score of detections.
     """
     tracker = GatedTracker(GatedSettings(machine=MachineSettings(tau=tau)))
-    waiting = sorted((sound for sound in sounds if sound.hypotheses), key=_end, reverse=True)
+    waiting = sorted((measurement for measurement in measurements if measurement.hypotheses), key=_end, reverse=True)
     times, azimuths = [], []
 
-    def hear_until(now: float) -> None:
+    def add_until(now: float) -> None:
         while waiting and _end(waiting[-1]) <= now:
-            sound = waiting.pop()
-            tracker.add_doa(sound)
+            measurement = waiting.pop()
+            tracker.add_doa(measurement)
             if tracker.chosen_azimuth is not None:
-                times.append(_end(sound))
+                times.append(_end(measurement))
                 azimuths.append(tracker.chosen_azimuth)
 
     for event in record.events:
         if isinstance(event, DoaMeasurement):
             continue
         if isinstance(event, CameraMeasurement):
-            hear_until(event.time)
+            add_until(event.time)
             tracker.add_camera(event)
         elif isinstance(event, tuple):
-            hear_until(event[0])
+            add_until(event[0])
             tracker.add_pose(*event)
         else:
-            hear_until(event)
-    hear_until(math.inf)
+            add_until(event)
+    add_until(math.inf)
     return np.array(times), np.array(azimuths)
 
 
-def _end(sound: DoaMeasurement) -> float:
-    return sound.time + 0.5 * sound.window
+def _end(measurement: DoaMeasurement) -> float:
+    """End (s) of a measurement's window."""
+    return measurement.time + 0.5 * measurement.window

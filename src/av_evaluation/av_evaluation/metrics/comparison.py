@@ -89,7 +89,7 @@ def format_rows(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def taus_of(runs: Sequence[RunResult]) -> dict[float, dict[str, dict[str, float | None]]]:
-    """Figures of `fused` and `gated` by the gate on the confidence of detections."""
+    """Figures of `fused` and `gated` by the gate on the score of detections."""
     taus = sorted({float(method.split('@')[1]) for run in runs for method in run.methods if '@' in method})
     return {tau: {name: figures_together(runs, f'{name}@{tau:g}', intervals=False) for name in ('fused', 'gated')}
             for tau in taus}
@@ -150,7 +150,7 @@ def add_taus(page: Page, runs: Sequence[RunResult]) -> None:
     if taus:
         curves = {name: (list(taus), [number(taus[tau][name], 'rmse_deg') for tau in taus]) for name in ('fused', 'gated')}
         page.heading('Sensitivity to the gate tau')
-        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the confidence of detections.')
+        page.figure(curve_chart(curves, 'tau', 'RMSE (deg)'), 'RMSE against the gate on the score of detections.')
 
 
 def add_domains(page: Page, one: Sequence[RunResult], other: Sequence[RunResult]) -> None:

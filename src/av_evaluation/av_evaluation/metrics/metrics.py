@@ -73,9 +73,9 @@ def summarise(log: RunLog, tau: float = 0.5) -> Summary:
 
     Parameters:
         log: of the run.
-        tau: confidence from which a detection counts.
+        tau: score from which a detection counts.
     """
-    detected = log.sight['confidence'] >= tau
+    detected = log.sight['score'] >= tau
     tracked = log.fused['state'] != State.NONE
     valid = log.sound['confidence'] > 0.0
     resolved = tracked & (log.fused['resolved'] > 0.0)

@@ -59,7 +59,7 @@ class RunLog:
         target: true positions of the target in the world.
         rig: true positions and yaw of the rig in the world.
         sound: azimuths of the first and second hypothesis of each window; `mirrored` is nan without a second one.
-        sight: azimuth of the best detection of each image, nan with confidence 0 where there is none.
+        sight: azimuth of the best detection of each image, nan with score 0 where there is none.
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
         notes: on the origin of the data, by topic.
     """
@@ -68,7 +68,7 @@ class RunLog:
         self.target = Series('time', 'x', 'y', 'z')
         self.rig = Series('time', 'x', 'y', 'z', 'yaw')
         self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay')
-        self.sight = Series('time', 'azimuth', 'confidence', 'delay')
+        self.sight = Series('time', 'azimuth', 'score', 'delay')
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay')
         self.notes: dict[str, str] = {}
 
