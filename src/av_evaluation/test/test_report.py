@@ -1,4 +1,4 @@
-"""The report of the paper's experiments, and the README that must say what it measured."""
+"""The report of the publication's experiments, and the README's table of measured values."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ def test_the_whole_report_is_the_quick_one_several_times(tmp_path):
     assert set(quick) < set(whole) and all(set(cases) <= set(whole[name]) for name, cases in quick.items())
 
 
-def test_the_readme_says_what_was_measured():
+def test_the_readme_agrees_with_the_measured_values():
     """Made to agree by `make report`."""
     assert disagreement(README, METRICS) == ''
 
 
-def test_a_readme_that_disagrees_is_found_out(tmp_path):
+def test_a_readme_that_disagrees_is_found(tmp_path):
     content = json.loads(METRICS.read_text())
     readme, metrics = tmp_path / 'README.md', tmp_path / 'metrics.json'
     readme.write_text(f'before\n{BEGIN}\n{measured_table(content)}\n{END}\nafter\n')
@@ -88,17 +88,17 @@ def test_sweeps_lead_to_scenarios_that_can_be_flown(tmp_path):
     assert np.ptp(MicrophoneArray.load(spacing.array).positions[:, 1]) == pytest.approx(0.3)
 
 
-def test_programs_say_what_is_wrong_and_how_to_go_on(tmp_path, monkeypatch, capsys):
+def test_programs_report_errors_and_how_to_continue(tmp_path, monkeypatch, capsys):
     """Of what was computed before Ctrl-C nothing is lost: test_evaluate."""
     assert run_sweep(['wind', '--out', str(tmp_path)]) == 2
     assert "'wind' is no sweep, only snr" in capsys.readouterr().err
     monkeypatch.setattr(program, 'run_cases', lambda *_: (_ for _ in ()).throw(KeyboardInterrupt()))
     assert run_sweep(['snr', '--out', str(tmp_path)]) == 130
-    assert 'the same command goes on where it stopped' in capsys.readouterr().err
+    assert 'the same command continues where it stopped' in capsys.readouterr().err
 
 
 def test_labels_become_azimuths(tmp_path):
-    """The picture's middle is ahead, left is positive; frames without a label lie between their neighbours."""
+    """The image's middle is ahead, left is positive; frames without a label lie between their neighbours."""
     file = tmp_path / 'clip.csv'
     file.write_text('frame,label,x,y,width,height\n0,DRONE,309.5,245,20,20\n4,DRONE,109.5,245,20,20\n')
     azimuths = labelled_azimuths(file)

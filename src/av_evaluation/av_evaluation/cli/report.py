@@ -53,7 +53,8 @@ def make_parser() -> argparse.ArgumentParser:
     add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
     add('--readme', type=Path, help='README whose table of measured values is updated')
-    add('--measured', type=Path, default=Path('docs/measured/metrics.json'), help='file of values updated with it (%(default)s)')
+    add('--measured', type=Path, default=Path('docs/measured/metrics.json'),
+        help='file of measured values, updated with the README (%(default)s)')
     add_run_options(parser, 'report.html, metrics.json')
     return parser
 

@@ -1,7 +1,6 @@
-"""The paper's experiments, made again: which runs each consists of, and the report that puts our numbers beside the paper's.
+"""The publication's experiments repeated: the runs of each, and the report with our figures beside the published ones.
 
-Of the paper the figures below are known here; where one is not, the cell is left blank. Figure and table numbers follow the
-paper as far as they are known.
+Figures of the publication that are not known here are left blank. Numbers of figures and tables are those of the publication.
 """
 
 from __future__ import annotations
@@ -22,12 +21,18 @@ from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
-HEARING = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
+SOUND_METHODS = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """One of the paper's: its scenario here, the figure that shows it, and in words what is flown."""
+    """An experiment of the publication.
+
+    Parameters:
+        scenario: that repeats it here.
+        figure: of the publication that shows it.
+        title: with a description.
+    """
 
     scenario: str
     figure: str
@@ -41,13 +46,19 @@ EXPERIMENTS = (
     Experiment('occluded_room', 'Figure 14', 'Experiment 4: indoors, behind columns and whiteboards'),
 )
 # RMSE in degrees and coverage in percent of sound, sight and fused (Table 1), and RMSE of methods (Table 3).
-PAPER = {'circle': ('The paper, simulated', '4.11°', '2.61° (52 %)', '3.28° (100 %)'),
-         'tripod': ('The paper, physical', '3.66°', '3.93° (40 %)', '3.50° (100 %)')}
-PAPER_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
+PUBLISHED = {'circle': ('Published, simulated', '4.11°', '2.61° (52 %)', '3.28° (100 %)'),
+         'tripod': ('Published, physical', '3.66°', '3.93° (40 %)', '3.50° (100 %)')}
+PUBLISHED_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
 
 
 def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
-    """The runs of the report by what they are for. Recordings that are not in `data` are left out."""
+    """The runs of the report by experiment.
+
+    Parameters:
+        seeds: runs of each experiment.
+        quick: whether to omit the runs with the detector and most recordings.
+        data: folder of the recordings; where it does not exist, runs on recordings are omitted.
+    """
     clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
     cases = {}
     for experiment in EXPERIMENTS:
@@ -59,25 +70,30 @@ def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
         cases['fog_woodland, detector'] = [Case('fog_woodland', seed, METHODS, model='shipped') for seed in (1, 2)[:seeds]]
     if data.exists():
         cases['filmed'] = [Case(f'{FILMED}{clip}', methods=METHODS, data=str(data)) for clip in CLIPS[:clips]]
-        cases['room'] = [Case(f'{ROOM}{number}', methods=HEARING, data=str(data)) for number in range(rooms)]
+        cases['room'] = [Case(f'{ROOM}{number}', methods=SOUND_METHODS, data=str(data)) for number in range(rooms)]
     return cases
 
 
 def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | None]]]:
-    """What stands in metrics.json: figures by method, of each experiment, and of the paper's four together as `all`."""
+    """Figures by experiment and method, the content of metrics.json; `all` pools the four experiments of the publication."""
     return {'all': metrics_of(_four(runs)), **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
 def make_page(runs: Runs, command: str, quick: bool) -> Page:
-    """The report."""
-    page = Page('A drone heard and seen: the experiments made again',
+    """The report.
+
+    Parameters:
+        runs: results by experiment.
+        command: by which the report is made.
+        quick: whether there is one run of each experiment only.
+    """
+    page = Page('Audio-visual bearings of a drone: the experiments repeated',
                 f'Made by `{command}`' + (', the quick version: one run of each.' if quick else '.'))
     page.paragraph(
-        'Each experiment is flown by the built-in simulator, several times with other noise, and judged by method on identical '
-        'data and with an identical median filter. The rig turns as its own pointing controller commands unless it is said to '
-        'stand still. Sight is the simulator\'s visual oracle unless the detector '
-        'is named. The paper corrected mirror images by hand; here only hearing alone is given the true one, fused is not. '
-        'Intervals: bootstrap over blocks of 2 s.')
+        'Each experiment is simulated several times with different noise. All methods are evaluated on identical measurements '
+        'with an identical median filter. The rig follows its pointing controller unless it is stated to stand still. Sight is '
+        'the simulator\'s visual oracle unless the detector is named. The publication resolved front and back by hand; here '
+        'only sound alone is given the true hypothesis, fused is not. Intervals: bootstrap over blocks of 2 s.')
     _table_1(page, runs)
     _table_2(page, runs)
     _table_3(page, runs)
@@ -89,14 +105,15 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
                                                     'orange: sound leads.')
             still = runs.get(f'{experiment.scenario}, rig still', ())
             if still:
-                page.figure(bearing_chart(still[0]), 'The same with the rig standing still: the camera sees it only ahead.')
+                page.figure(bearing_chart(still[0]), 'The same with a rig that stands still: the target is in the camera\'s field of view only when ahead.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
-            if experiment.scenario in PAPER:
-                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PAPER[experiment.scenario]))
+            if experiment.scenario in PUBLISHED:
+                page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[experiment.scenario]))
     _sensitivity(page, [run for name in ('fog_woodland', 'occluded_room') for run in runs.get(name, ())])
     _stand_ins(page, runs)
     page.heading('All errors')
-    page.figure(distribution_chart(_four(runs), METHODS), 'Share of errors below each size in the four experiments together.')
+    page.figure(distribution_chart(_four(runs), METHODS),
+                'Cumulative distribution of the absolute errors in the four experiments.')
     return page
 
 
@@ -108,16 +125,16 @@ def _table_1(page: Page, runs: Runs) -> None:
         rows.append([name, str(len(several)), *(_with_coverage(figures[sense]) for sense in figures),
                      cell(figures['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
                      cell(figures['fused'], 'time_to_resolve_s', 1.0, '{:.1f} s')])
-    rows += [[name, '', *known, 'by hand', ''] for name, *known in PAPER.values()]
+    rows += [[name, '', *known, 'by hand', ''] for name, *known in PUBLISHED.values()]
     page.table(['experiment', 'runs', 'sound: RMSE (coverage)', 'sight: RMSE (coverage)', 'fused: RMSE (coverage)',
-                'fused: wrong side', 'front/back told in'], rows, ours='the four together',
-               theirs=[name for name, *_ in PAPER.values()])
-    page.paragraph('`filmed` and `room` are stand-ins for physical experiments, see below. Of the paper: simulated, a drone '
-                   'circles; physical, a loudspeaker on a tripod.')
+                'fused: wrong side', 'front/back resolved in'], rows, ours='the four together',
+               theirs=[name for name, *_ in PUBLISHED.values()])
+    page.paragraph('`filmed` and `room` are stand-ins for physical experiments, see below. In the publication '
+                   'a drone circles in the simulated experiment, and a loudspeaker stands on a tripod in the physical one.')
 
 
 def _four(runs: Runs) -> list[RunResult]:
-    """The runs of the paper's experiments."""
+    """The runs of the publication's four experiments."""
     return [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
 
 
@@ -131,23 +148,23 @@ def _table_2(page: Page, runs: Runs) -> None:
     physical = list(runs.get('filmed', ()))
     page.heading('Table 2. Simulation against recordings')
     if not physical:
-        page.paragraph('The real recordings are not there: `make report DATA=FOLDER` says where they are.')
+        page.paragraph('The recordings were not found: `make report DATA=FOLDER` sets their folder.')
         return
     head, rows = domain_rows(_four(runs), physical)
     page.table([head[0], 'RMSE, simulated (95 %)', 'RMSE, recorded (95 %)', *head[3:]], rows)
     page.paragraph("Cohen's d is the difference of the mean absolute errors in pooled standard deviations; r is Pearson's "
                    'correlation of the same percentiles (1 to 99) of both. "Recorded" are the filmed clips below. The '
-                   "paper's figures of this table are not known here.")
+                   'published figures of this table are not known here.')
 
 
 def _table_3(page: Page, runs: Runs) -> None:
     page.heading('Table 3. Methods side by side')
     head, rows = rows_of(metrics_of(_four(runs), METHODS))
     for method, row in zip((None, *METHODS), (head, *rows), strict=True):
-        row.insert(4, PAPER_METHODS.get(method, '') if method else 'the paper')
+        row.insert(4, PUBLISHED_METHODS.get(method, '') if method else 'published')
     page.table(head, rows, ours=label('fused'))
-    page.paragraph('The four experiments together. Hearing alone is judged at the centre of its window (its latency says how '
-                   'late that is), a tracker at the instant at which it says where the target is.')
+    page.paragraph('The four experiments together. Methods of sound alone are evaluated at the centre of their window, whose '
+                   'delay is their latency; trackers are evaluated at the time of their estimate.')
 
 
 def _sensitivity(page: Page, runs: Sequence[RunResult]) -> None:
@@ -163,15 +180,15 @@ def _stand_ins(page: Page, runs: Runs) -> None:
     if not runs.get('filmed'):
         return
     page.heading('Stand-ins for physical experiments')
-    page.paragraph('No rig was built. What stands in for one, and what of it is real: `filmed` is real video of a drone with '
-                   'labelled boxes, looked at by the shipped detector, none of whose training clips is used, and a real '
-                   'drone\'s sound through the measured responses of a head at the azimuths of the labels; the lens is covered '
-                   'for 55 % of each clip. `room` is a real drone\'s sound in steps of 20 degrees around a pair of '
-                   'microphones in a room of pyroomacoustics, an independent renderer.')
+    page.paragraph('No physical rig was built; recordings stand in for one. `filmed` is real video of a drone with labelled '
+                   'boxes, processed by the shipped detector, which was not trained on these clips. A real drone\'s sound is '
+                   'filtered with the measured responses of a head at the labelled azimuths. The lens is covered for 55 % of each clip. '
+                   '`room` is a real drone\'s sound in steps of 20 degrees around two microphones in a room of '
+                   'pyroomacoustics, an independent renderer.')
     first = runs['filmed'][0]
     page.figure(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
     page.table(*rows_of(metrics_of(runs['filmed'])), ours=label('fused'))
     if runs.get('room'):
         page.heading('A room by another renderer', 3)
-        page.figure(bearing_chart(runs['room'][0], ('sound',)), 'Hearing alone, mirror images folded.')
+        page.figure(bearing_chart(runs['room'][0], ('sound',)), 'Sound alone, with the true hypothesis.')
         page.table(*rows_of(metrics_of(runs['room'])), ours=label('sound'))
