@@ -105,7 +105,8 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
                                                     'orange: sound leads.')
             still = runs.get(f'{experiment.scenario}, rig still', ())
             if still:
-                page.figure(bearing_chart(still[0]), 'The same with a rig that stands still: the target is in the camera\'s field of view only when ahead.')
+                page.figure(bearing_chart(still[0]),
+                            'The same with a rig that stands still: the camera sees the target only when it is ahead.')
             page.table(*rows_of(metrics_of(several)), ours=label('fused'))
             if experiment.scenario in PUBLISHED:
                 page.paragraph('{}: sound {}, sight {}, fused {} (RMSE, coverage).'.format(*PUBLISHED[experiment.scenario]))
@@ -181,10 +182,10 @@ def _stand_ins(page: Page, runs: Runs) -> None:
         return
     page.heading('Stand-ins for physical experiments')
     page.paragraph('No physical rig was built; recordings stand in for one. `filmed` is real video of a drone with labelled '
-                   'boxes, processed by the shipped detector, which was not trained on these clips. A real drone\'s sound is '
-                   'filtered with the measured responses of a head at the labelled azimuths. The lens is covered for 55 % of each clip. '
-                   '`room` is a real drone\'s sound in steps of 20 degrees around two microphones in a room of '
-                   'pyroomacoustics, an independent renderer.')
+                   'boxes, processed by the shipped detector, which was not trained on these clips. A real drone\'s sound '
+                   'is filtered with the measured responses of a head at the labelled azimuths. The lens is covered for '
+                   '55 % of each clip. `room` is a real drone\'s sound in steps of 20 degrees around two microphones in a '
+                   'room of pyroomacoustics, an independent renderer.')
     first = runs['filmed'][0]
     page.figure(bearing_chart(first), f'{first.name}: real video, real sound, measured ears. Labels are the truth.')
     page.table(*rows_of(metrics_of(runs['filmed'])), ours=label('fused'))

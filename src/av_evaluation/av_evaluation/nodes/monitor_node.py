@@ -1,4 +1,4 @@
-"""Shows a person what the rig is doing: a line a second, and at the end a table and a picture."""
+"""Monitor of the rig: a status line each second, and at the end a table of figures, logs and a plot."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import math
 import time as wall
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -15,34 +16,35 @@ from rclpy.clock_type import ClockType
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
-from av_common.frames import attitude_of, yaw_of
+from av_bags import topics
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
-from av_common.track import State
+from av_common.track_messages import track_of_bearing
 from av_evaluation.metrics.metrics import summarise
-from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
+from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.report.status_line import format_status
-from av_evaluation.report.table import format_table
+from av_evaluation.report.table import LABEL_WIDTH, format_table
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
 
 class MonitorNode(RigNode):
-    """Logs the rig's topics; changes nothing."""
+    """Subscribes to the rig's topics, logs them and prints figures; publishes nothing."""
 
     def __init__(self) -> None:
         super().__init__('monitor_node', parameters)
+        self._started = wall.monotonic()
 
     def configure(self) -> None:
         """Start an empty log."""
         self._settings = self.settings
         self._rotations = TfRotations(self, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
-        self._log = RunLog()
+        self._recorder = RunRecorder()
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None
@@ -51,7 +53,7 @@ class MonitorNode(RigNode):
         self._reported = False
 
     def activate(self) -> None:
-        """Listen to everything."""
+        """Subscribe, and start the clock of the run."""
         self._started = wall.monotonic()
         subscribe = self.create_subscription
         self.while_active(subscribe, DoaArray, 'doa', self._on_doa, STREAM)
@@ -60,49 +62,35 @@ class MonitorNode(RigNode):
         self.while_active(subscribe, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(subscribe, FusionState, 'fusion/state', self._on_state, RESULT)
         self.while_active(subscribe, PointingCommand, 'pointing/command', self._on_command, RESULT)
-        self.while_active(subscribe, Odometry, 'truth/target', self._on_target, STREAM)
-        self.while_active(subscribe, Odometry, 'truth/rig', self._on_rig, STREAM)
+        self.while_active(subscribe, Odometry, 'truth/target', partial(self._on_truth, topics.TRUE_TARGET), STREAM)
+        self.while_active(subscribe, Odometry, 'truth/rig', partial(self._on_truth, topics.TRUE_RIG), STREAM)
         self.while_active(subscribe, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
         self.while_active(self.create_timer, 1.0, self._each_second, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
-        """Say how it went."""
+        """Print the figures and write the files of the run."""
         self._report()
 
     @property
     def _logging(self) -> bool:
         return wall.monotonic() - self._started < 3600.0 * self._settings.max_hours
 
-    def _age(self, stamp: float) -> float:
-        return self.now() - stamp
-
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        for sound in self._converter.doa(message)[:1]:
-            azimuths = [hypothesis.azimuth for hypothesis in sound.hypotheses]
-            if self._logging:
-                self._log.sound.add(sound.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
-                                    sound.confidence, self._age(sound.time) - 0.5 * message.window)
+        if self._logging:
+            self._recorder.on_doa(self._converter.doa(message), self.now())
 
     def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
-        if any(detection.id.startswith('oracle') for detection in message.detections):
-            self._log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
-        look = self._converter.detections(message)
-        if look is not None and self._logging:
-            best = look.best
-            self._log.sight.add(look.time, best.azimuth if best else math.nan, best.score if best else 0.0,
-                                self._age(look.time))
+        measurement = self._converter.detections(message) if self._logging else None
+        if measurement is not None:
+            self._recorder.on_camera(measurement, message, self.now())
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
         self._bearing = message
-        known = message.state != State.NONE
         if self._logging:
-            self._log.fused.add(
-                to_seconds(message.header.stamp), message.azimuth, math.sqrt(message.azimuth_variance), message.state,
-                message.resolved,
-                self._age(to_seconds(message.measured)) if known else math.nan)
+            self._recorder.on_track(track_of_bearing(message), self.now())
 
     def _on_state(self, message: FusionState) -> None:
         self._state = message
@@ -110,16 +98,9 @@ class MonitorNode(RigNode):
     def _on_command(self, message: PointingCommand) -> None:
         self._command = message
 
-    def _on_target(self, message: Odometry) -> None:
-        position = message.pose.pose.position
+    def _on_truth(self, name: str, message: Odometry) -> None:
         if self._logging:
-            self._log.target.add(to_seconds(message.header.stamp), position.x, position.y, position.z)
-
-    def _on_rig(self, message: Odometry) -> None:
-        position, q = message.pose.pose.position, message.pose.pose.orientation
-        if self._logging:
-            self._log.rig.add(to_seconds(message.header.stamp), position.x, position.y, position.z,
-                              yaw_of(attitude_of(q)))
+            self._recorder.on_truth(name, message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -130,8 +111,11 @@ class MonitorNode(RigNode):
 
     def _each_second(self) -> None:
         elapsed = wall.monotonic() - self._started
-        truth = float(self._log.true_azimuth([to_seconds(self._bearing.header.stamp)])[0]) if self._bearing else math.nan
-        delay = self._age(to_seconds(self._bearing.measured)) if self._bearing and self._bearing.measured.sec else math.nan
+        truth = delay = math.nan
+        if self._bearing is not None:
+            truth = float(self._recorder.log.true_azimuth([to_seconds(self._bearing.header.stamp)])[0])
+            if self._bearing.measured.sec:
+                delay = self.now() - to_seconds(self._bearing.measured)
         rates = {name: meter.rate if meter.age < 2.0 else 0.0 for name, meter in self._meters.items()}
         print(format_status(elapsed, self._bearing, self._state, self._command, truth, rates, delay, self._problems),
               flush=True)
@@ -142,16 +126,17 @@ class MonitorNode(RigNode):
         if self._reported:
             return
         self._reported = True
-        summary = summarise(self._log, self._settings.tau)
+        log = self._recorder.log
+        summary = summarise(log, self._settings.tau)
         print(f'\n{self._settings.title}\n{format_table(summary)}', flush=True)
         if self._settings.out:
             out = Path(self._settings.out)
-            self._log.save(out)
+            log.save(out)
             (out / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
             from av_evaluation.report.plot import draw  # matplotlib takes a second to load: not at the start
 
-            draw(self._log, out / 'bearing.png', self._settings.title)
-            print(f'{"picture":<20}  {out / "bearing.png"}', flush=True)
+            draw(log, out / 'bearing.png', self._settings.title)
+            print(f'{"plot":<{LABEL_WIDTH}}  {out / "bearing.png"}', flush=True)
 
 
 def main() -> None:
