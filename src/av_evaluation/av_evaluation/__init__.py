@@ -1,1 +1,1 @@
-"""How well a run tracked its target: a log of what happened, figures from it, and pictures."""
+"""Evaluation of the rig: replay, offline runs, metrics, experiments, report and monitor."""

@@ -13,7 +13,7 @@ from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.report.plot import draw
 from av_evaluation.report.table import format_table
 from av_evaluation.runs.measurement_record import MeasurementRecord
-from av_evaluation.runs.runs import judge_run
+from av_evaluation.runs.runs import evaluate_run
 
 
 def circle_log(error_deg: float = 2.0) -> RunLog:
@@ -63,7 +63,7 @@ def test_sight_without_detections_has_no_coverage():
     for row in zip(*(log.sight[name] for name in ('time', 'azimuth', 'score', 'delay')), strict=True):
         blind.sight.add(row[0], row[1], 0.4 * row[2], row[3])
     blind.target, blind.rig, blind.fused = log.target, log.rig, log.fused
-    result = judge_run('blind', blind, MeasurementRecord(), ('fused', 'sight', 'sound'))
+    result = evaluate_run('blind', blind, MeasurementRecord(), ('fused', 'sight', 'sound'))
     assert result.methods['sight'].coverage == 0.0 and not len(result.methods['sight'].error_deg)
     assert result.methods['fused'].coverage == 1.0 and set(result.missing) == {'sound'}
 

@@ -1,4 +1,4 @@
-"""The demo's scenario in one process: the same every time, so that what is promised can be asked for exactly."""
+"""The demo's scenario in one process, repeatable, with exact bounds on its figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from av_simulator.scenario import load_scenario
 
 @pytest.fixture(scope='module')
 def run():
-    """Half a minute of `fog_woodland`, the rig obeying the pointing controller."""
+    """Half a minute of `fog_woodland`, with a rig that obeys the pointing controller."""
     scenario = load_scenario(find_config('fog_woodland', 'scenarios'))
     run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
@@ -27,7 +27,7 @@ def run():
 
 
 def test_the_demo_keeps_its_promises(run):
-    """From the first detection on there is always a bearing, on the right side, within 1.5 degrees RMS."""
+    """From the first detection there is always a bearing, in the true hemisphere, with an RMSE below 1.5 degrees."""
     summary = summarise(run.log)
     fused = summary.senses['fused']
     assert fused.coverage == 1.0 and fused.hemisphere_errors == 0.0 and fused.rmse_deg < 1.5
@@ -38,7 +38,7 @@ def test_the_demo_keeps_its_promises(run):
 
 
 def test_another_tracker_is_given_the_same_data(run):
-    """Fed again, the filter says the same to the bit; the published machine does worse on the same data."""
+    """The filter repeats its bearings to the bit; the published controller has larger errors on the same data."""
     again = run.rig.record.replay(BayesTracker())
     assert np.array_equal(again['azimuth'], run.log.fused['azimuth'], equal_nan=True)
     summary, end = summarise(run.log), float(run.log.fused['time'][-1])
@@ -48,8 +48,8 @@ def test_another_tracker_is_given_the_same_data(run):
     assert len(run.rig.record.replay(GatedTracker())) == len(again)
 
 
-def test_a_rig_that_flies_hears_through_its_ego_rotors():
-    """They are as loud as the drone, but known from a record of the rig alone; else it hears hardly anything but them."""
+def test_a_flying_rig_localises_sound_through_its_ego_rotors():
+    """The rotors are as loud as the drone; a record of the rig alone makes the directions usable."""
     run = OfflineRun(load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(25.0)

@@ -79,7 +79,7 @@ def test_an_output_replays_like_its_bag(tmp_path):
     np.testing.assert_allclose(third.fused['azimuth'], first.fused['azimuth'], atol=1e-6)
 
 
-def test_sound_is_localised_anew(tmp_path):
+def test_sound_is_localised_again(tmp_path):
     with make.bag(tmp_path / 'bag') as write:
         for frame in make.audio_frames(make.EPOCH, make.sound_of(0.5, 3.0)):
             write('/audio/frames', make.EPOCH + frame.first_sample / make.RATE + 0.06, frame)
@@ -224,7 +224,7 @@ def test_parameters_are_those_of_the_nodes(tmp_path):
         replayed(path, parameters=(str(parameters),))
 
 
-def test_a_damaged_bag_gives_what_it_holds_and_says_so(tmp_path, capsys):
+def test_a_damaged_bag_gives_what_it_holds_with_a_warning(tmp_path, capsys):
     with Bag(make.flight(tmp_path / 'bag')) as bag, BagWriter(tmp_path / 'whole.mcap', 'none') as out:
         Replay(bag).run(out)
     content = (tmp_path / 'whole.mcap').read_bytes()
@@ -244,13 +244,13 @@ def test_a_damaged_bag_gives_what_it_holds_and_says_so(tmp_path, capsys):
     (['BAG', '--start', '-1'], 'start is -1.0 s'),
     (['BAG', '--out', 'BAG'], 'exists already'),
 ])
-def test_the_program_says_what_is_wrong(tmp_path, capsys, arguments, complaint):
+def test_the_program_reports_errors(tmp_path, capsys, arguments, complaint):
     bag = make.flight(tmp_path / 'bag', duration=1.0)
     assert main([str(bag) if argument == 'BAG' else argument for argument in arguments]) == 1
     assert complaint in capsys.readouterr().err
 
 
-def test_the_program_shows_progress_table_and_picture(tmp_path, capsys):
+def test_the_program_shows_progress_table_and_plot(tmp_path, capsys):
     bag = make.flight(tmp_path / 'bag')
     assert main([str(bag), '--out', str(tmp_path / 'out.mcap'), '--report', str(tmp_path / 'report')]) == 0
     captured = capsys.readouterr()

@@ -119,7 +119,7 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
     page.table(*rows_of(metrics), ours=label('fused'))
     page.paragraph('Errors count from the first detection; without one, from the first bearing with resolved front '
                    'and back. All methods get the same data and the same median filter. Methods of sound alone, and the '
-                   'Kalman filter, are given the true one of two hypotheses and judged at the centre of their window; '
+                   'Kalman filter, are given the true one of two hypotheses and evaluated at the centre of their window; '
                    '"unaided" is their RMSE with the hypothesis of the published controller, at the time of arrival. Fused, '
                    'gated and sight use no truth. Intervals: bootstrap over blocks of 2 s.')
     page.figure(distribution_chart(runs, methods_of(runs)), 'Cumulative distribution of the absolute errors.')

@@ -100,13 +100,13 @@ def figures_of(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float, en
         acquired (s): from which errors and coverage count.
         end (s): of the time that counts for coverage.
     """
-    judged = judge(time, azimuth, log, acquired)
+    compared = compare(time, azimuth, log, acquired)
     grid = instants(acquired, end) if math.isfinite(acquired) else np.zeros(0)
-    return errors_of(judged.error_deg, judged.opposite, coverage_of(grid, time))
+    return errors_of(compared.error_deg, compared.opposite, coverage_of(grid, time))
 
 
 @dataclass(frozen=True)
-class Judged:
+class Comparison:
     """Bearings compared with the truth.
 
     Attributes:
@@ -120,7 +120,7 @@ class Judged:
     opposite: NDArray[np.bool_]
 
 
-def judge(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.inf) -> Judged:
+def compare(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.inf) -> Comparison:
     """Compare bearings with the truth, where there is one.
 
     Parameters:
@@ -136,7 +136,7 @@ def judge(time: NDArray, azimuth: NDArray, log: RunLog, acquired: float = -math.
     error = np.degrees(np.take_along_axis(errors, chosen[np.newaxis], axis=0)[0])
     counted = np.isfinite(error) & (time >= acquired)
     opposite = np.cos(truth) * np.cos(hypotheses[0]) < 0.0 if len(hypotheses) == 1 else np.zeros(len(time), bool)
-    return Judged(time[counted], error[counted], opposite[counted])
+    return Comparison(time[counted], error[counted], opposite[counted])
 
 
 def errors_of(error_deg: NDArray, opposite: NDArray, coverage: float) -> Errors:

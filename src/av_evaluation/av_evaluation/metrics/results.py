@@ -26,7 +26,7 @@ class MethodResult:
     Attributes:
         time (n, s): of the bearings.
         azimuth (n, rad): in the body frame.
-        judged_time (m, s): of the bearings with a truth.
+        error_time (m, s): of the bearings with a truth.
         error_deg (m, degrees): signed errors.
         opposite (m,): whether front and back are confused; empty where the true hemisphere is given.
         unaided_deg (k, degrees): signed errors with the hypothesis of the published controller.
@@ -38,7 +38,7 @@ class MethodResult:
 
     time: NDArray
     azimuth: NDArray
-    judged_time: NDArray
+    error_time: NDArray
     error_deg: NDArray
     opposite: NDArray
     unaided_deg: NDArray
@@ -152,7 +152,7 @@ def figures_together(runs: Sequence[RunResult], method: str, intervals: bool = T
         values = [getattr(result, key) for _, result in results]
         figures[key] = float(np.median([v for v in values if math.isfinite(v)] or [math.nan]))
     if intervals:
-        blocks = [block for _, result in results for block in blocks_of(result.judged_time, result.error_deg)]
+        blocks = [block for _, result in results for block in blocks_of(result.error_time, result.error_deg)]
         figures['rmse_low_deg'], figures['rmse_high_deg'] = rmse_interval(blocks)
     figures['runs'] = len(results)
     return {key: value if math.isfinite(value) else None for key, value in figures.items()}

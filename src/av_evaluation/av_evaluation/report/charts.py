@@ -49,7 +49,7 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
         style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
         values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
         bearing.plot(result.time - start, values, color=COLOURS[method], label=label(method), **style)
-        error.plot(result.judged_time - start, result.error_deg, color=COLOURS[method], **style)
+        error.plot(result.error_time - start, result.error_deg, color=COLOURS[method], **style)
         azimuths.append(values)
         errors.append(result.error_deg)
     reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)

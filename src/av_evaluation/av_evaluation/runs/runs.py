@@ -20,7 +20,7 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
-from av_evaluation.metrics.metrics import coverage_of, instants, judge, summarise, switches, time_to_resolve
+from av_evaluation.metrics.metrics import compare, coverage_of, instants, summarise, switches, time_to_resolve
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
@@ -38,7 +38,7 @@ KALMAN_NEEDS = 'phat'
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError with a message about the input."""
     log, record, notes = _measure(case)
-    result = judge_run(case.name, log, record, case.methods, case.taus)
+    result = evaluate_run(case.name, log, record, case.methods, case.taus)
     result.case, result.key = asdict(case), case.key
     result.notes += notes
     content = io.BytesIO()
@@ -56,7 +56,7 @@ def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     return _replay(case) if case.is_bag else _simulate(case)
 
 
-def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...],
+def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[str, ...],
               taus: tuple[float, ...] = ()) -> RunResult:
     """Evaluate methods on one run.
 
@@ -75,7 +75,7 @@ def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[
     wanted += [(f'{method}@{tau:g}', method, tau) for tau in taus for method in ('fused', 'gated')]
     for label, method, tau in wanted:
         try:
-            result.methods[label] = _judge(method, log, record, tau, acquired, span)
+            result.methods[label] = _evaluate(method, log, record, tau, acquired, span)
         except UnavailableError as error:
             result.missing[label] = str(error)
     if log.has_truth:
@@ -84,13 +84,14 @@ def judge_run(name: str, log: RunLog, record: MeasurementRecord, methods: tuple[
     return result
 
 
-def _judge(method: str, log: RunLog, record: MeasurementRecord, tau: float, acquired: float, span: float) -> MethodResult:
+def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, acquired: float, span: float) -> MethodResult:
     time, azimuth = bearings(method, record, log, tau)
-    judged = judge(time, azimuth, log, acquired)
+    compared = compare(time, azimuth, log, acquired)
     grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
-    opposite = np.zeros(0, bool) if method in FOLDED else judged.opposite
-    unaided = judge(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else judged
-    result = MethodResult(time, azimuth, judged.time, judged.error_deg, opposite, unaided.error_deg, coverage_of(grid, time))
+    opposite = np.zeros(0, bool) if method in FOLDED else compared.opposite
+    unaided = compare(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else compared
+    result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, unaided.error_deg,
+                          coverage_of(grid, time))
     if method in ('fused', 'gated'):
         series = track(method, record, log, tau)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
