@@ -30,6 +30,7 @@ try:  # a third of the processor time of the other at the rates of the rig
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
+__all__ = ('EXPECTED_ERRORS', 'Executor', 'RenamedParameterError', 'RigNode', 'run')
 RETRY_S = 2.0
 # Errors at start-up that may have gone at the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)

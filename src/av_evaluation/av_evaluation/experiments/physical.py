@@ -1,8 +1,9 @@
-"""Stand-ins for experiments with a real rig: what of them is real here is recorded, and each says what is not.
+"""Substitutes for experiments with a physical rig, made of real recordings; the notes of each run name what is rendered.
 
-`filmed:CLIP`: a real drone filmed outdoors, looked at by the shipped detector; a real drone's sound through the measured
-responses of a head at the azimuths that the clip's labels tell. The lens is covered for a part of each clip.
-`room:NUMBER`: a real drone's sound in a room of pyroomacoustics, which shares no code with the simulator, in steps.
+`filmed:CLIP` is real video of a drone, in which the shipped detector detects. A real drone's sound is rendered through the
+measured responses of a head at the labelled azimuths. The lens is covered for a part of each clip.
+`room:NUMBER` is a real drone's sound in a room of pyroomacoustics, which shares no code with the simulator. The source moves
+around the rig in steps.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
     44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
 FILMED, ROOM = 'filmed:', 'room:'
 VIDEO_HZ, RATE = 30.0, 48_000
-EARS = MicrophoneArray([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]], 'kemar')
-PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'two_microphones')
+EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 CAMERA = CameraMount(width=640, height=512)
 COVERED = (0.3, 0.85)  # share of a clip
-CUT = math.radians(5.0)  # a label that moves so far between two frames is of another take: some clips are spliced
+CUT = math.radians(5.0)  # a larger step of the label between two frames is a cut: some clips are spliced
 STEP_DEG, DWELL_S = 20.0, 4.0
 
 
@@ -82,14 +83,22 @@ def detection_stage(model: str) -> DetectionStage:
 
 
 def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    """A real clip with real sound. Raises FileNotFoundError without the recordings, OSError for a broken film."""
+    """A real clip with real sound.
+
+    Parameters:
+        clip: name of the clip.
+        data: folder of the recordings.
+        estimators: further methods of direction finding to record.
+
+    Raises FileNotFoundError without the recordings, OSError for a video that cannot be read.
+    """
     truth = labelled_azimuths(data / 'drone_detection' / 'labels' / f'{clip}.csv')
     first, end = longest_take(truth)
     truth = truth[first:end]
-    voice = load_clip(_voice(data, clip))
+    recording = load_clip(_recording(data, clip))
     array = calibrated_ears(data)
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
-    sound = moving_through(signal.resample_poly(voice, rate // 300, RATE // 300), truth, azimuths, responses, rate)
+    sound = moving_through(signal.resample_poly(recording, rate // 300, RATE // 300), truth, azimuths, responses, rate)
     static, per_frame = StaticRig(array, rate, estimators, detection_stage('shipped')), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
     for _ in range(first):
@@ -102,7 +111,7 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         now = (number + 1) / VIDEO_HZ
         if number % 2 == 0:
             covered = COVERED[0] <= number / len(truth) < COVERED[1]
-            static.rig.on_image(np.zeros_like(image) if covered else image, now, now)
+            static.rig.on_image(np.zeros_like(image) if covered else image.astype(np.uint8, copy=False), now, now)
         static.advance(now, float(azimuth))
     if not len(static.rig.log.fused):
         raise OSError(f'{clip}: no image can be read')
@@ -112,10 +121,18 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
 
 
 def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    """A loudspeaker with a drone's voice goes round in steps in a rendered room. Raises ImportError, FileNotFoundError."""
+    """A loudspeaker plays a drone's sound at steps of azimuth in a rendered room.
+
+    Parameters:
+        number: seed of the run, and number of the recording.
+        data: folder of the recordings.
+        estimators: further methods of direction finding to record.
+
+    Raises ImportError without pyroomacoustics, FileNotFoundError without the recordings.
+    """
     import pyroomacoustics
     random = np.random.default_rng([7, number])
-    voice = load_clip(_voice(data, str(number)))
+    recording = load_clip(_recording(data, str(number)))
     size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
     absorption, order = pyroomacoustics.inverse_sabine(0.3, size)
     static, length = StaticRig(PAIR, RATE, estimators), round(DWELL_S * RATE)
@@ -123,35 +140,35 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
         azimuth = math.radians(STEP_DEG * step)
         box = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption), max_order=min(order, 8))
         box.set_sound_speed(speed_of_sound(20.0))
-        begin = int(random.integers(0, max(len(voice) - length, 1)))
-        box.add_source(place + 3.0 * angles_to_direction(azimuth, 0.0), signal=np.resize(voice[begin:], length))
+        begin = int(random.integers(0, max(len(recording) - length, 1)))
+        box.add_source(place + 3.0 * angles_to_direction(azimuth, 0.0), signal=np.resize(recording[begin:], length))
         box.add_microphone_array((place + PAIR.positions).T)
         box.simulate()
-        heard = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
-        for part, piece in enumerate(np.split(heard, round(10 * DWELL_S))):
+        samples = add_noise(random, box.mic_array.signals[:, :length].T, 15.0).astype(np.float32)
+        for part, piece in enumerate(np.split(samples, round(10 * DWELL_S))):
             static.on_samples(piece)
             static.advance(step * DWELL_S + 0.1 * (part + 1), azimuth)
     return static.rig.log, static.rig.record, [
         'real drone sound in a room rendered by pyroomacoustics (reverberation 0.3 s), 15 dB above noise; the rig stands '
-        'still and is blind']
+        'still and has no camera']
 
 
 def labelled_azimuths(file: Path) -> NDArray:
-    """Azimuths (n,) in rad of each frame of a clip by its labels, between them interpolated. Raises FileNotFoundError."""
+    """Azimuths (n,) in rad for each frame of a clip, interpolated between its labels. Raises FileNotFoundError."""
     if not file.exists():
         raise FileNotFoundError(f'{file}: the recordings are not there')
     rows = [line.split(',') for line in file.read_text().splitlines()[1:]]
     frames = np.array([int(row[0]) for row in rows])
     boxes = np.array([[float(value) for value in row[2:6]] for row in rows])
-    look = camera_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
-                        CAMERA.optical_to_body)
+    labels = camera_in_body(0.0, CAMERA.model, boxes[:, :2] + 0.5 * boxes[:, 2:], boxes[:, 2:], np.ones(len(boxes)),
+                            CAMERA.optical_to_body)
     _, first = np.unique(frames, return_index=True)
-    azimuths = np.array([detection.azimuth for detection in look.detections])[first]
+    azimuths = np.array([detection.azimuth for detection in labels.detections])[first]
     return np.interp(np.arange(frames.max() + 1), frames[first], azimuths)
 
 
 def longest_take(azimuths: NDArray) -> tuple[int, int]:
-    """First frame, and the one after the last, of the longest part of a film without a cut, where its labels (rad) jump."""
+    """First frame, and the one after the last, of the longest part without a cut, by the labelled azimuths (n,) in rad."""
     cuts = np.flatnonzero(np.abs(np.diff(azimuths)) > CUT) + 1
     edges = np.concatenate([[0], cuts, [len(azimuths)]])
     longest = int(np.argmax(np.diff(edges)))
@@ -159,27 +176,34 @@ def longest_take(azimuths: NDArray) -> tuple[int, int]:
 
 
 def calibrated_ears(data: Path) -> MicrophoneArray:
-    """The head as a pair, its delays measured with another drone's record at every other azimuth."""
+    """The head as a pair of microphones, calibrated with another drone's recording at every other azimuth."""
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
-    voice = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
-    angles, paths = [], []
+    recording = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
+    angles: list[float] = []
+    paths: list[float] = []
     for k in range(0, len(azimuths), 2):
-        piece = np.stack([signal.fftconvolve(voice[:2 * rate], response)[:2 * rate] for response in responses[k]], axis=1)
+        piece = np.stack([signal.fftconvolve(recording[:2 * rate], response)[:2 * rate] for response in responses[k]], axis=1)
         _, path = measured_path(EARS, Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5)).process(piece, 0))
         paths.extend(path)
         angles.extend([azimuths[k]] * len(path))
     return calibrate(EARS, angles, paths).array
 
 
-def moving_through(voice: NDArray, truth: NDArray, azimuths: NDArray, responses: NDArray, rate: int) -> NDArray:
-    """Sound (n, 2) of a voice that follows azimuths (frames,) in rad, as a head hears it.
+def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, responses: NDArray, rate: int) -> NDArray:
+    """Sound (n, 2) of a source that moves along azimuths, at the two ears of a head.
 
-    The measured directions next to the true one are mixed by the share of the way between them, anew for each frame; below
-    4 kHz, where 5 degrees are a small part of a period, that is their interpolation.
+    For each frame the responses of the two neighbouring directions are interpolated linearly. That is accurate below 4 kHz,
+    where 5 degrees are a small part of a period.
+
+    Parameters:
+        recording (m,): sound of the source, repeated as needed.
+        truth (rad, (frames,)): azimuths of the source at VIDEO_HZ.
+        azimuths (rad, (k,)), responses (k, 2, taps): measured directions and impulse responses.
+        rate (Hz): sample rate of recording and responses.
     """
     per_frame = round(rate / VIDEO_HZ)
     count = per_frame * len(truth)
-    voice = np.resize(voice, count)
+    recording = np.resize(recording, count)
     at_frames = np.arange(len(truth)) * per_frame + per_frame / 2
     grid = np.radians(5.0)
     place = np.interp(np.arange(count), at_frames, np.unwrap(truth)) / grid
@@ -187,12 +211,12 @@ def moving_through(voice: NDArray, truth: NDArray, azimuths: NDArray, responses:
     for index in range(math.floor(place.min()), math.floor(place.max()) + 2):
         share = np.clip(1.0 - np.abs(place - index), 0.0, None)
         nearest = np.argmin(np.abs(np.angle(np.exp(1j * (azimuths - index * grid)))))
-        heard = [signal.fftconvolve(share * voice, response)[:count] for response in responses[nearest]]
-        sound += np.stack(heard, axis=1).astype(np.float32)
+        ears = [signal.fftconvolve(share * recording, response)[:count] for response in responses[nearest]]
+        sound += np.stack(ears, axis=1).astype(np.float32)
     return 0.3 * sound / np.abs(sound).max()
 
 
-def _voice(data: Path, name: str) -> Path:
+def _recording(data: Path, name: str) -> Path:
     """One of the drone recordings, by the number in a name. Raises FileNotFoundError."""
     files = sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))[:-1]  # the last one calibrates
     if not files:

@@ -18,7 +18,7 @@ import numpy as np
 import rclpy
 from std_msgs.msg import Header
 
-from av_common.node import Executor  # type: ignore[attr-defined]  # one of two, by ROS's version
+from av_common.node import Executor  # one of two, by ROS's version
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing
