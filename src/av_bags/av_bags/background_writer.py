@@ -1,4 +1,4 @@
-"""Writes a bag in the background, so that a slow disk never holds up a subscriber."""
+"""Writes a bag from a separate thread, so that a slow disk does not block subscribers."""
 
 from __future__ import annotations
 
@@ -12,22 +12,29 @@ from rosbags.interfaces import Qos
 from av_bags.writer import DEFAULT_QOS, BagWriter
 
 Encoder = Callable[[bytes], bytes]
-# A killed process loses what came since the last write, a loss of power what came since the last sync.
+# A killed process loses the messages since the last write, a power failure those since the last sync.
 WRITE_PERIOD_S = 0.25
 SYNC_PERIODS = 4
 
 
 class BackgroundWriter:
-    """Takes messages from any thread and writes them to a bag from a thread of its own, several times a second.
+    """Accepts messages from any thread and writes them to a bag from its own thread, several times a second.
 
-    While the disk is full or slow, messages wait in memory; what exceeds that is dropped and counted, and writing goes
-    on when there is room again. `problem` says what is wrong with the disk now, `encoding_problem` what was wrong with
-    the last message that could not be encoded; both are empty when all is well. Raises BagError.
+    While the disk is full or slow, messages wait in memory up to `queue_bytes`. Further messages are dropped and
+    counted. Writing resumes as soon as the disk accepts data.
 
     Parameters:
-        path: of the bag, as for BagWriter.
-        compression: of the chunks, as for BagWriter.
-        queue_bytes (bytes): size of the messages that may wait.
+        path: path of the bag, as for BagWriter.
+        compression: compression of the chunks, as for BagWriter.
+        queue_bytes (bytes): largest total size of waiting messages.
+
+    Attributes:
+        bag: the BagWriter.
+        dropped: number of messages that were lost.
+        problem: current problem of the disk; empty without one.
+        encoding_problem: reason why a message could not be encoded, of the last such message; empty without one.
+
+    Raises BagError where the path exists or cannot be created.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4', queue_bytes: int = 64_000_000) -> None:
@@ -44,14 +51,25 @@ class BackgroundWriter:
         self._thread.start()
 
     def add_topic(self, name: str, kind: str, qos: Qos = DEFAULT_QOS, encode: Encoder | None = None) -> None:
-        """Announce a topic; `encode` is called in the writing thread for each message. Raises UnknownTypeError."""
+        """Announce a topic. Raises UnknownTypeError.
+
+        Parameters:
+            name, kind, qos: topic, type and quality of service, as for `BagWriter.add_topic`.
+            encode: function that the writing thread applies to each message; None to write messages unchanged.
+        """
         with self._lock:
             self.bag.add_topic(name, kind, qos)
         if encode is not None:
             self._encoders[name] = encode
 
     def put(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Take a serialised message; returns at once."""
+        """Queue a message without blocking.
+
+        Parameters:
+            topic: an announced topic.
+            time_ns (ns): time of recording.
+            data: the message in CDR, before encoding.
+        """
         if self._queued + self.bag.waiting + len(data) > self._queue_bytes:
             self.dropped += 1
             return
@@ -59,7 +77,7 @@ class BackgroundWriter:
         self._queue.append((topic, time_ns, data))
 
     def close(self) -> None:
-        """Write what waits and finish the bag. Raises OSError when the disk refuses the rest."""
+        """Write the waiting messages and finish the bag. Raises OSError when the disk refuses them."""
         self._closing.set()
         self._thread.join()
         try:

@@ -1,4 +1,4 @@
-"""Messages of other packages as those of the rig."""
+"""Converts messages of other packages to those of the rig."""
 
 from __future__ import annotations
 
@@ -26,20 +26,22 @@ from av_interfaces.msg import AudioFrame
 from av_vision.messages import image_from_message, image_message
 
 Converter = Callable[[Any, int], Iterable[Any]]
-# A stamp that far from where the samples so far would put it is a gap in the sound.
+# A stamp that is later than the samples before it by more than this marks a gap in the audio.
 GAP_S = 0.05
-# For sound that does not say where it was recorded.
+# Frame of audio whose messages name none.
 ARRAY_FRAME = 'microphones'
 
 
 @dataclass(frozen=True)
 class AudioLayout:
-    """What bare bytes of sound mean. Raises BagError when out of bounds.
+    """Layout of audio that is recorded as bytes without a description.
 
     Parameters:
-        sample_rate (Hz): samples a second and channel.
-        channels: number of interleaved channels.
-        sample_format: one of `pcm.FORMATS`.
+        sample_rate (Hz): rate of each channel, 8000 to 384000.
+        channels: number of interleaved channels, 1 to 64.
+        sample_format: one of `av_audio.pcm.FORMATS`.
+
+    Raises BagError for values out of bounds.
     """
 
     sample_rate: int
@@ -54,9 +56,15 @@ class AudioLayout:
 
 
 def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None) -> Converter | None:
-    """What makes messages of the rig's topic `name` of those of a bag's topic; None where they are that already.
+    """The converter from messages of a bag's topic to those of the rig's topic; None when the types are equal.
 
-    Raises BagError when bytes of sound come without a description (`layout`, or AudioInfo in the bag).
+    Parameters:
+        bag: the bag.
+        name: the rig's name of the topic.
+        topic: its name in the bag.
+        layout: layout of audio bytes; None takes it from a message AudioInfo in the bag.
+
+    Raises BagError when the layout of audio bytes is unknown.
     """
     kind = bag.topics[topic].kind
     if kind == names.KINDS[name][0]:
@@ -67,7 +75,10 @@ def converter(bag: Bag, name: str, topic: str, layout: AudioLayout | None = None
 
 
 class AudioBytes:
-    """Makes AudioFrame of AudioData and AudioDataStamped (audio_common_msgs), PCM; a sample may be cut between messages."""
+    """Converts AudioData and AudioDataStamped (audio_common_msgs) with PCM samples to AudioFrame.
+
+    A sample may be split between two messages.
+    """
 
     def __init__(self, layout: AudioLayout) -> None:
         self._layout = layout
@@ -77,7 +88,7 @@ class AudioBytes:
         self._origin: float | None = None
 
     def __call__(self, message: Any, time_ns: int) -> Iterable[AudioFrame]:
-        """The frame of a message that was recorded at `time_ns`; none as long as no sample is complete."""
+        """The frame of a message recorded at `time_ns` (ns); empty while no sample is complete."""
         stamped = hasattr(message, 'header')
         samples = self._samples((message.audio if stamped else message).data)
         if not len(samples):
@@ -85,9 +96,9 @@ class AudioBytes:
         if stamped:
             stamp = to_seconds(message.header.stamp)
             self._skip_gap(stamp)
-        else:  # the last sample was taken just before the message came
+        else:  # the last sample was captured just before the message arrived
             end = self._clock.date((self._next + len(samples)) / self._layout.sample_rate, 1e-9 * time_ns)
-            if end is None:  # far from when the samples before it came: left out, as a gap
+            if end is None:  # refused by the clock: omitted, which leaves a gap
                 self._next += len(samples)
                 return []
             stamp = end - len(samples) / self._layout.sample_rate
@@ -98,7 +109,7 @@ class AudioBytes:
                            samples=array('f', samples.tobytes()))]
 
     def _samples(self, data: ArrayLike) -> NDArray[np.float32]:
-        """Samples (n, channels), full scale 1."""
+        """Complete samples (n, channels) of full scale 1; the bytes of an incomplete one are kept."""
         size = np.dtype(FORMATS[self._layout.sample_format][0]).itemsize * self._layout.channels
         content = self._rest + np.asarray(data, np.uint8).tobytes()
         whole = len(content) // size * size
@@ -113,13 +124,13 @@ class AudioBytes:
 
 
 class Poses:
-    """Makes Odometry of PoseStamped and PoseWithCovarianceStamped; its yaw rate is that since the pose before."""
+    """Converts PoseStamped and PoseWithCovarianceStamped to Odometry, with the yaw rate since the previous pose."""
 
     def __init__(self) -> None:
         self._before: tuple[float, float] | None = None
 
     def __call__(self, message: Any, _: int) -> Iterable[Odometry]:
-        """The pose as Odometry."""
+        """Convert one pose."""
         pose = message.pose.pose if hasattr(message.pose, 'pose') else message.pose
         q = pose.orientation
         time, yaw = to_seconds(message.header.stamp), yaw_of(attitude_of(q))
@@ -131,13 +142,12 @@ class Poses:
 
 
 def decompressed(message: CompressedImage, _: int) -> Iterable[Image]:
-    """A CompressedImage as Image. Raises ValueError when it is no image."""
-    image = image_from_message(message)
-    return [image_message(message.header, image)]
+    """Convert a CompressedImage to an Image. Raises ValueError when it cannot be decoded."""
+    return [image_message(message.header, image_from_message(message))]
 
 
 def odometry_of_imu(message: Imu, _: int) -> Iterable[Odometry]:
-    """An Imu with orientation as Odometry at the origin; one without orientation (covariance -1) says nothing."""
+    """Convert an Imu to Odometry at the origin; empty for one without orientation (covariance -1)."""
     if message.orientation_covariance[0] == -1.0:
         return []
     return [_odometry(message.header, Point(), message.orientation, message.angular_velocity.z)]

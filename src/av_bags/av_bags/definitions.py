@@ -1,4 +1,4 @@
-"""Definitions of messages, as installed and as bags carry them."""
+"""Message definitions: those of installed packages, and those that bags contain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from av_bags.errors import UnknownTypeError
 
 SEPARATOR = '=' * 80 + '\n'
-# Of a package that bags often hold but few installations have.
+# Definitions of a package that many bags use and few systems have installed.
 AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
                 'audio_common_msgs/msg/AudioDataStamped': 'std_msgs/Header header\naudio_common_msgs/AudioData audio\n',
                 'audio_common_msgs/msg/AudioInfo': 'uint8 channels\nuint32 sample_rate\nstring sample_format\n'
@@ -24,9 +24,9 @@ AUDIO_COMMON = {'audio_common_msgs/msg/AudioData': 'uint8[] data\n',
 
 @cache
 def definition(name: str) -> str:
-    """The installed definition of the message `name` ('package/msg/Type') with all its parts, as ros2msg.
+    """The installed definition (ros2msg) of the message `name` ('package/msg/Type') and of the types of its fields.
 
-    Raises UnknownTypeError naming the package that is not installed or lacks the message.
+    Raises UnknownTypeError when the package is not installed or lacks the message.
     """
     texts: dict[str, str] = {}
     waiting = [name]
@@ -34,13 +34,20 @@ def definition(name: str) -> str:
         kind = waiting.pop(0)
         if kind not in texts:
             texts[kind] = _text(kind)
-            waiting += _parts(kind, texts[kind])
+            waiting += _field_types(kind, texts[kind])
     own, *parts = texts.items()
     return own[1] + ''.join(f'\n{SEPARATOR}MSG: {kind.replace("/msg/", "/")}\n{text}' for kind, text in parts)
 
 
 def parse(name: str, text: MessageDefinition) -> Typesdict:
-    """Fields of a message and its parts as rosbags has them, by their names. Raises what rosbags raises."""
+    """Fields of a message and of its parts, by type name, as rosbags represents them.
+
+    Parameters:
+        name: the message's type, 'package/msg/Type'.
+        text: its definition as ros2msg or ros2idl.
+
+    Raises the errors of rosbags for a definition that it cannot parse.
+    """
     if text.format == MessageDefinitionFormat.MSG:
         return get_types_from_msg(text.data, name)
     found: Typesdict = {}
@@ -50,22 +57,23 @@ def parse(name: str, text: MessageDefinition) -> Typesdict:
 
 
 def installed(name: str) -> MessageDefinition:
-    """The same as rosbags has it. Raises UnknownTypeError."""
+    """The installed definition of the message `name` as a rosbags object. Raises UnknownTypeError."""
     return MessageDefinition(MessageDefinitionFormat.MSG, definition(name))
 
 
 @cache
 def serialiser(name: str) -> Callable[[Any], bytes]:
-    """What makes CDR of messages of an installed type, in a thirtieth of rclpy's time.
+    """A function that serialises messages of an installed type to CDR, in a thirtieth of the time of rclpy.
 
-    Messages may be of rclpy or rosbags, but those of rclpy without sequences of numbers. Raises UnknownTypeError.
+    It accepts objects of rosbags classes, and of rclpy classes without sequences of numbers. Raises UnknownTypeError.
     """
     store = get_typestore(Stores.EMPTY)
-    store.register(parse(name, installed(name)))
+    store.register(get_types_from_msg(definition(name), name))
     return lambda message: bytes(store.serialize_cdr(message, name))
 
 
 def _text(name: str) -> str:
+    """The content of the installed .msg file of a type. Raises UnknownTypeError."""
     if name in AUDIO_COMMON:
         return AUDIO_COMMON[name]
     package, *_, kind = name.split('/')
@@ -78,8 +86,8 @@ def _text(name: str) -> str:
     return file.read_text(encoding='utf-8')
 
 
-def _parts(name: str, text: str) -> list[str]:
-    """Names of the messages among a definition's fields."""
+def _field_types(name: str, text: str) -> list[str]:
+    """Names of the message types among the fields of a definition."""
     found = []
     for _, (node, value) in get_types_from_msg(text, name)[name][1]:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):

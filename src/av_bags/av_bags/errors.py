@@ -1,9 +1,9 @@
-"""What can be wrong with a bag."""
+"""Errors about bags."""
 
 
 class BagError(ValueError):
-    """A bag cannot be read or written; the message names it and says why."""
+    """A bag cannot be read or written; the message names the bag and the reason."""
 
 
 class UnknownTypeError(BagError):
-    """No definition of a message type is at hand."""
+    """A message type has no definition, neither in the bag nor among the installed packages."""

@@ -1,4 +1,4 @@
-"""Messages of a bag under the rig's names, in the rig's types, dated by one clock."""
+"""Records of a bag under the topic names of the rig, in its message types, with arrival times of one clock."""
 
 from __future__ import annotations
 
@@ -11,19 +11,22 @@ from av_bags.converters import AudioLayout, converter
 from av_bags.reader import FOREVER, Bag
 
 SECOND = 10**9
-# As fusion_node: a stamp further from the clock than this is of another clock.
+# Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
-# Whose stamps must agree with the bag's times, or with each other.
+# Topics with stamps of the rig's clock, by which another clock is recognised.
 CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
-# There are hundreds a second of these, and rosbags decodes them three times as fast as rclpy.
+# Topics with hundreds of messages a second, which rosbags decodes three times as fast as rclpy.
 FREQUENT = (names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG)
 
 
 class BagRecord(NamedTuple):
     """A message of a bag.
 
-    name: the rig's name of its topic; arrival: time in s at which it came; message: of the rig's type, None where not
-    asked for; data: the message in CDR as recorded, empty where it was converted from another type.
+    Parameters:
+        name: the rig's name of its topic.
+        arrival (s): time at which it arrived.
+        message: the message in the rig's type; None when it was not decoded.
+        data: the recorded message in CDR; empty when it was converted from another type.
     """
 
     name: str
@@ -35,16 +38,20 @@ class BagRecord(NamedTuple):
 class Feed:
     """Yields the records of a bag's topics in order of time.
 
-    A record's arrival is when it was recorded; in a bag whose stamps are all of another clock, as of a simulation, it is
-    the newest stamp. `problems` says what could not be read. Raises BagError when bytes of sound come without
-    description, or a type was defined otherwise when the bag was recorded.
+    The arrival of a record is its time of recording. When all stamps of a bag are of another clock, such as that of a
+    simulation, it is the newest stamp.
 
     Parameters:
-        bag: to read.
-        topics: of the bag, by the rig's names.
-        layout: of sound in bare bytes.
+        bag: the bag to read.
+        topics: topics of the bag, by the rig's names.
+        layout: layout of audio that is recorded as bytes.
         start_ns, stop_ns (ns): part of the bag to read.
-        decode: whether messages are wanted; else only converted ones are made.
+        decode: whether to decode all messages; otherwise only those that are converted.
+
+    Attributes:
+        problems: texts about messages that could not be read, as keys.
+
+    Raises BagError when audio bytes have no layout, or when a type was recorded with another definition.
     """
 
     def __init__(self, bag: Bag, topics: Mapping[str, str], layout: AudioLayout | None = None, start_ns: int = 0,
@@ -81,7 +88,7 @@ class Feed:
                 yield BagRecord(name, now, message, original)
 
     def _foreign_clock(self) -> float | None:
-        """The first stamp where all stamps are of another clock than the bag's times, else None."""
+        """The first stamp (s) when all stamps are of another clock than the times of recording, else None."""
         offsets, stamps = [], []
         for name, topic in self._topics.items():
             if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
@@ -93,7 +100,7 @@ class Feed:
 
 
 def stamp_of(data: bytes) -> float:
-    """The stamp in s of a message in CDR that begins with a std_msgs/Header; 0 where the bytes end early."""
+    """The stamp in s of a message in CDR that begins with a std_msgs/Header; 0 when there are too few bytes."""
     if len(data) < 12:
         return 0.0
     seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)

@@ -1,4 +1,4 @@
-"""Images made small for a bag."""
+"""Compresses images for recording."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from av_vision.messages import encoding_of, image_from_message
 
 
 def compress(data: bytes, quality: int) -> bytes:
-    """A serialised Image as a serialised CompressedImage, described as image_transport does.
+    """Compress a serialised Image to a serialised CompressedImage with the format string of image_transport.
 
-    Images of 8 bits become JPEG of `quality` (1 to 100), those of 16 bits PNG without loss. Raises ValueError for
-    floats, which neither format holds, and for what is no image.
+    Parameters:
+        data: an Image in CDR; 8-bit pixels become JPEG, 16-bit pixels lossless PNG.
+        quality: quality of JPEG, 1 to 100.
+
+    Raises ValueError for pixels of other types, which neither format can hold, and for unreadable images.
     """
     message = deserialize_message(data, Image)
     image = image_from_message(message)

@@ -1,4 +1,4 @@
-"""A new file that never loses what the disk refuses."""
+"""A new file that keeps data which the disk refuses, and writes them later."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from pathlib import Path
 
 
 class RetryingFile:
-    """Collects what is written until `commit`, which can be tried again after a failure without loss or repetition.
+    """Collects data until `commit`, which can be repeated after a failure without losing or repeating bytes.
 
-    A full disk leaves a file that ends early, and goes on where it ended as soon as there is room. Raises OSError.
+    On a full disk the file ends early, and grows from there as soon as there is room.
+
+    Parameters:
+        path: the file to create.
+
+    Raises OSError when the file exists or cannot be created.
     """
 
     def __init__(self, path: Path) -> None:
@@ -19,11 +24,11 @@ class RetryingFile:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not in the file yet."""
+        """Number of bytes that are not in the file yet."""
         return len(self._waiting)
 
     def write(self, data: bytes) -> int:
-        """Take data; never fails."""
+        """Append data in memory; never fails."""
         self._waiting += data
         self._position += len(data)
         return len(data)
@@ -33,18 +38,18 @@ class RetryingFile:
         return self._position
 
     def flush(self) -> None:
-        """Do nothing: `commit` decides when data go to the file."""
+        """Do nothing: only `commit` writes to the file."""
 
     def commit(self) -> None:
-        """Hand everything to the operating system. Raises OSError; what was refused keeps waiting."""
+        """Pass all data to the operating system. Raises OSError; the refused data are kept for the next call."""
         while self._waiting:
             written = os.write(self._descriptor, self._waiting)
             del self._waiting[:written]
 
     def sync(self) -> None:
-        """Have the disk keep what was committed, so that it survives a loss of power. Raises OSError."""
+        """Write committed data to the disk, so that they survive a loss of power. Raises OSError."""
         os.fdatasync(self._descriptor)
 
     def close(self) -> None:
-        """Close the file, with or without what still waits."""
+        """Close the file; data that were not committed are lost."""
         os.close(self._descriptor)

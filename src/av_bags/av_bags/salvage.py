@@ -1,4 +1,4 @@
-"""What can still be read of a damaged mcap file, such as that of a killed recorder."""
+"""Recovers the readable messages of a damaged mcap file, such as one left by a killed recorder."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
-# What reading bytes that are no longer those that were written may end in.
+# Errors that reading damaged bytes can raise.
 DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, OSError, MemoryError, KeyError)
 PLAUSIBLE_RECORD_BYTES = 2**31
 
 
 def salvage(path: Path, copy: Path) -> list[str]:
-    """Copy all messages that can be read to a new file; returns what is damaged. Raises OSError.
+    """Copy all readable messages to a new file, and return descriptions of the damage.
 
-    A broken chunk costs only itself; a record whose length is broken costs all that follows it.
+    A damaged chunk loses only its own messages; a record of damaged length loses everything behind it.
+
+    Parameters:
+        path: the damaged file.
+        copy: the file to create.
+
+    Raises OSError.
     """
     problems: list[str] = []
     out = Writer(str(copy), compression=CompressionType.NONE)

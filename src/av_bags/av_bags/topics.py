@@ -1,4 +1,4 @@
-"""Which topics of a bag feed which stage of the rig, under whatever names and types they were recorded."""
+"""Finds the topics of the rig in a bag that was recorded under other names, namespaces or types."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
-# The rig's own type first; the others are converted to it.
+# Types of each topic that can be read: the rig's own type first, then those that are converted to it.
 KINDS: dict[str, tuple[str, ...]] = {
     AUDIO: ('av_interfaces/msg/AudioFrame', 'audio_common_msgs/msg/AudioData', 'audio_common_msgs/msg/AudioDataStamped'),
     DOA: ('av_interfaces/msg/DoaArray',),
@@ -33,20 +33,25 @@ KINDS: dict[str, tuple[str, ...]] = {
 }
 
 _CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, TRUE_TARGET, TRUE_RIG, FRAMES)
-# What is played from a bag so that the rest is computed anew.
+# Topics to play for each stage from which on the results are computed again.
 STAGES: dict[str, tuple[str, ...]] = {
     'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),
     'doa': (DOA, DETECTIONS, *_CONTEXT),
     'bearing': (BEARING, STATE, DOA, DETECTIONS, *_CONTEXT),
     'all': tuple(KINDS),
 }
-# Of these, messages without a stamp.
+# Types among KINDS whose messages have no stamp.
 WITHOUT_HEADER = ('audio_common_msgs/msg/AudioData', 'tf2_msgs/msg/TFMessage', 'std_msgs/msg/Float32MultiArray')
 
 
 @dataclass(frozen=True)
 class Found:
-    """Topics of a bag by the rig's names for them, and why the others were not found."""
+    """Result of `find_topics`.
+
+    Parameters:
+        topics: topics of the bag, by the rig's names.
+        missing: reasons why the other topics were not found, by the rig's names.
+    """
 
     topics: dict[str, str] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
@@ -57,9 +62,15 @@ class Found:
 
 def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | None = None,
                 namespace: str = '') -> Found:
-    """The bag's topics for `names`: as remapped, else the same name in the namespace, else the only one that ends so.
+    """Find topics of the rig in a bag: by remapping, by the same name in the namespace, or by a unique ending.
 
-    Raises BagError when a remapping names a topic that is not in the bag, or one of a type that cannot be used.
+    Parameters:
+        bag: the bag to search.
+        names: the rig's names of the topics to find.
+        remappings: topics of the bag by the rig's names, which replace the search.
+        namespace: namespace of the recorded rig.
+
+    Raises BagError when a remapping names a topic that is not in the bag or has an unusable type.
     """
     remappings = {name.lstrip('/') if name != FRAMES else name: topic for name, topic in (remappings or {}).items()}
     unknown = set(remappings) - set(KINDS)
@@ -80,7 +91,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
 
 
 def parse_remappings(texts: Iterable[str]) -> dict[str, str]:
-    """'doa:=/robot/doa' and the like as a mapping. Raises BagError on anything else."""
+    """Parse remappings such as 'doa:=/robot/doa' to a mapping. Raises BagError for other texts."""
     pairs = [text.split(':=') for text in texts if text]
     for pair in pairs:
         if len(pair) != 2 or not all(pair):
@@ -89,7 +100,7 @@ def parse_remappings(texts: Iterable[str]) -> dict[str, str]:
 
 
 def absolute(name: str, namespace: str = '') -> str:
-    """The rig's topic `name` in its namespace."""
+    """The absolute name of the rig's topic `name` in `namespace`; names that begin with / are unchanged."""
     return name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'.replace('//', '/')
 
 

@@ -1,9 +1,9 @@
-"""Writes bags that Foxglove, PlotJuggler, `ros2 bag play`, rosbags and mcap read."""
+"""Writes bags in mcap format, readable by `ros2 bag`, Foxglove, PlotJuggler, rosbags and mcap."""
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -14,7 +14,7 @@ from av_bags.definitions import definition
 from av_bags.errors import BagError
 from av_bags.retrying_file import RetryingFile
 
-COMPRESSIONS = {'none': CompressionType.NONE, 'lz4': CompressionType.LZ4, 'zstd': CompressionType.ZSTD}
+COMPRESSIONS = ('none', 'lz4', 'zstd')
 CHUNK_BYTES = 512 * 1024
 _EVER = QosTime(9223372036, 854775807)
 DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.VOLATILE, _EVER, _EVER,
@@ -22,15 +22,21 @@ DEFAULT_QOS = Qos(QosHistory.UNKNOWN, 0, QosReliability.RELIABLE, QosDurability.
 LATCHED = DEFAULT_QOS._replace(durability=QosDurability.TRANSIENT_LOCAL)
 
 
-class BagWriter:
+class BagWriter(AbstractContextManager['BagWriter']):
     """One mcap file (https://mcap.dev/spec) of messages in CDR, with their definitions.
 
-    Equal messages make equal files. Raises BagError where the path exists or cannot be made.
+    The same messages always give the same file, byte by byte.
 
     Parameters:
-        path: a name that ends in .mcap becomes that file, any other a folder with the file and rosbag2's metadata.yaml.
-            Folders on the way are created.
-        compression: of the chunks: none, lz4 or zstd.
+        path: a name that ends in .mcap is the file itself; any other is a folder for the file and rosbag2's
+            metadata.yaml. Missing parent folders are created.
+        compression: compression of the chunks: none, lz4 or zstd.
+
+    Attributes:
+        file: path of the mcap file.
+        counts: number of messages of each topic.
+
+    Raises BagError when the path exists or cannot be created.
     """
 
     def __init__(self, path: str | Path, compression: str = 'lz4') -> None:
@@ -46,7 +52,7 @@ class BagWriter:
             self._stream = RetryingFile(self.file)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error
-        self._mcap = Writer(self._stream, CHUNK_BYTES, COMPRESSIONS[compression])
+        self._mcap = Writer(self._stream, CHUNK_BYTES, CompressionType[compression.upper()])
         self._mcap.start('ros2')
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -56,18 +62,24 @@ class BagWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Size of the file, with what waits for the disk."""
+        """Size of the file in bytes, including data that are not on the disk yet."""
         return self._stream.tell()
 
     @property
     def waiting(self) -> int:
-        """Bytes that the disk has not taken yet."""
+        """Number of bytes that the disk has not accepted yet."""
         return self._stream.waiting
 
     def add_topic(self, name: str, kind: str, qos: Qos = DEFAULT_QOS, text: str = '') -> None:
-        """Announce a topic of messages 'package/msg/Type', defined by `text` (ros2msg) or as installed.
+        """Announce a topic.
 
-        `qos` will be offered when the bag is played. Raises UnknownTypeError when the messages' package is missing.
+        Parameters:
+            name: absolute name of the topic.
+            kind: type of its messages, 'package/msg/Type'.
+            qos: quality of service that `ros2 bag play` will offer.
+            text: definition (ros2msg) of the type; empty for the installed one.
+
+        Raises UnknownTypeError when the definition is not installed.
         """
         if kind not in self._schemas:
             self._schemas[kind] = self._mcap.register_schema(kind, 'ros2msg', (text or definition(kind)).encode())
@@ -78,9 +90,14 @@ class BagWriter:
         self.counts[name] = 0
 
     def write(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Append a message of an announced topic; it reaches the file with the next `flush` or when a chunk is full.
+        """Append a message; it reaches the file with the next `flush` or when a chunk is full.
 
-        Raises OSError when the disk refuses earlier ones; the message is kept nevertheless.
+        Parameters:
+            topic: an announced topic.
+            time_ns (ns): time of recording.
+            data: the message in CDR.
+
+        Raises OSError when the disk refuses earlier messages; the message is kept nevertheless.
         """
         self._mcap.add_message(self._channels[topic], time_ns, data, time_ns, self.counts[topic])
         self.counts[topic] += 1
@@ -90,14 +107,14 @@ class BagWriter:
             self._stream.commit()
 
     def flush(self, sync: bool = False) -> None:
-        """Bring everything to the file, and with `sync` to the disk. Raises OSError; may then be called again."""
+        """Write all messages to the file, and with `sync` to the disk. Raises OSError; can then be repeated."""
         self._mcap._Writer__finalize_chunk()  # mcap has no public way to end a chunk early
         self._stream.commit()
         if sync:
             self._stream.sync()
 
     def close(self) -> None:
-        """Finish the file. Raises OSError when the disk refuses its end; what came before can still be read."""
+        """Finish the file. Raises OSError when the disk refuses its end; the messages before can still be read."""
         try:
             self._mcap.finish()
             self._stream.commit()
@@ -107,7 +124,7 @@ class BagWriter:
             self._stream.close()
 
     def _describe(self) -> None:
-        """Write metadata.yaml as every rosbag2 from Humble on reads it."""
+        """Write metadata.yaml in version 5, which every rosbag2 since Humble reads."""
         first, last = self._span_ns or (0, 0)
         count = sum(self.counts.values())
         file = {'path': self.file.name, 'starting_time': {'nanoseconds_since_epoch': first},
@@ -120,9 +137,5 @@ class BagWriter:
                                           for name, topic in self._topics.items()]}}
         self.file.with_name('metadata.yaml').write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
 
-    def __enter__(self) -> BagWriter:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

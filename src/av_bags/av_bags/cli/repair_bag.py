@@ -1,4 +1,4 @@
-"""`ros2 run av_bags repair_bag BAG --out OUT.mcap`: all that can be read of a bag, as a sound one."""
+"""`ros2 run av_bags repair_bag BAG --out OUT.mcap`: copy all readable messages of a bag to a new one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, or 1 when nothing can be read or written."""
-    parser = argparse.ArgumentParser(prog='repair_bag', description=f'{__doc__} Also makes mcap of sqlite3.')
+    parser = argparse.ArgumentParser(prog='repair_bag', description=f'{__doc__} Converts sqlite3 to mcap, too.')
     parser.add_argument('bag', help='mcap or sqlite3 (.db3), a file or a folder, damaged or not')
     parser.add_argument('--out', required=True, metavar='PATH', help='a .mcap file, or a folder; must not exist')
     options = parser.parse_args(arguments)
@@ -30,7 +30,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def copy(bag: Bag, out: BagWriter) -> list[str]:
-    """Write every message whose type is defined in the bag or here; returns what is left out and why. Raises OSError."""
+    """Copy every message whose type is defined in the bag or installed; returns the omitted topics with reasons.
+
+    Parameters:
+        bag: the bag to read.
+        out: the bag to write.
+
+    Raises OSError.
+    """
     left_out = []
     for topic in bag.topics.values():
         try:

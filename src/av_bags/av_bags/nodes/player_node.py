@@ -1,4 +1,4 @@
-"""A bag to the rig's topics and /clock, in its own time or faster."""
+"""Publishes the messages of a bag and /clock, at the recorded speed or at a multiple of it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from itertools import chain
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from rosidl_runtime_py.utilities import get_message
@@ -26,22 +25,22 @@ from av_common.node import RigNode, run
 from av_common.qos import LATCHED
 from av_common.stamps import to_stamp
 
-# Reliable, and deep enough for a burst: nothing of a bag should be lost again.
+# Reliable, and with a queue for bursts, so that replay loses no messages.
 PLAYED = QoSProfile(depth=100)
-# For nodes that work off what came last, before the end of the bag ends everything.
+# Time for the other nodes to process the last messages, before the end of this process ends the launch.
 LINGER_S = 1.0
-# From the first subscription of a node to its last.
+# Time between the first and the last subscription of a starting node.
 SETTLE_S = 0.5
 
 
 class PlayerNode(RigNode):
-    """Plays on a thread of its own and ends the process when the bag has ended."""
+    """Plays a bag on a separate thread and ends the process at the end of the bag."""
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('player_node', parameters, **kwargs)
 
     def configure(self) -> None:
-        """Open the bag and the publishers."""
+        """Open the bag and the publishers. Raises BagError when there is nothing to play."""
         self._settings = settings = self.settings
         self._bag = bag = Bag(settings.bag)
         found = find_topics(bag, self._wanted(), parse_remappings(settings.remap), settings.recorded_namespace)
@@ -54,26 +53,23 @@ class PlayerNode(RigNode):
             if settings.audio_rate else None
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
-        self._latched = found.topics.pop(names.FRAMES, None)
+        self._static_topic = found.topics.pop(names.FRAMES, None)
         self._feed = Feed(bag, found.topics, layout, start_ns, stop_ns, decode=False)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
-        self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
-                         for name in found.topics}
-        self._clock_output = self.create_publisher(Clock, '/clock', 10)
-        self._frames_output: Publisher | None = None
+        self._publishers = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
+                            for name in found.topics}
+        self._clock_publisher = self.create_publisher(Clock, '/clock', 10)
         self._played, self._position = 0, 0.0
 
-    def _wanted(self) -> tuple[str, ...]:
-        wanted = STAGES[self._settings.only]
-        if self._settings.only == 'raw' and not self._settings.detections:
-            wanted = tuple(name for name in wanted if name not in (names.DETECTIONS, names.VISIBILITY))
-        return wanted
+    def _wanted(self) -> list[str]:
+        omitted = (names.DETECTIONS, names.VISIBILITY) if self._settings.only == 'raw' and not self._settings.detections else ()
+        return [name for name in STAGES[self._settings.only] if name not in omitted]
 
     def activate(self) -> None:
-        """Begin to play."""
-        if self._latched is not None:
-            self._frames_output = self.create_publisher(TFMessage, names.FRAMES, LATCHED)
-            self._frames_output.publish(self._static_frames(self._latched))
+        """Publish the static transforms and start to play."""
+        if self._static_topic is not None:
+            publisher = self.while_active(self.create_publisher, TFMessage, names.FRAMES, LATCHED)
+            publisher.publish(self._static_transforms(self._static_topic))
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name='play', daemon=True)
         self._thread.start()
@@ -86,7 +82,7 @@ class PlayerNode(RigNode):
     def cleanup(self) -> None:
         """Close bag and publishers."""
         self._bag.close()
-        for publisher in filter(None, (*self._outputs.values(), self._clock_output, self._frames_output)):
+        for publisher in (*self._publishers.values(), self._clock_publisher):
             self.destroy_publisher(publisher)
 
     def _run(self) -> None:
@@ -102,6 +98,7 @@ class PlayerNode(RigNode):
             self.finish()
 
     def _play(self, records: Iterable[BagRecord], first: float) -> None:
+        """Publish the records when they are due, and /clock in between; `first` (s) is the arrival of the first."""
         period = 1.0 / self._settings.clock_rate
         began, ticked = time.monotonic(), 0.0
         for record in records:
@@ -110,41 +107,41 @@ class PlayerNode(RigNode):
                 wall = time.monotonic()
                 if wall - ticked >= period:
                     ticked = wall
-                    self._tick(min(record.arrival, first + (wall - began) * self._settings.rate))
+                    self._publish_clock(min(record.arrival, first + (wall - began) * self._settings.rate))
                 if wall >= due:
                     break
                 if self._stopping.wait(min(due - wall, ticked + period - wall)):
                     return
-            self._outputs[record.name].publish(record.data or record.message)
+            self._publishers[record.name].publish(record.data or record.message)
             self._played += 1
             self._position = record.arrival - first
-        self._tick(first + self._position)
+        self._publish_clock(first + self._position)
 
-    def _static_frames(self, topic: str) -> TFMessage:
-        """All static transforms of the bag in one message: a latched topic keeps but one."""
+    def _static_transforms(self, topic: str) -> TFMessage:
+        """All static transforms of the bag in one message, because subscribers receive only the last latched one."""
         decode = self._bag.decoder(topic)
         return TFMessage(transforms=list({transform.child_frame_id: transform for _, _, data in self._bag.messages([topic])
                                           for transform in decode(data).transforms}.values()))
 
-    def _tick(self, now: float) -> None:
-        self._clock_output.publish(Clock(clock=to_stamp(now)))
+    def _publish_clock(self, now: float) -> None:
+        self._clock_publisher.publish(Clock(clock=to_stamp(now)))
 
     def _wait_for_subscribers(self, first: float) -> None:
-        """Until the nodes to wait for listen to something of the bag; the clock stands at its beginning meanwhile."""
+        """Wait until the nodes of `wait_for` have subscribed; /clock stays at the time `first` (s) meanwhile."""
         missing = set(filter(None, self._settings.wait_for))
         deadline = time.monotonic() + self._settings.wait_timeout
         while missing and time.monotonic() < deadline and not self._stopping.wait(0.1):
-            self._tick(first)
-            for publisher in self._outputs.values():
+            self._publish_clock(first)
+            for publisher in self._publishers.values():
                 missing -= {info.node_name for info in self.get_subscriptions_info_by_topic(publisher.topic_name)}
         if missing and not self._stopping.is_set():
-            self.get_logger().warning(f'{", ".join(sorted(missing))} did not listen within '
-                                      f'{self._settings.wait_timeout:.0f} s: playing nevertheless')
-        self._tick(first)
+            self.get_logger().warning(f'{", ".join(sorted(missing))} did not subscribe within '
+                                      f'{self._settings.wait_timeout:.0f} s; starting without')
+        self._publish_clock(first)
         self._stopping.wait(SETTLE_S)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """How far it is."""
+        """Report the position in the bag and the problems so far."""
         status.add('bag', self._settings.bag)
         status.add('position', f'{self._position:.1f} of {self._length:.1f} s')
         status.add('messages', str(self._played))

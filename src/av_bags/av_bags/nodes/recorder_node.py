@@ -1,8 +1,7 @@
-"""The rig's topics to a bag."""
+"""Records topics of the rig to a bag."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 
@@ -22,24 +21,24 @@ from av_bags.writer import DEFAULT_QOS
 from av_common.node import RigNode, run
 
 DISCOVERY_PERIOD_S = 0.2
-# Deep enough for what arrives while another callback runs.
+# For the messages that arrive while another callback runs.
 QUEUE_DEPTH = 100
 
 
 class RecorderNode(RigNode):
-    """Subscribes to what it finds, with the publishers' quality of service, and hands the bytes on as they are."""
+    """Subscribes to topics as they appear, with the publishers' quality of service, and records serialised messages."""
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('recorder_node', parameters, **kwargs)
 
     def configure(self) -> None:
-        """Read the parameters."""
+        """Read the parameters. Raises ValueError for an empty path."""
         self._settings = self.settings
         if not self._settings.path:
             raise ValueError('path is empty, expected the bag to write, such as flight.mcap')
 
     def activate(self) -> None:
-        """Create the bag and look for topics."""
+        """Create the bag and start to look for topics."""
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
         self._writer = BackgroundWriter(datetime.now().strftime(self._settings.path), self._settings.compression,
@@ -57,7 +56,7 @@ class RecorderNode(RigNode):
 
     def _find_topics(self) -> None:
         if not self.get_clock().now().nanoseconds:
-            return  # simulated time has not begun: nothing could be dated
+            return  # simulated time has not begun, and messages would have no time
         for name in list(self._missing):
             publishers = self.get_publishers_info_by_topic(name)
             if publishers:
@@ -69,7 +68,7 @@ class RecorderNode(RigNode):
                     self.get_logger().error(f'{name} is not recorded: {error}')
 
     def _record(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
-        """Raises ValueError, ImportError or AttributeError when the type of the messages is not installed."""
+        """Subscribe to a topic. Raises ValueError, ImportError or AttributeError when its type is not installed."""
         kind = publishers[0].topic_type
         recorded_as, recorded_kind, encode = name, kind, None
         if kind == 'sensor_msgs/msg/Image' and self._settings.images != 'raw':
@@ -81,15 +80,12 @@ class RecorderNode(RigNode):
         offered = DEFAULT_QOS._replace(reliability=QosReliability(int(qos.reliability)),
                                        durability=QosDurability(int(qos.durability)))
         self._writer.add_topic(recorded_as, recorded_kind, offered, encode)
-        self.while_active(self.create_subscription, get_message(kind), name, self._callback_for(recorded_as), qos,
-                          raw=True)
-
-    def _callback_for(self, topic: str) -> Callable[[bytes], None]:
         put, clock = self._writer.put, self.get_clock()
-        return lambda data: put(topic, clock.now().nanoseconds, data)
+        self.while_active(self.create_subscription, get_message(kind), name,
+                          lambda data: put(recorded_as, clock.now().nanoseconds, data), qos, raw=True)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """What is recorded, and what is lost."""
+        """Report recorded and lost messages."""
         writer = self._writer
         for name, why in self._unusable.items():
             status.mergeSummary(DiagnosticStatus.WARN, f'{name} is not recorded: {why}')
@@ -107,7 +103,7 @@ class RecorderNode(RigNode):
 
 
 def common_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """A profile that fits all the publishers: as strict as the least strict of them."""
+    """The strictest profile that is compatible with all publishers."""
     reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
     latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
     return QoSProfile(
