@@ -73,7 +73,7 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
     Parameters:
         array: the pair with its nominal positions.
         azimuths (n,) (rad): true azimuths of the source in the array's frame.
-        paths (n,) (m): measured path differences c tau, as of `measured_path`.
+        paths (n,) (m): measured path differences c tau, see `measured_path`.
 
     Raises ValueError when the array is not a pair or the azimuths do not determine the fit.
     """

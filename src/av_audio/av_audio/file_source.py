@@ -28,7 +28,7 @@ def pick_channels(available: int, channels: Sequence[int], source: str) -> list[
     if wrong:
         raise ValueError(f'channels={list(channels)}: {source} has channels 0..{available - 1}, not {wrong}')
     if len(set(channels)) < len(channels):
-        raise ValueError(f'channels={list(channels)}: each microphone has a channel of its own')
+        raise ValueError(f'channels={list(channels)}: each microphone needs a separate channel')
     return list(channels) or list(range(available))
 
 

@@ -86,7 +86,7 @@ class ChannelHealth:
 class SwapDetector:
     """Detects that two channels change places in a running stream, for instance after a lost sample of interleaved data.
 
-    The swap mirrors the direction at once, while a moving source or a rotating rig passes through the directions between.
+    The swap mirrors the direction suddenly, while a moving source or a rotating rig passes through the directions between.
     Channels that are swapped from the beginning cannot be distinguished from a source on the other side.
     """
 

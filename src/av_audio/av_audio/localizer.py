@@ -88,8 +88,8 @@ class DoaEstimate:
         end_fire (k,): whether the angle is poorly resolved, close to the axis of a linear array.
         level_dbfs (dB): level after the band-pass filter, relative to full scale.
         q (rank,): measured projection of the direction on the array's basis, before the delay curve is undone.
-        cosine: of the angle to the axis of a linear array, as measured: noise may carry it slightly beyond -1..1. NaN for
-            other arrays and in silence.
+        cosine: measured cosine of the angle to the axis of a linear array, with noise slightly beyond -1..1. NaN for other
+            arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
     """
 

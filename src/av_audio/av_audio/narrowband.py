@@ -20,7 +20,7 @@ ZOOM_ROUNDS = 6
 class NarrowbandSearch(SteeredResponse):
     """Finds q by a cost summed over narrow bands, on a grid and then on successively finer grids around its minimum.
 
-    Variance and confidence are those of the weighted correlation at the q found. Parameters as of SteeredResponse.
+    Variance and confidence are those of the weighted correlation at the q found. The parameters are those of SteeredResponse.
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,

@@ -56,7 +56,7 @@ class DoaStage:
 
     @property
     def blade_pass_hz(self) -> NDArray[np.float64]:
-        """Blade-pass frequencies (r,) in Hz that the newest motor speeds stand for."""
+        """Blade-pass frequencies (r,) in Hz of the newest motor speeds."""
         return self._blade_pass_hz
 
     def reset(self) -> None:
@@ -124,7 +124,7 @@ def make_doa_stage(parameters: Any, array: MicrophoneArray | None = None, **chan
     """The stage that the parameters of doa_node describe.
 
     Parameters:
-        parameters: those of doa_node, as its generated struct or of `av_common.parameters.node_parameters`.
+        parameters: generated struct of doa_node, from the node or from `av_common.parameters.node_parameters`.
         array: microphones to use instead of those of the parameter `array_file`.
         changes: fields of LocalizerSettings that differ from the parameters, such as `method`.
 

@@ -96,7 +96,7 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
 
 
 def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
-    """Incoherent power (p, k) between the microphones of each pair; parameters as of `maximum_likelihood`."""
+    """Incoherent power (p, k) between the microphones of each pair; parameters as for `maximum_likelihood`."""
     smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
     coherent = np.sqrt(real**2 + imaginary**2)
     noise = _smooth(np.maximum(smooth_power - coherent, MISMATCH * smooth_power), NOISE_HZ / bin_hz)

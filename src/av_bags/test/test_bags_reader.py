@@ -36,6 +36,16 @@ def positions(bag, **selection):
     return [bag.decode(topic, data).pose.pose.position.x for topic, _, data in bag.messages(**selection)]
 
 
+def write_in_chunks(path, compression):
+    """1000 poses at x = 0, 1, 2 ... m, in chunks of 50."""
+    with BagWriter(path, compression) as writer:
+        writer.add_topic('/odometry', make.ODOMETRY)
+        for k in range(1000):
+            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
+            if k % 50 == 49:
+                writer.flush()
+
+
 @pytest.mark.parametrize('storage', list(StoragePlugin))
 @pytest.mark.parametrize('compression', [None, CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_reads_bags_of_others(tmp_path, storage, compression):
@@ -98,12 +108,7 @@ def test_a_type_defined_nowhere_is_named(tmp_path):
 @pytest.mark.parametrize('share', [0.3, 0.6, 0.999])
 def test_a_truncated_mcap_is_read_as_far_as_it_goes(tmp_path, compression, share):
     whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
-    with BagWriter(whole, compression) as writer:
-        writer.add_topic('/odometry', make.ODOMETRY)
-        for k in range(1000):
-            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
-            if k % 50 == 49:
-                writer.flush()
+    write_in_chunks(whole, compression)
     content = whole.read_bytes()
     cut.write_bytes(content[:int(share * len(content))])
     with Bag(cut) as bag:
@@ -115,12 +120,7 @@ def test_a_truncated_mcap_is_read_as_far_as_it_goes(tmp_path, compression, share
 
 def test_a_broken_chunk_costs_only_itself(tmp_path):
     path = tmp_path / 'bag.mcap'
-    with BagWriter(path, 'none') as writer:
-        writer.add_topic('/odometry', make.ODOMETRY)
-        for k in range(1000):
-            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
-            if k % 50 == 49:
-                writer.flush()
+    write_in_chunks(path, 'none')
     content = bytearray(path.read_bytes())
     content[len(content) // 2:len(content) // 2 + 40] = b'?' * 40
     path.write_bytes(content)
@@ -178,12 +178,7 @@ def test_a_truncated_database_gives_an_error_or_a_part(tmp_path):
 
 def test_a_damaged_bag_can_be_made_sound_again(tmp_path, capsys):
     whole, cut, mended = (tmp_path / name for name in ('whole.mcap', 'cut.mcap', 'mended.mcap'))
-    with BagWriter(whole, 'none') as writer:
-        writer.add_topic('/odometry', make.ODOMETRY)
-        for k in range(1000):
-            writer.write('/odometry', k, make.cdr(make.odometry(0.001 * k, x=float(k))))
-            if k % 50 == 49:
-                writer.flush()
+    write_in_chunks(whole, 'none')
     cut.write_bytes(whole.read_bytes()[:whole.stat().st_size // 2])
     assert repair_bag([str(cut), '--out', str(mended)]) == 0
     captured = capsys.readouterr()

@@ -1,1 +1,1 @@
-"""What all packages share: base of nodes, clocks, parameters, frames, geometry of sensors, configuration files."""
+"""Shared by all packages: base of nodes, clocks, parameters, frames, geometry of sensors, configuration files."""

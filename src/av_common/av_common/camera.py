@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
-# OpenCV 4 has a function of its own for a given precision, OpenCV 5 an argument.
+# OpenCV 4 has a separate function for a given precision, OpenCV 5 an argument.
 UNDISTORT: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
 
 
@@ -67,9 +67,9 @@ class PinholeCamera:
 
     @classmethod
     def from_camera_info(cls, info: Any) -> PinholeCamera:
-        """The camera of a `sensor_msgs/CameraInfo` or anything with its `width`, `height`, `k` (9) and `d`.
+        """The camera of a `sensor_msgs/CameraInfo`, or of an object with its fields `width`, `height`, `k` (9) and `d`.
 
-        Raises ValueError for an uncalibrated one (k[0] is 0, as the message defines) and for other lens models.
+        Raises ValueError for an uncalibrated camera (k[0] is 0, as the message defines) and for other lens models.
         """
         k = np.asarray(info.k, float).reshape(-1)
         model = getattr(info, 'distortion_model', '') or 'plumb_bob'
@@ -95,7 +95,7 @@ class PinholeCamera:
         return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """The camera of the same images resized to width x height pixels."""
+        """Intrinsics for images that are resized to width x height pixels."""
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(width, height, self.fx * sx, self.fy * sy,
                              (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.distortion)

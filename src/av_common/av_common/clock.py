@@ -1,9 +1,9 @@
-"""Clocks of senders and devices: what they stamp or count, as ROS time in s.
+"""Clocks that convert the stamps or sample counts of senders and devices to ROS time in s.
 
-Whatever carries a stamp (datagrams of a simulator, messages of PX4, frames of a camera, blocks of an unstamped stream) is
-dated by a `SenderClock`: arrival can be late but never early, so the least delay gives the offset between the clocks. A
-microphone array's blocks need evenly spaced stamps and the true sample rate: a `SampleClock` fits a line to their
-arrivals. Blocks with stamps but without an index get one from a `SampleCounter`.
+A `SenderClock` dates stamped data, such as datagrams of a simulator, messages of PX4 and frames of a camera. Arrivals can
+be late but never early, so the least delay gives the offset between the clocks. A `SampleClock` dates the blocks of a
+microphone array, which need evenly spaced stamps and the true sample rate: it fits a line to their arrivals. A
+`SampleCounter` gives indices to blocks that have only stamps.
 """
 
 from __future__ import annotations
@@ -11,51 +11,60 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 
-# Blocks arrive with a jitter of milliseconds; over this many seconds it averages out and drift still shows.
+# Time constant of the fit: long enough to average a jitter of milliseconds, short enough to follow drift.
 MEMORY_S = 60.0
 # Sample stamps move towards the fit by at most this much per block, so that they are regular from the first one on.
 SLEW_S = 2e-5
-# Blocks that wait for their reader keep the time they had when they came.
+# Number of blocks whose times are kept, for blocks that the reader has not fetched yet.
 REMEMBERED_BLOCKS = 64
-# A busy machine delivers single blocks late by any time; that many in a row mean that the clock was set, and the fit
-# starts again. No block comes early: then it was the first one that came late.
+# A busy machine may deliver single blocks late. LATE_BLOCKS late blocks in succession mean that the clock was set, and the
+# fit restarts. Blocks are never early: an early one means that the first block was late.
 LATE_S = 0.05
 LATE_BLOCKS = 100
 MOST_DRIFT = 2e-3
-# The slope counts once the times spread by this standard deviation, after about ten seconds.
+# The slope is used once the times have this standard deviation, after about ten seconds.
 SLOPE_SPREAD_S = 3.0
 # Streams without a sample index: a stamp further than this from where it was expected is a gap.
 GAP_S = 0.02
 
 
 class CaptureClock(ABC):
-    """Maps the time axis of a sender or device to ROS time; `restarts` counts how often the mapping began again."""
+    """Maps the time axis of a sender or device to ROS time.
+
+    Attributes:
+        restarts: number of times that the mapping was restarted.
+    """
 
     restarts: int = 0
 
     @abstractmethod
     def observe(self, stamp: float, arrival: float) -> bool:
-        """Learn from one arrival (ROS time, s) of what is stamped `stamp`; False where the stamp is refused."""
+        """Update the mapping by one arrival; returns False when the stamp is refused.
+
+        Parameters:
+            stamp: time or count on the sender's axis.
+            arrival (s): ROS time of its arrival.
+        """
 
     @abstractmethod
     def to_ros(self, stamp: float) -> float:
         """ROS time in s of a stamp that was not refused. Raises RuntimeError before the first observation."""
 
     def date(self, stamp: float, arrival: float) -> float | None:
-        """ROS time in s of `stamp`, which arrived at `arrival` (ROS time, s); None where it is refused."""
+        """ROS time in s of a stamp, None when it is refused; parameters as for `observe`."""
         return self.to_ros(stamp) if self.observe(stamp, arrival) else None
 
 
 class SenderClock(CaptureClock):
-    """ROS time = stamp + the smallest arrival - stamp seen, which may rise by `drift` seconds a second (Cristian 1989).
+    """Offset between a sender's clock and ROS time, as the smallest difference of arrival and stamp (Cristian 1989).
 
-    A stamp that is off by more than `restart` seconds is refused, until nothing else came for that long: then the sender
-    was started again or was paused, and the clock starts again. One object serves all streams that carry the same clock,
-    so that their stamps agree whatever the delay of each.
+    The offset may rise by `drift` seconds per second. A stamp that deviates by more than `restart` seconds is refused. When
+    no other stamps arrive for that long, the sender was restarted or paused, and the clock restarts. One object serves all
+    streams with stamps of the same clock, so that their times agree in spite of different delays.
 
     Parameters:
-        drift (s/s): how fast the two clocks can drift apart.
-        restart (s): how far a stamp may be off, and how long the sender must be silent before it counts as restarted.
+        drift (s/s): largest drift between the two clocks.
+        restart (s): largest deviation of a stamp, and duration of silence after which the sender counts as restarted.
     """
 
     def __init__(self, drift: float = 100e-6, restart: float = 0.5) -> None:
@@ -72,7 +81,7 @@ class SenderClock(CaptureClock):
         return self._offset is not None
 
     def observe(self, stamp: float, arrival: float) -> bool:
-        """Take one arrival (ROS time, s) of a datagram stamped by the sender (s); False where it is refused."""
+        """See `CaptureClock`; stamps are in s of the sender's clock."""
         offset = arrival - stamp
         if self._offset is None:
             self._offset = offset
@@ -91,30 +100,36 @@ class SenderClock(CaptureClock):
 
     @property
     def lateness(self) -> float:
-        """Seconds by which even the quickest datagram of the last second was late: the sender does not keep up."""
+        """Least delay in s of the last second relative to the offset; it rises when the sender is too slow."""
         return min((lag for _, lag in tuple(self._lags)), default=0.0)
 
     def to_ros(self, stamp: float) -> float:
         """ROS time in s of a sender's stamp. Raises RuntimeError before the first observation."""
         if self._offset is None:
-            raise RuntimeError('the sender has not been heard yet')
+            raise RuntimeError('no stamp of the sender has arrived yet')
         return stamp + self._offset
 
     def date_late(self, stamp: float, arrival: float, latest: float) -> float | None:
-        """As `date`, but a stamp that is too late to set the clock by is dated all the same, up to `latest` s."""
+        """As `date`, but also dates stamps that are too late to update the clock.
+
+        Parameters:
+            stamp (s): time on the sender's clock.
+            arrival (s): ROS time of its arrival.
+            latest (s): largest delay of a late stamp.
+        """
         if self.observe(stamp, arrival) or -self.restart < arrival - self.to_ros(stamp) < latest:
             return self.to_ros(stamp)
         return None
 
 
 class SampleClock(CaptureClock):
-    """Fits the time of samples to the times at which their blocks came in.
+    """Fits the times of samples to the times of arrival of their blocks.
 
-    A line through (sample, time) with exponential forgetting: its slope is the true sample rate, its scatter the
-    jitter. `to_ros` follows that line with a bounded slew, so that stamps are evenly spaced.
+    The model is a line through (sample, time) with exponential forgetting: its slope is the true sample rate, its scatter
+    the jitter. `to_ros` follows that line with a bounded slew, so that stamps are evenly spaced.
 
     Parameters:
-        sample_rate (Hz): the nominal rate, in which the stamps of this clock count samples.
+        sample_rate (Hz): nominal sample rate; the stamps of this clock are sample numbers.
     """
 
     def __init__(self, sample_rate: int) -> None:
@@ -129,19 +144,19 @@ class SampleClock(CaptureClock):
 
     @property
     def ppm(self) -> float:
-        """How much slower than nominal the device's clock runs against ours, in parts per million."""
+        """Amount in parts per million by which the device's clock is slower than nominal, relative to ROS time."""
         return 1e6 * self._anchors[-1][2] if self._anchors else 0.0
 
     def to_ros(self, stamp: float) -> float:
         """Capture time in s (ROS time) of sample number `stamp`. Raises RuntimeError before the first `observe`."""
         anchors = self._anchors
         if not anchors:
-            raise RuntimeError('the sample clock has seen no block yet')
+            raise RuntimeError('the sample clock has no block yet')
         first, time, drift = next((anchor for anchor in reversed(anchors) if anchor[0] <= stamp), anchors[0])
         return time + (stamp - first) / self.sample_rate * (1.0 + drift)
 
     def observe(self, stamp: float, arrival: float) -> bool:
-        """Sample number `stamp` was captured at about `arrival` (ROS time, s); False where that is late and not used."""
+        """Use the arrival (ROS time, s) of the sample number `stamp`; returns False for a late block, which is not used."""
         error = arrival - self.to_ros(stamp) if self._anchors else 0.0
         self._late_blocks = self._late_blocks + 1 if error > LATE_S else 0
         if not self._anchors or error < -LATE_S or self._late_blocks > LATE_BLOCKS:
@@ -181,13 +196,19 @@ class SampleClock(CaptureClock):
 
 
 class SampleCounter:
-    """Gives blocks of which only the stamps are known an index of their first sample, in which a gap shows."""
+    """Computes sample indices of blocks that have only stamps, with jumps where samples are missing."""
 
     def __init__(self) -> None:
         self._expected: tuple[int, float] | None = None  # sample index and stamp of the next block
 
     def place(self, count: int, sample_rate: int, stamp: float) -> int:
-        """Index of the first of `count` samples captured at `stamp` (s); a stamp far before the expected is a gap, too."""
+        """Index of the first sample of a block. A stamp far from the expected one, before or after, is a gap.
+
+        Parameters:
+            count: number of samples of the block.
+            sample_rate (Hz): sample rate of the stream.
+            stamp (s): capture time of the first sample.
+        """
         first_sample, due = self._expected or (0, stamp)
         if abs(stamp - due) > GAP_S:
             first_sample += max(1, round((stamp - due) * sample_rate))

@@ -1,7 +1,7 @@
 """Dataclasses from YAML: type hints are the schema, and an error names file, key and value.
 
 A field may carry bounds in its metadata (`bounded`); a class checks several fields together in `__post_init__`.
-Old keys that files may still have are refused with the new one, where a class names both in `RENAMED_KEYS`.
+Old keys are refused with a message that names the new key, where a class lists both in `RENAMED_KEYS`.
 `Annotated[Any, {'circle': Circle, ...}]` is a choice of dataclasses by the mapping's key `kind`.
 Paths are relative to the file that contains them.
 """
@@ -57,7 +57,7 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
     Parameters:
         cls: the dataclass.
         content: the mapping, as YAML gives it.
-        key: where it stands in its file, for messages; empty for the whole file.
+        key: its key in the file, for error messages; empty for the whole file.
         folder: the file's folder, to which paths in it are relative.
     """
     if not isinstance(content, dict):
@@ -91,7 +91,7 @@ def settable_fields(cls: type) -> dict[str, dataclasses.Field]:
 
 @dataclasses.dataclass(frozen=True)
 class _Place:
-    """Where a value stands, and its bounds."""
+    """Key of a value, folder of its file, and bounds of the value."""
 
     key: str
     folder: Path

@@ -1,6 +1,6 @@
 """Conversions between the frames of aerospace (NED, FRD), of ROS (ENU, FLU; REP-103) and of cameras (optical).
 
-Quaternions are (w, x, y, z) unless a name says otherwise, as in transforms3d; messages of ROS hold (x, y, z, w).
+Quaternions are (w, x, y, z) unless a name says otherwise, as in transforms3d; ROS messages hold (x, y, z, w).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def yaw_ned_to_enu(yaw_rad: ArrayLike) -> NDArray | float:
 
 
 def heading_of(quaternion: Sequence[Any]) -> tuple[Any, Any]:
-    """Sine and cosine of the yaw, both times the squared norm of the attitude (w, x, y, z); columns of numbers, too."""
+    """Sine and cosine of the yaw, both multiplied by the squared norm of the attitude (w, x, y, z); also for arrays."""
     w, x, y, z = quaternion
     return 2.0 * (w * z + x * y), w * w + x * x - y * y - z * z
 

@@ -44,7 +44,7 @@ class LimitedAxis:
             dt (s): duration of the step.
             rate (rad/s): limit of the rate for this step, in addition to the limit of the axis.
         """
-        acceleration = 0.5 * self.limits.acceleration  # half for braking leaves half for the target's manoeuvres
+        acceleration = 0.5 * self.limits.acceleration  # the other half is reserved for manoeuvres of the target
         approach = math.copysign(_brakeable(abs(error), acceleration, dt), error)
         self._drive(approach + target_rate, dt, rate)
 
@@ -58,7 +58,7 @@ class LimitedAxis:
         ceiling = min(limits.rate, rate)
         wanted = min(max(wanted, -ceiling), ceiling)
         wanted = min(max(wanted, self.velocity - change), self.velocity + change)
-        # Never faster than what can be braked before the stop, whatever follows.
+        # Never faster than the axis can brake before the end stop, for any later command.
         wanted = min(wanted, _brakeable(limits.upper - self.position, limits.acceleration, dt))
         wanted = max(wanted, -_brakeable(self.position - limits.lower, limits.acceleration, dt))
         self.velocity = wanted

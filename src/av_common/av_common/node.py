@@ -25,14 +25,14 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-try:  # a third of the processor time of the other at the rates of the rig
+try:  # uses a third of the processor time of SingleThreadedExecutor at the rates of the rig
     from rclpy.experimental import EventsExecutor as Executor
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
 __all__ = ('EXPECTED_ERRORS', 'Executor', 'RenamedParameterError', 'RigNode', 'run')
 RETRY_S = 2.0
-# Errors at start-up that may have gone at the next attempt: wrong values, missing files, absent devices.
+# Errors at start-up that may disappear until the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
 
 
@@ -54,7 +54,7 @@ class RigNode(LifecycleNode):
     Parameters:
         name: the node's name.
         parameters: the class that generate_parameter_library made of the node's YAML description; None for a node
-            without parameters of its own.
+            without specific parameters.
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
     Raises RenamedParameterError when a parameter is given by one of the names in RENAMED_PARAMETERS, and rclpy's
@@ -67,7 +67,7 @@ class RigNode(LifecycleNode):
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self._refuse_renamed_parameters()
-        self.done = Future()  # when it is, the node's process ends
+        self.done = Future()  # the process of the node ends when it is done
         self._problem = ''
         self._active = False
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
@@ -76,7 +76,7 @@ class RigNode(LifecycleNode):
             description='Configure and activate without a lifecycle manager, and try again when that fails.',
             read_only=True)).value
         self._updater = Updater(self)
-        self._updater.node_name = self.get_fully_qualified_name().lstrip('/')  # tells rigs of several namespaces apart
+        self._updater.node_name = self.get_fully_qualified_name().lstrip('/')  # distinguishes rigs in several namespaces
         self._updater.setHardwareID('none')
         self._updater.add('status', self._diagnose)
         if autostart:

@@ -1,4 +1,4 @@
-"""A node's parameters without the node: its generated struct, filled from parameter files as ROS 2 reads them."""
+"""Parameters of a node without the node: its generated struct, filled from parameter files as by ROS 2."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
 
 
 class _Declarations:
-    """What generated code needs of a node: parameters are declared with defaults and take the values given instead.
+    """The interface of a node that generated code uses: declared parameters take the given values or their defaults.
 
     Parameters:
         node: the node's name, for error messages.
@@ -72,11 +72,11 @@ class _Declarations:
         return self._declared[name]
 
     def add_on_set_parameters_callback(self, _callback: Callable[..., Any]) -> None:
-        """Nothing changes these parameters later."""
+        """Ignore the callback: these parameters never change."""
 
 
 def _real(value: Any) -> Any:
-    """Whole numbers as real ones, in lists as well; all else as it is."""
+    """Integers as floats, also in lists; other values unchanged."""
     if isinstance(value, list):
         return [_real(item) for item in value]
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
@@ -89,7 +89,7 @@ def _node_class(package: str, node: str) -> type[RigNode]:
 
 
 def _read(file: Path, node: str) -> dict[str, Any]:
-    """What a parameter file says of the node with this full name, by names with dots.
+    """Parameters that a file sets for the node with this full name, by names with dots.
 
     `rclpy.parameter.parameter_dict_from_yaml_file` finds neither the nodes of `/*/node`, `/**/namespace/node` and
     `namespace: node:`, nor those of `/**/node` without a namespace, and reads '1' in quotes as a number.
@@ -103,7 +103,7 @@ def _read(file: Path, node: str) -> dict[str, Any]:
 
 
 def _sections(tree: Mapping[str, Any], path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """A regular expression of the nodes meant, and the parameters, of each section; * is one name, ** any number."""
+    """For each section a regular expression of its nodes' full names, and its parameters; * is one name, ** any number."""
     for name, branch in tree.items():
         if name == 'ros__parameters':
             yield path, branch or {}

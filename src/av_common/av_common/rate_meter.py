@@ -14,8 +14,8 @@ class RateMeter:
     Times are those of arrival on the monotonic clock, so that a wrong or replayed stamp cannot make old data look new.
 
     Parameters:
-        window_s (s): the rate is that over this time.
-        now: returns the time in s.
+        window_s (s): duration over which the rate is computed.
+        now: function that returns the time in s.
     """
 
     def __init__(self, window_s: float = 5.0, now: Callable[[], float] = time.monotonic) -> None:

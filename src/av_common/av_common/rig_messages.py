@@ -19,7 +19,7 @@ def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
 
     Parameters:
         rig: the description.
-        stamp: becomes the stamp of all transforms.
+        stamp: stamp of all transforms.
     """
     mounted = [_transform(stamp, rig.base_frame, part.frame, part.mount.position, part.mount.rotation)
                for part in (rig.array, rig.camera)]

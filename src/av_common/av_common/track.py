@@ -29,7 +29,7 @@ class Track(NamedTuple):
 
     Parameters:
         time (s): ROS time for which the estimate holds.
-        state, reason, changed (s): state of the tracker, why it is in it, and since when.
+        state, reason, changed (s): state of the tracker, reason of its last change, and time of that change.
         source: sensors that contribute.
         azimuth, elevation (rad), azimuth_variance, elevation_variance (rad^2): bearing in the body's frame.
         azimuth_world (rad), azimuth_world_rate (rad/s): azimuth in the world's frame (ENU) and its rate.
@@ -37,7 +37,8 @@ class Track(NamedTuple):
         front_probability: probability that the target is in the front hemisphere.
         resolved: whether the hemisphere is resolved.
         requested_rotation (rad): rotation of the body that would resolve it.
-        sound_confidence, sight_confidence, sound_weight, sight_weight: of either sensor, 0..1.
+        sound_confidence, sight_confidence: confidence of the newest direction of arrival, score of the newest detection, 0..1.
+        sound_weight, sight_weight: shares of the microphones and of the camera in the bearing, 0..1.
         visibility: visibility of the scene, 0..1; NaN where it is unknown.
         missing: inputs without recent messages.
     """
@@ -66,5 +67,5 @@ class Track(NamedTuple):
 
     @property
     def hemisphere_probability(self) -> float:
-        """Probability 0.5..1 that the bearing is in the right hemisphere."""
+        """Probability 0.5..1 that the bearing is in the correct hemisphere, front or back."""
         return max(self.front_probability, 1.0 - self.front_probability)

@@ -1,4 +1,4 @@
-"""What rig.launch.py and replay.launch.py share: arguments, the rig's nodes, and how a run ends."""
+"""Functions shared by rig.launch.py and replay.launch.py: arguments, the rig's nodes, and the end of a run."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class MissingPackageError(RuntimeError):
         Parameters:
             package: name of the missing package
             argument: the launch argument as given, such as `record:=flight.mcap`
-            remedy: how to install it, empty for a package of this workspace
+            remedy: instruction for its installation; empty for a package of this workspace
         """
         super().__init__(f'{argument} needs the package {package}, which is not installed'
                          + (f': {remedy}' if remedy else ''))
@@ -65,7 +65,7 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
 
     Parameters:
         declarations: the launch arguments by name
-        start: from the arguments' values to the processes and event handlers
+        start: function from the values of the arguments to the processes and event handlers
     """
     def begin(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         for old, new in RENAMED_ARGUMENTS.items():
@@ -94,7 +94,7 @@ def require(argument: str, *packages: str) -> None:
 
 
 def rig_node(arguments: Arguments, package: str, executable: str, parameters: dict, **options: object) -> Node:
-    """A node with the shipped parameters, those of this launch, and the user's file, of which later ones win.
+    """A node with the shipped parameters, those of this launch, and the user's file, where later values replace earlier ones.
 
     Parameters:
         arguments: values of the launch arguments

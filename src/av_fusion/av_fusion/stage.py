@@ -25,7 +25,7 @@ from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
-LONGEST_SILENCE_S = 60.0  # a longer pause between inputs is a new start: `outputs_until` does not fill it
+LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 
 
 class FusionOutput(NamedTuple):
@@ -36,7 +36,7 @@ class FusionOutput(NamedTuple):
 
 
 class FusionObserver(Protocol):
-    """Is called with everything that passes through a `FusionStage`; for recorders and tests."""
+    """Receives all measurements and tracks of a `FusionStage`; for recorders and tests."""
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """The measurements of one `DoaArray`, most confident first, whether or not they are used."""
@@ -54,11 +54,11 @@ class FusionStageSettings:
 
     Parameters:
         base_frame: frame of the rig's body, in which bearings are given.
-        rate (Hz): outputs while no measurement arrives.
+        rate (Hz): rate of outputs while no measurement arrives.
         min_doa_confidence: directions of arrival of lower confidence are not used.
         clock_tolerance (s): a stamp further from the time of arrival belongs to another clock and is not used.
         missing_after (s): an input without messages for this long is reported as missing.
-        visibility_age (s): a visibility applies to images whose stamp differs by less.
+        visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
     """
 
     base_frame: str = 'base_link'
@@ -72,11 +72,11 @@ class FusionStageSettings:
 class FusionStage:
     """Feeds a tracker from messages and reports its track.
 
-    Each usable direction of arrival or image gives an output at once; without them `on_time` gives `rate` outputs a second.
+    Each usable direction of arrival or image gives an output immediately; without them `on_time` gives `rate` outputs a second.
     Times are in s of one clock. Arrivals must not decrease, except for a restart of the clock.
 
     Attributes:
-        foreign_stamps: number of messages left out because of their stamps, by input.
+        foreign_stamps: number of messages that were not used because of their stamps, by input.
 
     Parameters:
         tracker: estimates the track.
@@ -123,7 +123,7 @@ class FusionStage:
         return self._output(arrival)
 
     def on_visibility(self, message: Visibility) -> None:
-        """Remember the visibility for images of about the same time."""
+        """Store the visibility for images of about the same time."""
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
 
     def on_camera_info(self, message: CameraInfo) -> None:
@@ -178,8 +178,8 @@ def make_fusion_stage(parameters: Any, rotation_of: Callable[[str], NDArray[np.f
 
     Parameters:
         parameters: the node's parameters, or those of `av_common.parameters.node_parameters`.
-        rotation_of: gives the rotation matrix (3, 3) from a sensor frame to the body frame, None if unknown.
-        camera: the camera while no CameraInfo arrives.
+        rotation_of: function from the name of a sensor frame to the rotation matrix (3, 3) from it to the body frame, or None.
+        camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
     """

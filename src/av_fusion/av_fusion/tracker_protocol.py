@@ -1,4 +1,4 @@
-"""What a tracker offers to the fusion stage."""
+"""Interface between trackers and the fusion stage."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Tracker(Protocol):
     """Estimates the bearing of one target. Measurements may arrive late and out of order; times are capture times in s."""
 
     def reset(self) -> None:
-        """Drop the track, but keep the rig's motion and what calibration learned."""
+        """Discard the track, but keep the rig's motion and the result of calibration."""
 
     def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
         """Use the rig's yaw in the world (rad) and its rate (rad/s)."""
@@ -21,10 +21,10 @@ class Tracker(Protocol):
         """Use a direction of arrival; one that is not plausible is ignored."""
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """Use an image: its detections, and what their absence says."""
+        """Use the detections of an image, or their absence."""
 
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may be later than the newest measurement."""
 
     def diagnostics(self) -> dict[str, str]:
-        """Names and values of internal state for people, such as the result of self-calibration."""
+        """Names and values of internal state for diagnostics, such as the result of self-calibration."""

@@ -11,8 +11,8 @@ from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import State, Track
 
-LONGEST_STEP_S = 0.1  # a longer step counts as this long
-YAW_MEMORY_S, LONGEST_YAW_GAP_S = 0.1, 0.5  # of bearings from which the body's yaw rate is derived
+LONGEST_STEP_S = 0.1  # longer steps are computed as this long
+YAW_MEMORY_S, LONGEST_YAW_GAP_S = 0.1, 0.5  # time span and longest gap of the bearings that give the body's yaw rate
 
 
 class Mode(enum.IntEnum):
@@ -30,11 +30,11 @@ class PointingSettings:
     Parameters:
         pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
         search_rate (rad/s): rate of the body's rotation that resolves the front-back ambiguity.
-        dead_band (rad): error that moves nothing.
+        dead_band (rad): error below which nothing moves.
         lead (s): delay between command and motion, compensated by the bearing's rate.
-        stale_after (s): age from which a bearing moves nothing.
-        on_stale: what the gimbal does without a bearing: 'hold' stops it, 'neutral' returns it to 0.
-        move_gimbal, move_body: what is commanded.
+        stale_after (s): age from which a bearing is stale and moves nothing.
+        on_stale: reaction of the gimbal to a stale bearing: 'hold' stops it, 'neutral' returns it to 0.
+        move_gimbal, move_body: whether gimbal and body are commanded.
         body_follows_at (rad): pan from which the body follows a moving gimbal.
 
     Raises ValueError for another `on_stale`.
@@ -62,10 +62,10 @@ class Command:
     """A command.
 
     Parameters:
-        mode, reason: what the command does, and why.
-        pan, tilt (rad), pan_rate, tilt_rate (rad/s): of the gimbal in the rig's frame.
-        yaw_rate (rad/s): of the body.
-        move_gimbal, move_body: whether these are to be followed.
+        mode, reason: mode of the command and its reason.
+        pan, tilt (rad), pan_rate, tilt_rate (rad/s): angles and rates of the gimbal in the rig's frame.
+        yaw_rate (rad/s): yaw rate of the body, counter-clockwise.
+        move_gimbal, move_body: whether gimbal and body follow the command.
     """
 
     mode: Mode
@@ -96,10 +96,15 @@ class PointingController:
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
         self._yaw = LimitedAxis(self.settings.yaw)
         self._time: float | None = None
-        self._yaws: deque[tuple[float, float]] = deque()  # s, rad: recent yaw of the body
+        self._yaws: deque[tuple[float, float]] = deque()  # time in s and yaw in rad of the body
 
     def step(self, time: float, track: Track | None) -> Command:
-        """The command at `time` (s) from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s."""
+        """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
+
+        Parameters:
+            time (s): time of the command.
+            track: the newest track; None before the first.
+        """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
         mode, reason = self._decide(time, track)
@@ -147,7 +152,7 @@ class PointingController:
             self._yaw.follow(self._beyond_dead_band(ahead), rate, dt)
 
     def _body_rate(self, track: Track) -> float:
-        """Yaw rate of the body (rad/s), from recent bearings: a vehicle may not follow the command."""
+        """Yaw rate of the body (rad/s) from recent bearings, because a vehicle may not follow the command."""
         yaw = track.azimuth_world - track.azimuth
         if not math.isfinite(yaw):
             return self._yaw.velocity

@@ -15,7 +15,7 @@ from av_pointing.settings import pointing_settings
 
 
 class PointingStage:
-    """Gives a command for each bearing, and whenever asked by the clock. Times are in s of one clock.
+    """Gives a command for each bearing, and at any time by `on_time`. Times are in s of one clock.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.

@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_common.camera import PinholeCamera
 
-STEPS = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])  # pixels, of the numeric Jacobian
+STEPS = np.array([[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])  # pixels, steps of the numeric Jacobian
 
 
 @dataclass(frozen=True)
 class BearingModel:
-    """Standard deviations of a box's centre from the target's. Raises ValueError for a negative one.
+    """Standard deviations of the centre of a box from the centre of the target. Raises ValueError for negative values.
 
-    The variance in pixels grows by 1/score, since detections of low score are placed less precisely.
+    The variance in pixels is proportional to 1/score, because detections of low score are located less precisely.
 
     Parameters:
-        box_fraction: of the box's side, since the centre of a large object is placed less precisely.
-        pixel_sigma (pixels): of a vanishing box.
-        calibration_sigma_rad (rad): of the camera's intrinsics and mounting.
+        box_fraction: standard deviation as a share of the box's side, because large objects are located less precisely.
+        pixel_sigma (pixels): standard deviation for a box of size 0.
+        calibration_sigma_rad (rad): standard deviation of the camera's intrinsics and mounting.
     """
 
     box_fraction: float = 0.08
@@ -34,7 +34,12 @@ class BearingModel:
                 raise ValueError(f'{name} is {value}, expected a standard deviation of 0 or more')
 
     def pixel_variance(self, sizes: ArrayLike, scores: ArrayLike) -> NDArray[np.float64]:
-        """Variances (n, 2) in square pixels of the centres of boxes of sizes (n, 2) and scores (n,)."""
+        """Variances (n, 2) in square pixels of the centres of boxes.
+
+        Parameters:
+            sizes (n, 2) (pixels): widths and heights.
+            scores (n,) (0-1): scores of the detections.
+        """
         sizes = np.asarray(sizes, float).reshape(-1, 2)
         scores = np.clip(np.asarray(scores, float).reshape(-1, 1), 0.05, 1.0)
         return (self.pixel_sigma**2 + (self.box_fraction * sizes) ** 2) / scores
@@ -47,8 +52,8 @@ class Bearings:
     Parameters:
         azimuth (n,; rad): counter-clockwise from x.
         elevation (n,; rad): upwards.
-        azimuth_variance (n,; rad^2): of the azimuth.
-        elevation_variance (n,; rad^2): of the elevation.
+        azimuth_variance (n,) (rad^2): variance of the azimuth.
+        elevation_variance (n,) (rad^2): variance of the elevation.
     """
 
     azimuth: NDArray[np.float64]
@@ -66,15 +71,15 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
 
     Parameters:
         camera: intrinsics.
-        centres (n, 2; pixels): of the boxes.
+        centres (n, 2) (pixels): centres of the boxes.
         sizes (n, 2; pixels): widths and heights.
-        scores (n,; 0-1): of the detections.
+        scores (n,) (0-1): scores of the detections.
         model: standard deviations of the centres.
     """
     centres = np.asarray(centres, float).reshape(-1, 2)
     x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).T
     angles = -np.arctan([x, y / np.sqrt(1.0 + x * x)]).reshape(2, len(STEPS), -1)
-    slopes = angles[:, 1::2] - angles[:, 2::2]  # of azimuth and elevation, along x and y, by pixel
+    slopes = angles[:, 1::2] - angles[:, 2::2]  # derivatives of azimuth and elevation by x and y, rad/pixel
     azimuth_variance, elevation_variance = (
         np.square(slopes) * model.pixel_variance(sizes, scores).T).sum(axis=1) + model.calibration_sigma_rad**2
     return Bearings(angles[0, 0], angles[1, 0], azimuth_variance, elevation_variance)

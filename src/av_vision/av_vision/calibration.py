@@ -1,4 +1,4 @@
-"""Camera calibrations in the YAML of ROS (`camera_calibration`, `camera_info_manager`)."""
+"""Reads camera calibrations in the YAML format of ROS (`camera_calibration`, `camera_info_manager`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boxes, scores and classes of what is detected in one image."""
+"""Boxes, scores and classes of the objects detected in one image."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class Boxes:
 
 @dataclass(frozen=True)
 class Detections(Boxes):
-    """What a detector reports.
+    """Result of a detector.
 
     Parameters:
         boxes (n, 4; pixels): x1, y1, x2, y2.
-        scores (n,; 0-1): in falling order.
-        class_names: n names.
+        scores (n,; 0-1): scores in falling order.
+        class_names: name of the class of each detection.
     """
 
     boxes: NDArray[np.floating] = field(default_factory=lambda: np.empty((0, 4), np.float32))
@@ -50,7 +50,7 @@ class Candidates(Boxes):
 
     Parameters:
         boxes (n, 4; pixels): x1, y1, x2, y2.
-        probabilities (n, classes; 0-1): of each class.
+        probabilities (n, classes; 0-1): probability of each class.
     """
 
     boxes: NDArray[np.floating]
@@ -58,20 +58,21 @@ class Candidates(Boxes):
 
     @cached_property
     def scores(self) -> NDArray[np.floating]:
-        """Probabilities (n,) of the likeliest class."""
+        """Probabilities (n,) of the most probable class."""
         return np.asarray(self.probabilities.max(axis=1, initial=0.0))
 
 
 def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -> NDArray[np.intp]:
-    """Indices of the boxes that survive non-maximum suppression over all classes, by falling score.
+    """Indices of the boxes that remain after non-maximum suppression over all classes, by falling score.
 
-    Classes compete: there is one object in one place, and an object that is more likely a bird is no drone.
+    Classes compete, because there is only one object in one place.
 
     Parameters:
-        boxes (n, 4): x1, y1, x2, y2.
-        scores (n,): of the boxes.
-        iou (0-1): of two boxes with a larger intersection over union, that of the lower score is removed.
-        nested (0-1): the same for two boxes of which a larger share of the smaller one lies in the other; 1 keeps both.
+        boxes (n, 4) (pixels): x1, y1, x2, y2.
+        scores (n,): scores of the boxes.
+        iou (0-1): largest intersection over union of two boxes; otherwise the box of lower score is removed.
+        nested (0-1): largest share of the smaller of two boxes inside the other; otherwise the box of lower score is
+            removed. 1 keeps both.
     """
     if not len(boxes):
         return np.empty(0, np.intp)
@@ -83,7 +84,7 @@ def suppress(boxes: NDArray, scores: NDArray, iou: float, nested: float = 1.0) -
     low, high = np.maximum(left[:, None, :2], left[None, :, :2]), np.minimum(left[:, None, 2:], left[None, :, 2:])
     area = np.prod(left[:, 2:] - left[:, :2], axis=1)
     inside = np.clip(high - low, 0.0, None).prod(axis=2) > nested * np.minimum(area[:, None], area[None])
-    stands = np.ones(len(left), bool)
+    kept = np.ones(len(left), bool)
     for k in range(1, len(left)):
-        stands[k] = not (inside[k, :k] & stands[:k]).any()
-    return np.asarray(selected[stands])
+        kept[k] = not (inside[k, :k] & kept[:k]).any()
+    return np.asarray(selected[kept])

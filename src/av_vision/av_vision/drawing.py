@@ -1,4 +1,4 @@
-"""Detections drawn into an image."""
+"""Draws detections into images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,13 @@ GREEN = (80, 220, 60)
 
 
 def draw(image: NDArray, detections: Detections, tracks: Sequence[int | str]) -> NDArray[np.uint8]:
-    """A copy of an image with a box and `class score #track` for each detection."""
+    """Copy of an image with a box and `class score #track` for each detection.
+
+    Parameters:
+        image (h, w[, channels]): any image that `to_bgr8` accepts.
+        detections: the detections to draw.
+        tracks: track number of each detection.
+    """
     canvas = to_bgr8(image).copy()
     rows = zip(np.rint(detections.boxes).astype(int).tolist(), detections.class_names, detections.scores, tracks,
                strict=True)

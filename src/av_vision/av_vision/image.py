@@ -1,4 +1,4 @@
-"""Images of any depth as the 8-bit BGR images that a detector takes."""
+"""Conversion of images of any depth to the 8-bit BGR images of a detector."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def to_bgr8(image: NDArray) -> NDArray[np.uint8]:
-    """An image as (h, w, 3) BGR of 8 bits; 16-bit and float images are stretched from their 1st to their 99th percentile.
+    """Convert an image to (h, w, 3) BGR of 8 bits; other depths are scaled from their 1st to their 99th percentile.
 
     Raises ValueError for an empty array and for a shape other than (h, w) or (h, w, 1|3|4).
     """

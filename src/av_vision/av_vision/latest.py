@@ -9,7 +9,11 @@ Item = TypeVar('Item')
 
 
 class Latest(Generic[Item]):
-    """Holds the newest item only; what it replaces is counted in `dropped`."""
+    """Holds only the newest item.
+
+    Attributes:
+        dropped: number of items that were replaced before they were taken.
+    """
 
     def __init__(self) -> None:
         self.dropped = 0
@@ -18,7 +22,7 @@ class Latest(Generic[Item]):
         self._changed = threading.Condition()
 
     def put(self, item: Item) -> None:
-        """Give the newest item; never waits for the consumer."""
+        """Set the newest item; never waits for the consumer."""
         with self._changed:
             self.dropped += self._item is not None
             self._item = item

@@ -1,7 +1,7 @@
-"""Images, cameras, detections and visibility as ROS messages and back. The only place where they are encoded.
+"""Conversion of images, cameras, detections and visibility to ROS messages and back.
 
-Images are views and one copy, without cv_bridge and without a loop over pixels. What is decoded may be a message of any
-library with the fields of ROS.
+Images are decoded as views or with one copy, without cv_bridge. Messages to decode may be objects of any library with the
+fields of the ROS messages.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ ENCODINGS: dict[str, tuple[str, int, int | None]] = {
 
 
 def image_from_message(message: Any) -> NDArray:
-    """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR uint8, or (h, w) of the encoding's own type.
+    """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR uint8, or (h, w) in the type of the encoding.
 
-    The array may share the message's memory. Raises ValueError for an unknown encoding and for data that do not fit.
+    The array may share memory with the message. Raises ValueError for an unknown encoding and for data of a wrong size.
     """
     if hasattr(message, 'format'):
         return decode_compressed(message.data)
@@ -61,7 +61,7 @@ def image_from_message(message: Any) -> NDArray:
 
 
 def decode_compressed(data: bytes | array | NDArray[np.uint8]) -> NDArray:
-    """The image (h, w, 3) or (h, w) in JPEG, PNG or another format of OpenCV; raises ValueError when it is none."""
+    """The image (h, w, 3) or (h, w) in JPEG, PNG or another format of OpenCV; raises ValueError when it cannot be decoded."""
     encoded = np.frombuffer(data, np.uint8)
     image = cv2.imdecode(encoded, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if encoded.size else None
     if image is None:
@@ -70,14 +70,14 @@ def decode_compressed(data: bytes | array | NDArray[np.uint8]) -> NDArray:
 
 
 def image_message(header: Header, image: NDArray, encoding: str = '') -> Image:
-    """An image as a message.
-
-    Raises ValueError when the image does not have the type and the channels of its encoding.
+    """Convert an image to a message.
 
     Parameters:
         header: time of capture and optical frame.
-        image (h, w[, channels]): of a type in ENCODINGS.
-        encoding: of ENCODINGS; empty for that of the array's type.
+        image (h, w[, channels]): pixels of a type in ENCODINGS.
+        encoding: one of ENCODINGS; empty selects it by the type of the array.
+
+    Raises ValueError when type or channels of the image do not fit the encoding.
     """
     encoding = encoding or encoding_of(image)
     kind, channels, _ = ENCODINGS[encoding]
@@ -92,7 +92,7 @@ def image_message(header: Header, image: NDArray, encoding: str = '') -> Image:
 
 
 def encoding_of(image: NDArray) -> str:
-    """The encoding of an image (h, w[, channels]) as OpenCV has it; raises ValueError for a type without one."""
+    """The encoding of an OpenCV image (h, w[, channels]); raises ValueError for a type without one."""
     channels = image.shape[2] if image.ndim == 3 else 1
     encoding = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8', ('uint16', 1): '16UC1',
                 ('float32', 1): '32FC1'}.get((image.dtype.name, channels))
@@ -102,7 +102,12 @@ def encoding_of(image: NDArray) -> str:
 
 
 def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
-    """The calibration of a camera whose images are not rectified. `PinholeCamera.from_camera_info` is the way back."""
+    """The CameraInfo of a camera whose images are not rectified; the inverse of `PinholeCamera.from_camera_info`.
+
+    Parameters:
+        header: time of capture and optical frame.
+        camera: intrinsics and distortion.
+    """
     info = CameraInfo(header=header, width=camera.width, height=camera.height)
     info.distortion_model = 'rational_polynomial' if len(camera.distortion) > 5 else 'plumb_bob'
     info.d = list(camera.distortion or (0.0,) * 5)
@@ -116,7 +121,7 @@ def detections_message(header: Header, detections: Detections, ids: Sequence[int
     """The detections of an image.
 
     Parameters:
-        header: the image's, repeated in each detection.
+        header: header of the image, repeated in each detection.
         detections: boxes in pixels, scores, class names.
         ids: track number (or origin) of each detection.
     """
@@ -134,7 +139,7 @@ def detections_message(header: Header, detections: Detections, ids: Sequence[int
 
 
 def detections_from_message(message: Any) -> tuple[Detections, list[str]]:
-    """The detections of a `Detection2DArray` by their first hypotheses, and their ids; those without one are left out."""
+    """The detections of a `Detection2DArray` by their first hypotheses, and their ids; those without hypothesis are omitted."""
     known = [one for one in message.detections if one.results]
     middle = np.array([(one.bbox.center.position.x, one.bbox.center.position.y) for one in known]).reshape(-1, 2)
     half = 0.5 * np.array([(one.bbox.size_x, one.bbox.size_y) for one in known]).reshape(-1, 2)
@@ -144,12 +149,17 @@ def detections_from_message(message: Any) -> tuple[Detections, list[str]]:
 
 
 def visibility_message(header: Header, visibility: Visibility) -> VisibilityMessage:
-    """The visibility in the image of a header."""
+    """Convert the visibility in an image to a message.
+
+    Parameters:
+        header: header of the image.
+        visibility: the estimate.
+    """
     return VisibilityMessage(header=header, visibility=float(visibility.share), range=float(visibility.range))
 
 
 def header_of(message: Any) -> Header:
-    """The header of a message of any library, as one of ROS."""
+    """The header of a message of any library as a std_msgs/Header."""
     header = message.header
     if isinstance(header, Header):
         return header

@@ -8,7 +8,7 @@ NAME = 'drone_detector.onnx'
 
 
 def shipped_model() -> Path:
-    """The model's file, in the source tree or in the installed package's share folder."""
+    """Path of the model file, in the source tree or in the share folder of the installed package."""
     in_source = Path(__file__).resolve().parents[1] / 'models' / NAME
     if in_source.exists():
         return in_source

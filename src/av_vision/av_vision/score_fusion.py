@@ -1,8 +1,8 @@
-"""Fusion of the class scores that one object gets in successive images into one posterior probability for each class.
+"""Fusion of the class scores of one object in successive images to one posterior probability for each class.
 
-Model: the log-odds from one image, less the prior's, are normal with equal variance for objects of the class and for others,
-and calibrated as the probability from one image is (difference of the means = variance). Any two images of one object have
-the same correlation: an object that resembles a drone does so in every image, and only the remaining error averages out.
+Model: the log-odds from one image, minus those of the prior, are normal with equal variance for objects of the class and for
+others. They are calibrated like the probability from one image (difference of the means = variance). The errors in any two
+images of one object have the same correlation: only their uncorrelated part averages out.
 The mean of n such values is a sufficient statistic; its log-likelihood ratio is the mean divided by
 correlation + (1 - correlation) / n (Gaussian discrimination with equal covariances, Bishop 2006, sec. 4.2.1).
 """
@@ -30,10 +30,10 @@ class ScoreFusionModel:
     """Statistics of the scores of one object over images. Raises ValueError for a value outside its bounds.
 
     Parameters:
-        prior (log-odds): of a class among all that a detector reports, before an image is seen.
-        correlation (0-1): of the log-odds in any two images of one object.
-        memory_s (s): time in which the weight of an image falls to 1/e; 0 treats each image by itself.
-        floor (0-1): least probability of a candidate box, which also stands for an image without a detection of the object.
+        prior (log-odds): prior of a class among all candidates of a detector.
+        correlation (0-1): correlation of the log-odds in any two images of one object.
+        memory_s (s): time in which the weight of an image falls to 1/e; 0 treats images independently.
+        floor (0-1): least probability of a candidate box, also used for images without a detection of the object.
     """
 
     prior: float = 0.0
@@ -48,9 +48,9 @@ class ScoreFusionModel:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> ScoreFusionModel:
-        """The model in the metadata's `score_fusion` (JSON); without it each image is treated by itself.
+        """The model in the metadata's `score_fusion` (JSON); without it images are treated independently.
 
-        Raises ValueError for an entry that is not understood.
+        Raises ValueError for an invalid entry.
         """
         text = metadata.get('score_fusion', '{}')
         try:
@@ -60,7 +60,7 @@ class ScoreFusionModel:
                              f'memory_s and floor: {error}') from error
 
 
-SINGLE_IMAGE = ScoreFusionModel()  # each image by itself
+SINGLE_IMAGE = ScoreFusionModel()  # images are independent
 
 
 class ScoreFusion:
@@ -80,8 +80,8 @@ class ScoreFusion:
         """Add an image.
 
         Parameters:
-            probabilities (classes,): of the classes in this image alone.
-            time (s): of the image, not before the last one.
+            probabilities (classes,): probabilities of the classes from this image alone.
+            time (s): capture time, not before that of the last image.
         """
         model = self._model
         kept = np.exp((self._time - time) / model.memory_s) if model.memory_s > 0.0 and self._weight else 0.0

@@ -1,4 +1,4 @@
-"""Detection as one stage: images in, detections and visibility out. The node, replay and experiments call it."""
+"""The detection stage, from images to detections and visibility, for detector_node, replay and experiments."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from av_vision.yolo import Detector, DetectorSettings
 
 
 class DetectionStage:
-    """Detects in every image it is given and estimates visibility in some of them.
+    """Detects objects in every image and estimates visibility in some of them.
 
     Parameters:
-        detector: with its memory over images.
-        visibility: how often and for which scene visibility is estimated; None for never.
+        detector: the detector and its state over images.
+        visibility: rate and scene of estimates of visibility; None for no estimates.
         camera: intrinsics for visibility over flat ground; None until `on_camera_info`.
     """
 
@@ -35,11 +35,11 @@ class DetectionStage:
     def on_image(self, message: Image | CompressedImage, arrival: float) -> tuple[Detection2DArray, Visibility | None]:
         """The detections in an image, and the visibility when an estimate is due; both carry the image's header.
 
-        Raises ValueError for an image that cannot be decoded.
-
         Parameters:
-            message: raw or compressed; its stamp is the time of capture.
-            arrival (s): on the node's clock; detections depend on the time of capture alone.
+            message: raw or compressed image; its stamp is the time of capture.
+            arrival (s): time of arrival on the node's clock. Not used: results depend on the time of capture.
+
+        Raises ValueError for an image that cannot be decoded.
         """
         image, time, header = image_from_message(message), to_seconds(message.header.stamp), header_of(message)
         detections, tracks = self.detector.detect(image, time)
@@ -48,15 +48,15 @@ class DetectionStage:
                 None if visibility is None else visibility_message(header, visibility))
 
     def on_depth(self, message: Image) -> None:
-        """Take a depth image, aligned to the colour image, as a scale for visibility. Raises ValueError for any other."""
+        """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
         self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
-        """Take the intrinsics for visibility over flat ground."""
+        """Use the intrinsics for visibility over flat ground."""
         self._visibility.on_camera_info(message)
 
     def reset(self) -> None:
-        """Forget tracks and earlier images."""
+        """Discard tracks and earlier images."""
         self.detector.reset()
         self._visibility.reset()
 
@@ -65,8 +65,8 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None) -
     """A stage with the settings of detector_node. Raises ModelError or ValueError.
 
     Parameters:
-        parameters: of detector_node, as the generated struct or `av_common.parameters.node_parameters` has them.
-        camera: intrinsics, where they are known beforehand.
+        parameters: generated struct of detector_node, from the node or from `av_common.parameters.node_parameters`.
+        camera: intrinsics; None until a CameraInfo arrives.
     """
     p = parameters
     detector = TemporalDetector(make_detector(p), p.track_gap, p.temporal_fusion)

@@ -11,22 +11,22 @@ from scipy.optimize import linear_sum_assignment
 from av_vision.detections import Candidates
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel
 
-# A candidate below this score begins no track, it may only continue one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
+# A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
 BEGIN = 0.1
-LARGEST_SIZE_RATIO = 3.0  # of two boxes of one object in successive images
-SIZE_COST = 0.5   # of a factor e in size, in units of the reach
-SCORE_COST = 0.5  # of a score of 0 rather than 1
+LARGEST_SIZE_RATIO = 3.0  # largest ratio of the sizes of two boxes of one object in successive images
+SIZE_COST = 0.5   # cost of a factor e in size, in units of the reach
+SCORE_COST = 0.5  # cost of a score of 0 instead of 1
 
 
 @dataclass
 class ImageTrack:
-    """State of an object followed in the image.
+    """State of an object that is tracked in the image.
 
     Parameters:
-        centre (2,; pixels): of the last box.
+        centre (2,; pixels): centre of the last box.
         size (2,; pixels): width and height of the last box.
-        velocity (2,; pixels/s): of the centre.
-        time (s): of the last box.
+        velocity (2,; pixels/s): velocity of the centre.
+        time (s): capture time of the last box.
         scores: posterior of the classes.
         id: 0 until `Tracker.number` assigns one.
     """
@@ -46,12 +46,12 @@ class ImageTrack:
 class Tracker:
     """Assigns boxes to tracks of constant velocity, by the Hungarian method on distances in units of box sizes.
 
-    Classes take no part in the assignment: the class of an object follows from its track.
+    Classes are not used for the assignment: the class of an object follows from its track.
 
     Parameters:
-        max_gap_s (s): time for which a track lives without a detection.
+        max_gap_s (s): time for which a track is kept without a detection.
         model: statistics of the scores of a track.
-        reach (box sides): largest distance from the predicted centre, growing by itself for each second of a gap.
+        reach (box sides): largest distance from the predicted centre, growing by the same amount for each second of a gap.
         reach_px (pixels): least reach, for tiny boxes.
         smoothing (0-1): weight of the newest velocity.
     """
@@ -68,9 +68,11 @@ class Tracker:
         self._next = 1
 
     def update(self, candidates: Candidates, time: float) -> list[ImageTrack | None]:
-        """The track of each candidate in an image taken at `time` (s); None for those too weak to begin one.
+        """The track of each candidate; None for candidates of too low score to begin one.
 
-        A time before the last one (a looped file) discards all tracks.
+        Parameters:
+            candidates: candidates of one image.
+            time (s): time of capture; a time before the last one (a looped file) discards all tracks.
         """
         if any(time < track.time for track in self._tracks):
             self.reset()
@@ -109,7 +111,7 @@ class Tracker:
         largest = np.maximum(candidates.sizes.max(axis=1), 1.0)
         ratio = np.abs(np.log(largest[None] / np.maximum(sides, 1.0)[:, None]))
         possible = (apart <= 1.0) & (ratio <= np.log(LARGEST_SIZE_RATIO))
-        # A pair out of reach costs more than any number of pairs within, so that it is never chosen to save another.
+        # A pair out of reach costs more than any number of pairs within reach, so that it is never selected instead of these.
         cost = np.where(possible, apart + SIZE_COST * ratio - SCORE_COST * candidates.scores[None], 1e6)
         rows, columns = linear_sum_assignment(cost)
         return [(row, column) for row, column in zip(rows, columns, strict=True) if possible[row, column]]

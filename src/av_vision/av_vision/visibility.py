@@ -1,6 +1,6 @@
-"""Meteorological visibility in an image, by which fusion weighs a missing detection.
+"""Meteorological visibility in an image, by which fusion weights missing detections.
 
-Through even air of extinction b (1/m) an object of radiance J at distance d appears as J e^(-bd) + A (1 - e^(-bd)), A being
+In homogeneous air of extinction b (1/m) an object of radiance J at distance d appears as J e^(-bd) + A (1 - e^(-bd)), with A
 the light scattered into the view (Koschmieder 1924); a target's contrast falls as e^(-bd) (Beer-Lambert), to 5 % at ln(20)/b.
 Where distances are known (a depth image, or the height of the camera over flat ground) b follows from the decrease of
 contrast with distance; without a scale only the share of contrast that is left in the whole image can be estimated.
@@ -19,10 +19,10 @@ from scipy.optimize import least_squares
 from av_common.camera import PinholeCamera
 from av_vision.image import to_bgr8
 
-LEFT_AT_RANGE = 0.05  # of the contrast, by definition of the meteorological range (WMO No. 8)
-BINS = 16  # of distance
-QUANTILES = (0.05, 0.2, 0.5, 0.8)  # of brightness in a bin; the brightest objects may be lamps or walls
-ANCHOR = 1.0  # how much the sky's brightness counts as the light of the air, in grey levels
+LEFT_AT_RANGE = 0.05  # share of the contrast, by definition of the meteorological range (WMO No. 8)
+BINS = 16  # number of bins of distance
+QUANTILES = (0.05, 0.2, 0.5, 0.8)  # quantiles of brightness in a bin; the brightest objects may be lamps or walls
+ANCHOR = 1.0  # weight of the sky's brightness as air light, per grey level
 USUAL_CONTRAST = 40.0  # grey levels between the dark and the bright parts of a scene: a uniform image is fog, not paint
 LEAST_PIXELS = 30
 DENSEST, CLEAREST = 3.0, 1e-4  # extinction in 1/m that can be estimated
@@ -33,8 +33,8 @@ class Visibility:
     """Remaining contrast and extinction.
 
     Parameters:
-        share (0-1): of a target's contrast that reaches the camera from the given distance.
-        extinction (1/m): of the air; nan where it cannot be estimated.
+        share (0-1): share of a target's contrast that reaches the camera from the given distance.
+        extinction (1/m): extinction of the air; nan where it cannot be estimated.
     """
 
     share: float
@@ -51,8 +51,8 @@ def ground_distances(camera: PinholeCamera, height: float, rotation: NDArray) ->
 
     Parameters:
         camera: intrinsics.
-        height (m): of the camera over the ground.
-        rotation (3, 3): from the optical frame to a level frame with z up.
+        height (m): height of the camera over the ground.
+        rotation (3, 3): rotation matrix from the optical frame to a level frame with z up.
     """
     columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     down = -(camera.rays(np.stack([columns, rows], -1).reshape(-1, 2)) @ np.asarray(rotation).T)[:, 2]
@@ -64,9 +64,9 @@ def estimate(image: NDArray, distance: NDArray | None = None, target_distance: f
     """Visibility in an image.
 
     Parameters:
-        image (h, w[, 3]): of any depth.
-        distance (h, w; m): to the surface in each pixel, nan or 0 unknown, inf the sky; None without a scale.
-        target_distance (m): of the target whose share of contrast is estimated.
+        image (h, w[, 3]): image of any depth.
+        distance (h, w; m): distance of the surface in each pixel, nan or 0 if unknown, inf for the sky; None without a scale.
+        target_distance (m): distance of the target whose share of contrast is estimated.
     """
     grey = cv2.cvtColor(to_bgr8(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
     if distance is None:

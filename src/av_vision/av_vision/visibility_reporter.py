@@ -1,4 +1,4 @@
-"""Visibility from a stream of images, at most so many times a second, with distances from depth images or flat ground."""
+"""Estimates visibility in a stream of images at a limited rate, with distances from depth images or flat ground."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ LARGEST_DEPTH_AGE_S = 0.2  # an older depth image belongs to another scene
 
 @dataclass(frozen=True)
 class VisibilitySettings:
-    """How often and for which scene visibility is estimated.
+    """Rate and scene of estimates of visibility.
 
     Parameters:
-        rate (1/s): of estimates; 0 for none.
-        target_distance (m): for which the share of contrast is reported.
-        camera_height (m): over flat ground; 0 when unknown.
-        camera_pitch (rad): downwards from the horizon (REP-103).
+        rate (1/s): rate of estimates; 0 for none.
+        target_distance (m): distance for which the share of contrast is reported.
+        camera_height (m): height over flat ground; 0 when unknown.
+        camera_pitch (rad): pitch downwards from the horizon (REP-103).
     """
 
     rate: float = 2.0
@@ -43,7 +43,7 @@ class VisibilityReporter:
 
     Parameters:
         settings: rate and scene.
-        camera: intrinsics, needed for flat ground alone; None until `on_camera_info`.
+        camera: intrinsics, used only for flat ground; None until `on_camera_info`.
     """
 
     def __init__(self, settings: VisibilitySettings, camera: PinholeCamera | None = None) -> None:
@@ -54,27 +54,27 @@ class VisibilityReporter:
 
     @property
     def needs_camera(self) -> bool:
-        """Whether intrinsics are wanted and not known yet."""
+        """Whether intrinsics are needed and not known yet."""
         return self._settings.camera_height > 0.0 and self._camera is None
 
     def on_depth(self, message: Any) -> None:
-        """Take a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
+        """Use a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
 
         Raises ValueError for an image that cannot be read.
         """
         self._depth = to_seconds(message.header.stamp), image_from_message(message)
 
     def on_camera_info(self, message: Any) -> None:
-        """Take the first `sensor_msgs/CameraInfo` that holds a calibration."""
+        """Use the first `sensor_msgs/CameraInfo` that contains a calibration."""
         if self.needs_camera and message.k[0] > 0.0:
             self._camera = PinholeCamera.from_camera_info(message)
 
     def report(self, image: NDArray, time: float) -> Visibility | None:
-        """The visibility in an image if an estimate is due.
+        """The visibility in an image, None when no estimate is due.
 
         Parameters:
             image (h, w[, channels]): BGR, grey or 16-bit.
-            time (s): of capture; a time more than a period before the last estimate (a looped file) starts over.
+            time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
         """
         rate = self._settings.rate
         if rate <= 0.0 or self._next - 1.0 / rate <= time < self._next:
@@ -83,7 +83,7 @@ class VisibilityReporter:
         return estimate(image, self._distance((image.shape[0], image.shape[1]), time), self._settings.target_distance)
 
     def reset(self) -> None:
-        """Let the next image be estimated, and forget the last depth image."""
+        """Estimate visibility in the next image, and discard the last depth image."""
         self._next, self._depth = -math.inf, None
 
     def _distance(self, shape: tuple[int, int], time: float) -> NDArray | None:

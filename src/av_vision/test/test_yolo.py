@@ -45,7 +45,7 @@ def test_names_are_kept_renamed_and_checked(tmp_path):
         Detector(path, DetectorSettings(keep=('plane',)))
     with pytest.raises(ModelError, match=r"rename names \['airplane'\]"):
         Detector(path, DetectorSettings(rename={'airplane': 'drone'}))
-    with pytest.raises(ModelError, match='3 classes apart, but 2'):
+    with pytest.raises(ModelError, match='3 classes, but 2'):
         Detector(path, DetectorSettings(class_names=('a', 'b')))
 
 

@@ -1,6 +1,6 @@
-"""The published controller, kept as the reference: the camera leads while its score reaches tau, else the microphones lead.
+"""The published controller, kept as the reference: the camera leads while its score reaches tau, else the microphones.
 
-Front and back are resolved by the field of view (what is detected is in front of the camera) and, without detections, by a
+Front and back are resolved by the field of view (detected objects are in front of the camera) and, without detections, by a
 fixed rotation: the candidate that keeps its direction in the world is the true one. There is no filter; measurements are
 reported as they are.
 """
@@ -33,11 +33,11 @@ class GatedSettings:
     """Settings of `GatedTracker`.
 
     Parameters:
-        memory (s): how long after the last unambiguous bearing the candidate nearest to it counts as the true one.
+        memory (s): time after the last unambiguous bearing during which the candidate nearest to it counts as the true one.
         least_turn (rad): rotation since the candidates were stored after which they are compared; somewhat less than the
-            fixed rotation, since the rig leaves a rest of it.
-        sound_delay, sight_delay (s): how much later than true the stamps of the sensors are.
-        machine, rotation: settings of parts.
+            fixed rotation, since the rig does not complete it.
+        sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
+        machine, rotation: settings of the parts.
     """
 
     memory: float = 3.0
@@ -58,11 +58,11 @@ class _Stored(NamedTuple):
 
 @dataclass
 class _Target:
-    """What is known about the target; times in s."""
+    """State of the estimate of the target; times in s."""
 
     detection: tuple[float, Detection] | None = None
     direction: tuple[float, Hypothesis] | None = None
-    unambiguous: tuple[float, float] | None = None  # time and world azimuth of the last bearing known to be no mirror image
+    unambiguous: tuple[float, float] | None = None  # time and world azimuth of the last unambiguous bearing
     stored: _Stored | None = None
     candidates: list[Candidate] = field(default_factory=list)
     axis: float = 0.5 * math.pi
@@ -75,7 +75,7 @@ class GatedTracker:
     Attributes:
         settings: see `GatedSettings`.
         motion: the rig's yaw over time.
-        machine: which sensor leads, and why.
+        machine: decides which sensor leads.
         planner: requests the fixed rotation.
 
     Parameters:
@@ -98,7 +98,7 @@ class GatedTracker:
         self.motion.add(time, yaw, yaw_rate)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `Tracker`; only the best detection counts."""
+        """See `Tracker`; only the detection of highest score is used."""
         usable = usable_camera(measurement)
         if usable is None:
             return

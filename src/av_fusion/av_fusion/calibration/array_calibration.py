@@ -48,7 +48,10 @@ class SelfCalibrationSettings:
 
 
 class ArraySelfCalibration:
-    """Recursive estimate of the array's parameters: `compare` learns, `corrected` applies.
+    """Recursive estimate of the array's parameters: `compare` updates it, `corrected` applies it.
+
+    Parameters:
+        settings: see `SelfCalibrationSettings`; defaults where None.
 
     Attributes:
         compared: number of comparisons used so far.
@@ -77,14 +80,14 @@ class ArraySelfCalibration:
 
     def compare(self, time: float, measured: float, azimuth: float, elevation: float, variance: float,
                 seen_variance: float = 0.0) -> bool:
-        """Learn from a measured cosine and the direction in which the camera saw the target at that time.
+        """Update the parameters by a measured cosine and the direction in which the camera saw the target at that time.
 
         Parameters:
-            time (s): of both.
+            time (s): capture time of both.
             measured: cosine of the angle from the axis.
             azimuth, elevation (rad): the target's direction; azimuth is from the nominal axis.
-            variance: of the cosine's error. Errors of successive calls must be independent, or the variance be enlarged.
-            seen_variance (rad^2): of the azimuth; its error persists for SIGHT_CORRELATION_S.
+            variance: variance of the cosine's error; to be enlarged when the errors of successive calls are correlated.
+            seen_variance (rad^2): variance of the azimuth, whose error persists for SIGHT_CORRELATION_S.
 
         Returns whether the comparison was used.
         """
@@ -110,14 +113,19 @@ class ArraySelfCalibration:
         return True
 
     def correct(self, measured: float, azimuth: float) -> tuple[float, float]:
-        """The cosines that the nominal array would have measured of a level target near `azimuth` and of its mirror image."""
+        """Cosines that the nominal array would have measured for a level target and for its mirror image.
+
+        Parameters:
+            measured: measured cosine of the angle from the axis.
+            azimuth (rad): approximate azimuth of the target from the nominal axis.
+        """
         across, *along = sensitivities(azimuth, 0.0)
         offset, *others = self._values
         turned, common = across * offset, measured - sum(map(mul, along, others))
         return min(max(common - turned, -1.0), 1.0), min(max(common + turned, -1.0), 1.0)
 
     def corrected(self, measurement: DoaMeasurement) -> DoaMeasurement:
-        """The measurement as a nominal array would have made it; one that is no cone is unchanged."""
+        """The measurement that a nominal array would have made; a measurement without a cone is returned unchanged."""
         cone = measurement.cone
         if cone is None or not self.compared:
             return measurement
@@ -126,14 +134,18 @@ class ArraySelfCalibration:
         return DoaMeasurement.of_cone(measurement.time, moved, measurement.confidence, measurement.window)
 
     def describe(self) -> dict[str, str]:
-        """The parameters with their standard deviations, for people."""
+        """The parameters with their standard deviations, as texts for diagnostics."""
         units = ((math.degrees(1.0), 'deg'), *(((100.0, '%'),) * 4))
         return {name: f'{scale * value:+.2f} +- {scale * sigma:.2f} {unit}'
                 for name, value, sigma, (scale, unit) in zip(NAMES, self.values, self.sigmas, units, strict=True)}
 
 
 def sensitivities(azimuth: float, elevation: float) -> tuple[float, float, float, float, float]:
-    """Derivatives of the measured cosine by the parameters, at a direction from the nominal axis (rad)."""
+    """Derivatives of the measured cosine with respect to the parameters.
+
+    Parameters:
+        azimuth, elevation (rad): direction; the azimuth is measured from the nominal axis.
+    """
     level = math.cos(elevation)
     x = math.cos(azimuth) * level
     return -math.sin(azimuth) * level, x, 1.0, 1.5 * x * x - 0.5, (2.5 * x * x - 1.5) * x

@@ -26,7 +26,7 @@ class Offset:
     """An estimated offset.
 
     Parameters:
-        seconds (s): by which stamps of directions of arrival are later than those of images.
+        seconds (s): delay of the stamps of directions of arrival relative to those of images.
         sigma (s): its standard deviation.
         pairs: number of directions of arrival compared.
     """
@@ -68,19 +68,19 @@ def estimate_offset(directions: tuple[ArrayLike, ArrayLike, ArrayLike], sighting
     if curvature <= 0.0 or np.argmin(left) in (0, len(left) - 1):
         raise ValueError(f'no offset within {largest} s fits')
     shift = 0.5 * (left[best - 1] - left[best + 1]) / curvature
-    # Windows overlap: about one in five errors is new.
+    # Windows overlap: about one in five errors is independent.
     noise = 5.0 * left[best] / max(len(times) - 2, 1)
     return Offset(float(offsets[best] + shift * STEP_S), float(STEP_S * math.sqrt(2.0 * noise / curvature)), len(times))
 
 
 def _axis(first: NDArray, second: NDArray) -> float:
-    """The array's axis in the body frame, about which the images mirror: the same for all but for its sign."""
+    """Azimuth (rad) of the array's axis in the body frame, about which the images are mirrored; its sign is arbitrary."""
     bisector = first + 0.5 * wrap(second - first)
     return float(0.5 * np.angle(np.mean(np.exp(2j * bisector))))
 
 
 def _covered(times: NDArray, at: NDArray) -> NDArray[np.bool_]:
-    """Whether there are sightings close before and after each time."""
+    """Whether each time lies between two sightings that are at most GAP_S apart."""
     after = np.searchsorted(at, times)
     inside = (after > 0) & (after < len(at))
     after = np.clip(after, 1, len(at) - 1)

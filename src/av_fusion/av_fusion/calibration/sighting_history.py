@@ -1,4 +1,4 @@
-"""Directions in which the camera saw the target lately."""
+"""Recent directions in which the camera saw the target."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Sighting(NamedTuple):
     Parameters:
         time (s): capture time of the image.
         azimuth, elevation (rad): direction.
-        variance (rad^2): of the azimuth.
+        variance (rad^2): variance of the azimuth.
     """
 
     time: float
@@ -23,11 +23,11 @@ class Sighting(NamedTuple):
 
 
 class SightingHistory:
-    """Interpolates sightings, so that a direction of arrival can be compared with the sighting of its own time.
+    """Interpolates sightings, so that a direction of arrival can be compared with the sighting at its capture time.
 
     Parameters:
         gap (s): longest time between two sightings that is interpolated.
-        keep (s): how long sightings are kept.
+        keep (s): age up to which sightings are kept.
     """
 
     def __init__(self, gap: float = 0.4, keep: float = 3.0) -> None:

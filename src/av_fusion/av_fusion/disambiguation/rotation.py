@@ -1,8 +1,8 @@
 """Plans the rotation of the rig that resolves the front-back ambiguity soonest.
 
-The true source keeps its course in the world, while its mirror image moves by twice the rotation. How soon this becomes
-evident depends on the direction relative to the array, on how far source and image could have moved by themselves, and on
-whether one of the two enters the camera's view.
+The true source keeps its course in the world, while its mirror image moves by twice the rotation. The time until
+this is evident depends on the direction relative to the array, on possible motion of source and image, and on whether one of
+them enters the camera's view.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 
-HORIZON = np.arange(0.2, 6.1, 0.2)  # s ahead within which a decision is predicted
+HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
 DONE = math.radians(2.0)  # a rotation is complete when less than this is left
 REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
-REPLAN_S = 0.2  # between predictions
-FORGET_S = 5.0  # after which the direction of the last rotation is forgotten
+REPLAN_S = 0.2  # time between predictions
+FORGET_S = 5.0  # time after which the direction of the last rotation is discarded
 SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
 
 
@@ -30,13 +30,13 @@ class RotationSettings:
     """Settings of `RotationPlanner`.
 
     Parameters:
-        enabled: whether rotations are requested at all.
-        patience (s): how long the ambiguity must last before a rotation is requested.
+        enabled: whether rotations are requested.
+        patience (s): duration of the ambiguity after which a rotation is requested.
         rate (rad/s): expected rate of the rotation.
         sector (rad): largest rotation to either side of the heading of the first request.
         fixed (rad): non-zero requests this rotation always, as in the publication.
         broadside_sigma (rad): error of a direction of arrival at broadside.
-        window (s): length of sound that this error belongs to.
+        window (s): length of the analysis window of this error.
         half_view (rad): half of the camera's field of view.
         needed_odds: odds between both directions that resolve the ambiguity.
     """
@@ -56,9 +56,9 @@ class Candidate(NamedTuple):
     """A possible direction of the target.
 
     Parameters:
-        azimuth (rad), variance (rad^2): in the body frame.
-        rate (rad/s), rate_variance (rad^2/s^2): of the azimuth in the world.
-        weight: probability.
+        azimuth (rad), variance (rad^2): azimuth in the body frame and its variance.
+        rate (rad/s), rate_variance (rad^2/s^2): rate of the azimuth in the world and its variance.
+        weight: probability of the candidate.
     """
 
     azimuth: float
@@ -85,7 +85,10 @@ class RotationPlanner:
         self._centre: float | None = None
 
     def cancel(self) -> None:
-        """The ambiguity is resolved; a new one within FORGET_S continues the rotation in the same direction."""
+        """Cancel the rotation because the ambiguity is resolved.
+
+        A new ambiguity within FORGET_S continues the rotation in the same direction.
+        """
         self._since = self._target = self._centre = None
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Candidate]], axis: float,
@@ -93,11 +96,11 @@ class RotationPlanner:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
         Parameters:
-            time (s): of the request.
-            yaw (rad): of the rig in the world.
-            find_candidates: gives the possible directions; it is called every REPLAN_S only.
-            axis (rad): of the mirror images in the body frame.
-            visibility: 0..1, NaN if unknown.
+            time (s): time of the request.
+            yaw (rad): yaw of the rig in the world.
+            find_candidates: returns the possible directions; it is called every REPLAN_S only.
+            axis (rad): azimuth in the body frame of the axis between the mirror images.
+            visibility: visibility 0..1, NaN if unknown.
         """
         settings = self.settings
         replan = not abs(time - self._planned) < REPLAN_S
@@ -152,10 +155,10 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     information it gives.
 
     Parameters:
-        turns (n; rad): rotations.
+        turns (n,) (rad): rotations, counter-clockwise.
         first, second: the candidates.
-        axis (rad): of the array in the body frame.
-        visibility: 0..1.
+        axis (rad): azimuth of the array's axis in the body frame.
+        visibility: visibility 0..1.
         settings: see `RotationSettings`.
     """
     candidates = (first, second)
@@ -167,7 +170,7 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     unexplained = cosine[:, :1] - cosine[:, 1:]
     spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
     error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
-             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by which one is true
+             + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     in_view = (np.cos(course) > math.cos(settings.half_view)).any(axis=1, keepdims=True)
     information = acoustic + SIGHT_NATS * visibility * np.logical_or.accumulate(in_view, axis=-1)

@@ -8,11 +8,11 @@ from math import remainder, tau
 from av_common.track import Source, Track
 from av_fusion.filter.gaussian_component import share_within
 
-RATE_DECAY_S = 1.0  # contradicting measurements may mean a manoeuvre: the old rate loses its meaning
+RATE_DECAY_S = 1.0  # contradicting measurements may indicate a manoeuvre, after which the old rate is not valid
 
 
 class CoastingTrack:
-    """Keeps the last supported track and predicts it, for as long as it had lasted.
+    """Keeps the last supported track and predicts it, at most for its previous duration.
 
     Parameters:
         longest (s): longest prediction.
@@ -24,18 +24,23 @@ class CoastingTrack:
         self._began = self._rate_variance = 0.0
 
     def keep(self, track: Track, rate_variance: float) -> None:
-        """Keep a supported track; `rate_variance` (rad^2/s^2) is that of its azimuth rate."""
+        """Keep a supported track.
+
+        Parameters:
+            track: the track.
+            rate_variance (rad^2/s^2): variance of its azimuth rate.
+        """
         if self._track is None:
             self._began = track.time
         self._track, self._rate_variance = track, rate_variance
 
     def predicted(self, time: float, yaw: float, acceleration_density: float) -> Track | None:
-        """The kept track at `time`, with decaying rate, growing variance and open ambiguity; None once it is too old.
+        """The kept track at `time`, with decaying rate, growing variance and unresolved ambiguity; None when it is too old.
 
         Parameters:
-            time (s): of the prediction.
-            yaw (rad): of the rig in the world at that time.
-            acceleration_density (rad^2/s^3): of the target.
+            time (s): time of the prediction.
+            yaw (rad): yaw of the rig in the world at that time.
+            acceleration_density (rad^2/s^3): spectral density of the target's angular acceleration.
         """
         last = self._track
         if last is None or not 0.0 <= (dt := time - last.time) < min(self._longest, last.time - self._began):

@@ -16,10 +16,10 @@ class Comparison(NamedTuple):
 
     Parameters:
         component: the component.
-        row: measurement row, the derivatives by azimuth, azimuth rate and elevation.
+        row: measurement row, the derivatives with respect to azimuth, azimuth rate and elevation.
         variance: variance of the innovation.
         innovation: measured minus predicted value.
-        fit: likelihood relative to that of a component that predicts the measured value exactly and surely; 1 at best.
+        fit: likelihood relative to that of a component that predicts the measured value without error and variance; at most 1.
     """
 
     component: GaussianComponent
@@ -30,7 +30,7 @@ class Comparison(NamedTuple):
 
 
 class DoaLikelihood(Protocol):
-    """A direction of arrival that components can be compared with."""
+    """A direction of arrival to compare with components."""
 
     def compare(self, component: GaussianComponent, lag: float) -> Comparison:
         """Compare with the state of a component `lag` s before its time."""
@@ -42,7 +42,7 @@ class ConeLikelihood:
     Parameters:
         axis (rad): azimuth of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
-        variance: of the cosine's error, from all causes.
+        variance: variance of the cosine's error from all causes.
     """
 
     def __init__(self, axis: float, cosine: float, variance: float) -> None:
@@ -56,11 +56,11 @@ class ConeLikelihood:
 
 
 class DirectionLikelihood:
-    """Alternative directions, of which the one nearest to a component counts.
+    """Alternative directions; each component is compared with the nearest one.
 
     Parameters:
         azimuths (rad): azimuths in the world.
-        variances (rad^2): of their errors.
+        variances (rad^2): variances of their errors.
     """
 
     def __init__(self, azimuths: Sequence[float], variances: Sequence[float]) -> None:

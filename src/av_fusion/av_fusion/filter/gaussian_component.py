@@ -14,7 +14,7 @@ LEAST_ASSOCIATION, LEAST_ELEVATION_ASSOCIATION = 1e-6, 0.05  # probabilities bel
 
 
 class MotionModel(NamedTuple):
-    """How targets move, seen from the rig.
+    """Motion of targets as seen from the rig.
 
     Parameters:
         acceleration_density (rad^2/s^3): spectral density of the azimuth's acceleration.
@@ -36,14 +36,14 @@ class GaussianComponent:
 
     Parameters:
         weight: probability of the component.
-        azimuth (rad), azimuth_variance (rad^2): of the direction in the world.
-        rate (rad/s), rate_variance (rad^2/s^2): of the azimuth.
-        elevation (rad), elevation_variance (rad^2): of the direction.
-        ar, ae, re: covariances.
-        elevation_measured: whether the elevation rests on a measurement or on the motion model alone.
+        azimuth (rad), azimuth_variance (rad^2): azimuth in the world and its variance.
+        rate (rad/s), rate_variance (rad^2/s^2): rate of the azimuth and its variance.
+        elevation (rad), elevation_variance (rad^2): elevation and its variance.
+        ar (rad^2/s), ae (rad^2), re (rad^2/s): covariances of azimuth and rate, azimuth and elevation, rate and elevation.
+        elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
         p_hidden: probability that fog hides the target from the camera.
-        hidden_time (s): when that was last predicted.
-        p_outlier: probability that the direction of arrival stems from something else than this target.
+        hidden_time (s): time for which p_hidden is valid.
+        p_outlier: probability that the direction of arrival does not stem from this target.
     """
 
     weight: float
@@ -85,7 +85,12 @@ class GaussianComponent:
                                    + (diffusion - model.elevation_density) * dt)
 
     def innovation(self, azimuth: float, lag: float) -> float:
-        """Measured minus predicted azimuth (rad), of a measurement `lag` s before the component's time."""
+        """Measured minus predicted azimuth (rad).
+
+        Parameters:
+            azimuth (rad): measured azimuth in the world.
+            lag (s): time of the component minus time of the measurement.
+        """
         return remainder(azimuth - self.azimuth + lag * self.rate, tau)
 
     def expected_variance(self, lag: float) -> float:
@@ -120,16 +125,20 @@ class GaussianComponent:
                 (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
 
     def update(self, row: tuple[float, float, float], total: float, innovation: float, share: float) -> None:
-        """Update by a scalar measurement that belongs to this component with probability `share`.
+        """Update by a scalar measurement.
 
-        `row` is its measurement row, `total` the variance of the innovation.
+        Parameters:
+            row: measurement row, the derivatives with respect to azimuth, rate and elevation.
+            total: variance of the innovation.
+            innovation: measured minus predicted value.
+            share: probability that the measurement belongs to this component.
         """
         if share >= LEAST_ASSOCIATION:
             mean = share * innovation
             self._shift(row, total, mean, mean * innovation - mean * mean - share * total)
 
     def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
-        """Change mean and variance of the quantity that `row` measures (variance `total`), and what is correlated with it."""
+        """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
         h_a, h_r, h_e = row
         g_a = (h_a * self.azimuth_variance + h_r * self.ar + h_e * self.ae) / total
         g_r = (h_a * self.ar + h_r * self.rate_variance + h_e * self.re) / total
@@ -147,12 +156,12 @@ class GaussianComponent:
     def missed_detection(self, time: float, visibility: float, chance: float, fraction: float) -> float:
         """Probability that an image does not show the target.
 
-        Fog that hides the target in one image hides it in the next: a hundred images in fog are hardly more evidence than one.
-        Fog changes slowly, over OCCLUSION_S.
+        Fog changes slowly, over OCCLUSION_S. It hides the target in successive images, so that a hundred images in fog are
+        hardly more evidence than one.
 
         Parameters:
-            time (s): of the image.
-            visibility: of the image, 0..1.
+            time (s): capture time of the image.
+            visibility: visibility of the image, 0..1.
             chance: probability that a target that is not hidden is in view and detected.
             fraction: effective sample fraction of the image.
         """
@@ -176,7 +185,7 @@ class GaussianComponent:
         if abs(math.sin(offset)) > 1.3 * sigma:  # less than a tenth beyond the axis
             return [self]
         if math.cos(offset) < 0.0:
-            offset = remainder(offset + math.pi, tau)  # the axis' other end is nearer
+            offset = remainder(offset + math.pi, tau)  # the other end of the axis is nearer
         parts = []
         for side in (1.0, -1.0):
             start = side * offset / sigma
@@ -189,10 +198,13 @@ class GaussianComponent:
 
     def update_azimuth(self, lag: float, innovations: Sequence[float], variances: Sequence[float],
                        shares: Sequence[float]) -> None:
-        """Update by azimuths measured `lag` s ago.
+        """Update by alternative azimuths, by probabilistic data association (Bar-Shalom and Tse, 1975).
 
-        Probabilistic data association (Bar-Shalom and Tse, 1975): each belongs to this component with the probability in
-        `shares`, which may sum to less than one; the rest is the probability that none does.
+        Parameters:
+            lag (s): time of the component minus time of the measurement.
+            innovations (rad): measured minus predicted azimuths.
+            variances (rad^2): variances of the measured azimuths.
+            shares: probabilities that the azimuths belong to this component; the rest to 1 is the probability that none does.
         """
         share = mean = square = information = 0.0
         for s, nu, variance in zip(shares, innovations, variances, strict=True):
@@ -203,7 +215,12 @@ class GaussianComponent:
             self._shift((1.0, -lag, 0.0), total, mean, square - mean * mean - share * total)
 
     def update_elevation(self, elevation: float, variance: float, share: float) -> None:
-        """Update by a measured elevation that belongs to this component with probability `share`."""
+        """Update by a measured elevation.
+
+        Parameters:
+            elevation (rad), variance (rad^2): measured value and its variance.
+            share: probability that the measurement belongs to this component.
+        """
         if share > LEAST_ELEVATION_ASSOCIATION and math.isfinite(elevation) and 0.0 < variance < math.inf:
             self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, elevation - self.elevation, share)
             self.elevation_measured = True

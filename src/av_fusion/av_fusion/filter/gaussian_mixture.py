@@ -1,4 +1,4 @@
-"""The posterior at one time: Gaussian components, and a uniform background for a target elsewhere, or none."""
+"""The posterior at one time: Gaussian components, and a uniform background for a target elsewhere or no target."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from av_fusion.measurement.measurements import Detection
 AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
 OUTLIER_S = 2.0  # correlation time of a source of outliers that is always present
-LEAST_WEIGHT = 1e-6  # of a component
+LEAST_WEIGHT = 1e-6  # least weight of a component
 LEAST_BACKGROUND = 1e-9
 LARGEST_BIRTH_RATIO = 50.0  # weight of a birth over that of the background
 _WEIGHT = attrgetter('weight')
@@ -25,7 +25,7 @@ class BirthComponent(NamedTuple):
 
     Parameters:
         azimuth (rad), variance (rad^2): the direction.
-        ratio: weight of the birth over that of the background; an existing component that gates the direction gets it.
+        ratio: weight of the birth over that of the background; an existing component that gates the direction receives it.
         detection: the detection that it stems from, if any.
         least: smallest weight of the component afterwards, over that of the background.
     """
@@ -38,7 +38,9 @@ class BirthComponent(NamedTuple):
 
 
 class GaussianMixture:
-    """Weights of components and background sum to one after `reduce`. `lag` is in s before the mixture's time.
+    """Gaussian components and a background, whose weights sum to one after `reduce`.
+
+    The argument `lag` (s) is the time of the mixture minus the time of a measurement.
 
     Attributes:
         components: the Gaussians.
@@ -46,8 +48,8 @@ class GaussianMixture:
         p_outlier: probability that the direction of arrival is an outlier if the target is in the background.
 
     Parameters:
-        model: how targets move.
-        rate_variance (rad^2/s^2): of the azimuth rate of a birth.
+        model: motion of targets.
+        rate_variance (rad^2/s^2): initial variance of the azimuth rate of a birth.
         lost_variance (rad^2): components of larger variance are removed.
     """
 
@@ -99,7 +101,7 @@ class GaussianMixture:
     def add_births(self, lag: float, noise_scale: float, births: Sequence[BirthComponent]) -> None:
         """Start components, or add the weight of births to components that gate them.
 
-        The caller reduces the background's weight, since it knows what else the measurement says about the background.
+        The weight of the background remains; the caller updates it by the likelihood of the whole measurement.
         """
         known = tuple(self.components)
         for birth in births:

@@ -9,17 +9,17 @@ from av_fusion.measurement.measurements import DoaMeasurement
 MEMORY_S = 60.0  # time constant of forgetting
 PRIOR_S = 3.0  # weight of the prior, in seconds of comparisons
 LONGEST_STEP_S = 0.5  # weight of one comparison
-TOLERANCE = math.radians(5.0)  # of the array's mounting, and of the target's motion between two images
+TOLERANCE = math.radians(5.0)  # for the array's mounting and the target's motion between two images
 PRIOR_OUTLIER = 0.1  # probability of an outlier before a comparison
 
 
 class OutlierRateEstimator:
-    """Learns the rate of outliers from sightings: the mean of a beta distribution with exponential forgetting.
+    """Estimates the rate of outliers from sightings: the mean of a beta distribution with exponential forgetting.
 
-    Each comparison counts by the posterior probability of an outlier, and by the time since the previous one.
+    Each comparison counts as an outlier by its posterior probability, weighted by the time since the previous one.
 
     Parameters:
-        prior: rate before any comparison; 0 turns outliers off.
+        prior: rate before any comparison; 0 disables outliers.
     """
 
     def __init__(self, prior: float) -> None:
@@ -30,12 +30,18 @@ class OutlierRateEstimator:
     def rate(self, confidence: float) -> float:
         """Long-run probability of an outlier among directions of arrival of this confidence.
 
-        A confidence tells the probability of clutter in each window; the share of it that persists grows with its square.
+        The confidence gives the probability of clutter in each window; the share of persistent clutter grows with its square.
         """
         return 1.0 - (1.0 - self._rate) * (1.0 - (1.0 - confidence) ** 2) if self._prior > 0.0 else 0.0
 
     def compare(self, measurement: DoaMeasurement, time: float, azimuth: float) -> None:
-        """Learn from a direction of arrival and the body azimuth (rad) in which the camera saw the target at `time` (s)."""
+        """Update the rate by a direction of arrival and a sighting.
+
+        Parameters:
+            measurement: the direction of arrival.
+            time (s): capture time of the measurement.
+            azimuth (rad): body azimuth in which the camera saw the target at that time.
+        """
         seconds = min(abs(time - self._time), LONGEST_STEP_S)
         self._time = time
         miss, variance = min(((math.remainder(h.azimuth - azimuth, math.tau), h.azimuth_variance)

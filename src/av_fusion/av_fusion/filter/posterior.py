@@ -65,8 +65,8 @@ class Posterior:
         Parameters:
             time (s): its capture time.
             measurement: the direction in the body frame.
-            yaw (rad), yaw_rate (rad/s): of the rig at that time.
-            outlier_rate: long-run probability that it stems from something else than the target.
+            yaw (rad), yaw_rate (rad/s): yaw of the rig and its rate at that time.
+            outlier_rate: long-run probability that it does not stem from the target.
         """
         lag = self.advance(time)
         # Windows overlap: each adds evidence of its new part only, as if its noise were larger by the inverse fraction.
@@ -117,7 +117,7 @@ class Posterior:
         Parameters:
             time (s): its capture time.
             measurement: the image's detections in the body frame.
-            yaw (rad): of the rig at that time.
+            yaw (rad): yaw of the rig at that time.
 
         Returns the score of the detection that supports the track, 0 if none does.
         """
@@ -140,7 +140,7 @@ class Posterior:
         if best is not None:
             self.newest_sighting = max(self.newest_sighting, time)
             self.process_noise.adapt(fraction)
-            # A calibrated score is the probability that this is the target, wherever the target was thought to be.
+            # A calibrated score is the probability that this is the target, independent of the predicted direction.
             self.mixture.add_births(lag, self.process_noise.value, [
                 BirthComponent(remainder(yaw + d.azimuth, tau), d.azimuth_variance, odds_of(d) * fraction, d, odds_of(d))
                 for d in detections])

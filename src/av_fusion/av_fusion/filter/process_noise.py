@@ -1,4 +1,4 @@
-"""Adaptive process noise: how strongly the target accelerates at present."""
+"""Adaptive process noise: the present acceleration of the target relative to the motion model."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ LEAST, LARGEST = 0.03, 10.0  # bounds of the scale
 LEAST_IN_VIEW = 0.1  # lower bound while the camera sees the target
 STEADY_COUNT = 7.0  # independent measurements of steady motion that halve the upper bound of 1
 MANOEUVRE_SCALE = 2.0  # a scale above this is a manoeuvre, after which steadiness is counted from zero
-SLOW = math.radians(5.0)  # rad/s; a target that hardly moves does not show how it moves
+SLOW = math.radians(5.0)  # rad/s; slower motion is not evidence of steadiness
 
 
 class AdaptiveProcessNoise:
@@ -18,8 +18,8 @@ class AdaptiveProcessNoise:
 
     It rises after large innovations and falls after small ones, judged by the normalised innovation squared (Bar-Shalom, Li,
     Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 11.2.2), averaged over all components
-    by weight. It is common to all components: with a scale of its own, a false image of large innovations could soon follow
-    any measurement, and would outlive the true one. Below 1 it falls with the duration of steady motion, since a target that
+    by weight. It is common to all components: with a separate scale, a false image with large innovations could soon follow
+    any measurement, and would outlast the true one. Below 1 it falls with the duration of steady motion, since a target that
     has moved steadily for seconds rarely turns back just at end-fire, where the turn cannot be observed.
 
     Attributes:
@@ -34,16 +34,16 @@ class AdaptiveProcessNoise:
         """Add the innovation of a component.
 
         Parameters:
-            weight: of the component.
-            rate (rad/s): of its azimuth.
-            innovation, variance: of any scalar measurement, and the innovation's variance.
+            weight: weight of the component.
+            rate (rad/s): rate of its azimuth.
+            innovation, variance: innovation of a scalar measurement and its variance, in any unit.
         """
         self._nis += weight * min(innovation * innovation / variance, LARGEST_NIS)
         self._weight += weight
         self._moving += weight * rate * rate / (rate * rate + SLOW**2)
 
     def adapt(self, fraction: float) -> None:
-        """Use the innovations noted since the last call; `fraction` is the measurement's effective sample fraction."""
+        """Adapt the scale to the innovations noted since the last call, with the effective sample fraction `fraction`."""
         excess = self._nis - EXPECTED_NIS * self._weight
         value = self.value * math.exp((RISE if excess > 0.0 else FALL) * fraction * excess)
         self._steady = 0.0 if value > MANOEUVRE_SCALE else self._steady + fraction * self._moving

@@ -21,17 +21,16 @@ class BayesSettings:
         rate_sigma (rad/s): prior standard deviation of the azimuth rate.
         loss_rate (1/s): rate at which the target disappears and another one appears anywhere.
         sound_floor_sigma (rad): error of directions of arrival beyond what they report.
-        outlier_rate: prior share of directions of arrival that stem from something else than the target; 0 turns outliers
-            off.
+        outlier_rate: prior share of directions of arrival that do not stem from the target; 0 disables outliers.
         detection_probability: probability that a visible target in view is detected.
         sight_correlation (s): correlation time of the errors of successive images.
         lost_sigma (rad): a track of larger standard deviation ends.
-        coast (s): how long a track is predicted when measurements no longer support it.
+        coast (s): longest prediction of a track that measurements no longer support.
         confirm_threshold: probability from which the front-back ambiguity counts as resolved.
-        release_threshold: probability below which it counts as open again.
+        release_threshold: probability below which it counts as unresolved again.
         assumed_visibility: visibility (0..1) of images without one.
-        sound_delay, sight_delay (s): how much later than true the stamps of the sensors are.
-        machine, rotation, self_calibration: settings of parts.
+        sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
+        machine, rotation, self_calibration: settings of the parts.
     """
 
     acceleration_density: float = 0.02

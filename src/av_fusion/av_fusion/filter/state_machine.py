@@ -14,9 +14,9 @@ class MachineSettings:
 
     Parameters:
         tau: score of a detection from which the camera leads.
-        hysteresis: how far the score may fall below tau before the camera stops leading.
+        hysteresis: difference below tau at which the camera stops leading.
         dwell (s): least time in a state.
-        sight_timeout, sound_timeout (s): how long an image, or a direction of arrival, counts.
+        sight_timeout, sound_timeout (s): age up to which an image, or a direction of arrival, is used.
 
     Raises ValueError for values out of range.
     """
@@ -71,7 +71,7 @@ class StateMachine:
         """The state at `time`.
 
         Parameters:
-            time (s): of the decision.
+            time (s): time of the decision.
             supported: whether measurements support a track; without one the state is NONE or COASTING.
             coasting: whether an earlier track is predicted.
         """
@@ -93,7 +93,7 @@ class StateMachine:
         return self.state
 
     def diagnostics(self) -> dict[str, str]:
-        """State and reason, for people."""
+        """State and reason, as texts for diagnostics."""
         return {'state': self.state.name, 'reason': self.reason}
 
     def _reason(self, state: State, gate: float, recent_image: bool, supported: bool) -> str:
@@ -103,5 +103,5 @@ class StateMachine:
             return 'measurements contradict the track: it is predicted'
         if state == State.VISUAL_ACTIVE:
             return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
-        blind = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
-        return blind if state == State.ACOUSTIC_ACTIVE else f'{blind} and no recent direction of arrival'
+        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
+        return weak_sight if state == State.ACOUSTIC_ACTIVE else f'{weak_sight} and no recent direction of arrival'

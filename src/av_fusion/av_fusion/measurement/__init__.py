@@ -1,1 +1,1 @@
-"""Measurements in the body frame, made of messages."""
+"""Conversion of messages to measurements in the body frame."""

@@ -22,11 +22,11 @@ class MeasurementConverter:
     """Converts `DoaArray` and `Detection2DArray` messages to measurements.
 
     Attributes:
-        camera: the camera that takes the images; None while unknown, when detections cannot be converted.
-        problem: why the newest detections or camera description could not be used; empty when nothing is wrong.
+        camera: intrinsics of the camera; None while unknown, and detections are not converted until then.
+        problem: reason why the newest detections or CameraInfo could not be used; empty without one.
 
     Parameters:
-        rotation_of: gives the rotation matrix (3, 3) from a named sensor frame to the body frame, None if unknown.
+        rotation_of: function from the name of a sensor frame to the rotation matrix (3, 3) from it to the body frame, or None.
         target_classes: class names of detections that may be the target.
         camera: initial value of the attribute; `set_camera_info` replaces it.
     """
@@ -58,7 +58,9 @@ class MeasurementConverter:
     def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
         """The detections of target classes in a `vision_msgs/Detection2DArray`; None if frame or camera are unknown.
 
-        `visibility` (0..1, NaN if unknown) is that of the image.
+        Parameters:
+            message: the detections.
+            visibility: visibility 0..1 of the image, NaN if unknown.
         """
         if self.camera is None:
             self.problem = self.problem or NO_CAMERA

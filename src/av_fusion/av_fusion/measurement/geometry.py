@@ -22,7 +22,7 @@ from av_fusion.measurement.measurements import (
 from av_interfaces.msg import Doa, DoaArray
 from av_vision.bearing import BearingModel, bearings_of_boxes
 
-LEAST_LEVEL = 0.1  # horizontal part of an axis: what is closer to the vertical does not measure azimuth
+LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
 
 _Rows = list[list[float]]  # of a rotation matrix: for a few directions plain numbers are faster than arrays
@@ -52,15 +52,15 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
 
 
 def _cone_of(axis: Sequence[float], images: Sequence[Doa]) -> Cone | None:
-    """The cone of which two hypotheses are the images, with an axis (body frame); None for what is no cone.
+    """The cone whose images are two hypotheses, with an axis in the body frame; None when there is no cone.
 
-    Targets are taken to be far below 90 degrees of elevation: of a tilted axis only the horizontal part counts.
+    Targets are assumed to be far below 90 degrees of elevation, so that only the horizontal part of a tilted axis matters.
     """
     level = math.hypot(axis[0], axis[1])
     if len(images) != 2 or level < LEAST_LEVEL or not math.isfinite(images[0].cosine):
         return None
     cosine = images[0].cosine
-    if abs(cosine) <= 1.0 + COSINE_TOLERANCE:  # else the sender's error, which is refused later
+    if abs(cosine) <= 1.0 + COSINE_TOLERANCE:  # otherwise an error of the sender, which is refused later
         cosine = min(max(cosine / level, -1.0), 1.0)
     return Cone(math.atan2(axis[1], axis[0]), cosine, images[0].cosine_variance / level**2)
 
@@ -77,10 +77,10 @@ def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes
 
     Parameters:
         time (s): capture time.
-        camera: took the image.
+        camera: intrinsics of the camera.
         centres, sizes (n, 2; pixels), scores (n,): boxes of the detections.
         rotation (3, 3): turns vectors of the camera's optical frame into the body frame.
-        visibility: 0..1, NaN if unknown.
+        visibility: visibility 0..1, NaN if unknown.
         model: errors of boxes.
     """
     found = detections_in_body(camera, centres, sizes, scores, rotation, model)

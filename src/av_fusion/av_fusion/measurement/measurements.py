@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeVar
 
-LEAST_SINE = 0.05  # close to its axis a linear array measures azimuth with a finite error all the same
-COSINE_TOLERANCE = 1e-3  # of what single precision and rotations make of a cosine of 1
-LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; a variance outside is the sender's error, or says nothing
+LEAST_SINE = 0.05  # even close to its axis a linear array measures azimuth with a finite error
+COSINE_TOLERANCE = 1e-3  # excess of a cosine over 1 by single precision and rotations
+LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; variances outside are errors of the sender, or carry no information
 
 
 class Hypothesis(NamedTuple):
@@ -29,7 +29,7 @@ class Hypothesis(NamedTuple):
 
 
 class Cone(NamedTuple):
-    """What a linear array measures: the angle between the direction of arrival and the array's axis.
+    """Measurement of a linear array: the angle between the direction of arrival and the array's axis.
 
     Parameters:
         axis (rad): azimuth of the array's axis in the body frame.
@@ -65,9 +65,9 @@ class DoaMeasurement(NamedTuple):
         time (s): centre of the window.
         hypotheses: mirror images, of which exactly one is the direction of the source.
         confidence: probability 0..1 that the source is the target and not noise.
-        window (s): length of sound that the estimate rests on; estimates of overlapping windows are not independent.
-        cone: what a linear array measured, whose two images the hypotheses are; None for other arrays. The hypotheses are
-            estimates of the angle, which differ from the images of the measured cosine close to the axis.
+        window (s): length of the analysis window; estimates of overlapping windows are not independent.
+        cone: the cone of a linear array, whose two images are the hypotheses; None for other arrays. Close to the axis the
+            hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
     """
 
     time: float

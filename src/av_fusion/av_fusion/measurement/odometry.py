@@ -1,4 +1,4 @@
-"""Heading of the rig in odometry messages."""
+"""Yaw of the rig from odometry messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rig's heading at any recent time, so that a late measurement is rotated by the yaw of its own time."""
+"""The rig's yaw over recent time, so that a late measurement is rotated by the yaw at its capture time."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from math import remainder, tau
 
 
 class RigMotion:
-    """Interpolates the yaw between recent poses; without poses the rig counts as standing still.
+    """Interpolates the yaw between recent poses; without poses the rig is assumed to stand still.
 
     Poses must arrive in order of time: a late one is ignored, so that the buffer stays sorted. After a jump back by more than
     the buffer's length, such as a restarted bag, the buffer is emptied.
 
     Parameters:
         keep_s (s): length of the buffer.
-        extrapolate_s (s): how long the newest pose is extrapolated by its rate.
+        extrapolate_s (s): longest extrapolation of the newest pose by its rate.
     """
 
     def __init__(self, keep_s: float = 5.0, extrapolate_s: float = 0.3) -> None:
         self._keep_s = keep_s
         self._extrapolate_s = extrapolate_s
         self._times: list[float] = []
-        self._yaws: list[float] = []   # unwrapped, so that interpolation crosses the seam
+        self._yaws: list[float] = []   # unwrapped, so that interpolation crosses +-pi
         self._rates: list[float] = []
 
     def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:

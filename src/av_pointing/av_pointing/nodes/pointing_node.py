@@ -1,4 +1,4 @@
-"""Bearings in; commands for gimbal and body out, limited and safe to obey."""
+"""Subscribes to bearings and publishes commands for gimbal and body within their limits."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class PointingNode(RigNode):
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
     def activate(self) -> None:
-        """Subscribe to the fusion; without bearings a timer asks for commands."""
+        """Subscribe to the fusion, and start the timer for commands without bearings."""
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
         self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     def deactivate(self) -> None:
-        """Leave with a command that moves nothing."""
+        """Publish a last command that moves nothing."""
         self._stage.controller.enabled = False
         now = self.now()
         self._publish(self._stage.on_time(now), now)
@@ -66,7 +66,7 @@ class PointingNode(RigNode):
         self._publisher.publish(command)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Whether bearings arrive and what is commanded."""
+        """Report the rate of bearings and the newest command."""
         if self._meter.age > 1.0:
             status.mergeSummary(DiagnosticStatus.WARN, 'no target/bearing')
         status.add('bearing rate (Hz)', f'{self._meter.rate:.1f}')

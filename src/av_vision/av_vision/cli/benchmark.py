@@ -1,7 +1,7 @@
-"""`ros2 run av_vision benchmark [INPUT]`: what the detector costs on this machine, beside the bare network.
+"""`ros2 run av_vision benchmark [INPUT]`: processing time of the detector on this machine, compared with the bare network.
 
-The bare session and the whole way from image to detections take turns in one run, so that both see the same machine;
-medians and the best decile are printed.
+The bare session and the complete detector run alternately, under the same load of the machine. Medians and best deciles are
+printed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
 
 def milliseconds(call: Callable[[], object]) -> float:
-    """How long a call takes."""
+    """Duration of a call in ms."""
     started = time.perf_counter()
     call()
     return 1e3 * (time.perf_counter() - started)
@@ -38,13 +38,13 @@ def tensor_of(detector: Detector, image: NDArray) -> NDArray:
 
 
 def open_detector(path: Path, size: int, threads: int) -> Detector:
-    """A detector with the wanted input where the model leaves the choice."""
+    """Open a detector, with the given input size if the model has dynamic input."""
     own = Detector(path, DetectorSettings(threads=threads))
     return Detector(path, DetectorSettings(threads=threads, input_size=size)) if own.model.dynamic_size and size else own
 
 
 def compare(detectors: dict[str, Detector], images: list[NDArray], rounds: int) -> dict[str, NDArray]:
-    """Times in ms (2, rounds) of the bare session and of the whole way, for each detector, taken in turns."""
+    """Times in ms (2, rounds) of the bare session and of the complete detector, for each detector, measured alternately."""
     times = {name: np.empty((2, rounds)) for name in detectors}
     temporal = {name: TemporalDetector(detector) for name, detector in detectors.items()}
     for k in range(rounds):

@@ -1,4 +1,4 @@
-"""`ros2 run av_vision detect INPUT`: detections in a video, an image or a folder of images, as the node makes them."""
+"""`ros2 run av_vision detect INPUT`: detections in a video, an image or a folder of images, by the stage of detector_node."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ COLUMNS = ('frame', 'time', 'class', 'score', 'x', 'y', 'w', 'h', 'track')
 
 
 class VideoWriter:
-    """A video file of the first frame's size, into which others are fitted; raises SourceError when it cannot be written."""
+    """A video file of the size of the first frame, to which others are scaled; raises SourceError when it cannot be written."""
 
     def __init__(self, path: Path, rate: float) -> None:
         self._path, self._rate = path, rate
@@ -37,7 +37,7 @@ class VideoWriter:
             if not self._video.isOpened():
                 raise SourceError(f'{self._path} cannot be written as a video')
             self._size = image.shape[:2]
-        # OpenCV silently leaves out frames of another size.
+        # OpenCV silently skips frames of another size.
         self._video.write(image if image.shape[:2] == self._size else letterbox(image, *self._size)[0])
 
     def close(self) -> None:
@@ -72,13 +72,13 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
                         'or all: every class under its own name (default: the class drone)')
     parser.add_argument('--threshold', type=float, default=0.0, help="least score (default: the model's own)")
     parser.add_argument('--size', type=int, default=0, help='longer side of the image for the network (dynamic models)')
-    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='search tiles of this side too')
+    parser.add_argument('--slice', type=int, default=0, metavar='PIXELS', help='also search tiles of this side')
     parser.add_argument('--no-temporal-fusion', dest='temporal_fusion', action='store_false',
-                        help='take each image by itself, as in a folder of unrelated ones')
+                        help='treat images independently, for a folder of unrelated images')
     parser.add_argument('--rate', type=float, default=0.0, help="frames/s (default: the video's own, 30 for a folder)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--csv', action='store_true', help='rows with a header (the default)')
-    form.add_argument('--json', action='store_true', help='one JSON object a row')
+    form.add_argument('--json', action='store_true', help='one JSON object per row')
     parser.add_argument('--output', type=Path, help='write the rows here instead of standard output')
     parser.add_argument('--save-video', type=Path, metavar='OUT', help='write the input with boxes drawn, as .mp4')
     parser.add_argument('--quiet', action='store_true', help='no progress')

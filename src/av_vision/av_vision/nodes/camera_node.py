@@ -1,4 +1,4 @@
-"""Images of a file or a camera as Image and CameraInfo messages."""
+"""Publishes the images of a file or a camera as Image and CameraInfo messages."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class CameraNode(RigNode):
         return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Rate, losses and the end of a file."""
+        """Report rate, losses and the end of a file."""
         status.add('images per second', f'{self._rate.rate:.1f}')
         status.add('reconnections', str(self._capture.reconnections))
         status.add('skipped', str(getattr(self._source, 'skipped', 0)))

@@ -1,4 +1,4 @@
-"""Image messages in, detections with track numbers and visibility out."""
+"""Publishes detections with track numbers, and visibility, for image messages."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ STALE_S = 2.0
 class DetectorNode(RigNode):
     """Runs the detection stage on the newest image of `camera/image_raw` and publishes `detections`, empty for no detection.
 
-    The stage runs in a thread of its own; images that arrive meanwhile replace each other and are counted as dropped.
+    The stage runs in a separate thread; images that arrive meanwhile replace each other and are counted as dropped.
     `visibility` is published for some of the images, the debug image `detections/image` only while it has subscribers.
     """
 
@@ -77,7 +77,7 @@ class DetectorNode(RigNode):
             try:
                 self._detect(message)
             except (ValueError, cv2.error) as error:
-                self._leave_out(error)
+                self._skip(error)
                 continue
             self._took = time.perf_counter() - started
             self._images.tick()
@@ -96,19 +96,19 @@ class DetectorNode(RigNode):
         try:
             self._stage.on_depth(message)
         except ValueError as error:
-            self._leave_out(error)
+            self._skip(error)
 
-    def _leave_out(self, error: Exception) -> None:
+    def _skip(self, error: Exception) -> None:
         self._unusable += 1
         if str(error) != self._image_problem:
-            self.get_logger().error(f'image left out: {error}')
+            self.get_logger().error(f'image skipped: {error}')
         self._image_problem = str(error) or repr(error)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Rate, time per image, losses."""
+        """Report rate, time per image and losses."""
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
-        status.add('dropped (a newer one came)', str(self._latest.dropped))
+        status.add('dropped (replaced by a newer image)', str(self._latest.dropped))
         status.add('unusable', str(self._unusable))
         if self._image_problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._image_problem)

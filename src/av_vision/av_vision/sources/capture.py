@@ -1,4 +1,4 @@
-"""A thread that reads a camera and outlives its unplugging."""
+"""A thread that reads a camera and reopens it after it was unplugged."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from av_common.camera import PinholeCamera
 
 
 class SourceError(RuntimeError):
-    """A camera or file that cannot be opened or has stopped answering."""
+    """A camera or file cannot be opened or read."""
 
 
 @dataclass(frozen=True)
 class CapturedImage:
-    """An image and what a source knows of it.
+    """An image with the data of its source.
 
     Parameters:
         pixels (h, w[, channels]): BGR uint8, or grey of 8 or 16 bits.
-        time (s): of capture, on the caller's clock.
+        time (s): time of capture, on the caller's clock.
         camera: intrinsics that the device reports.
-        depth (h, w; mm): uint16, aligned to the pixels.
+        depth (h, w; mm): depth as uint16, aligned to the pixels.
     """
 
     pixels: NDArray
@@ -51,7 +51,7 @@ class Capture:
 
     Parameters:
         source: camera or file.
-        deliver: called with each image, in the thread.
+        deliver: function that is called with each image, in the thread.
         retry_s (s): pause before the source is opened again.
     """
 

@@ -1,4 +1,4 @@
-"""Videos and folders of images as a camera."""
+"""Sources that play videos and folders of images like a camera."""
 
 from __future__ import annotations
 
@@ -24,9 +24,17 @@ def image_files(folder: Path) -> list[Path]:
 
 
 class Recording:
-    """A video or a folder of images, frame by frame: `rate` in frames/s (a video's own when 0), `count` of frames or 0.
+    """A video, an image or a folder of images, read frame by frame.
 
-    Raises SourceError for a path that is neither, a video that does not open and an image that cannot be read.
+    Parameters:
+        path: the file or folder.
+        rate (1/s): frames per second; 0 uses the rate of the video, or 30.
+
+    Attributes:
+        rate (1/s): frames per second.
+        count: number of frames; 0 if unknown.
+
+    Raises SourceError for a path, video or image that cannot be read.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0) -> None:
@@ -44,7 +52,7 @@ class Recording:
         video.release()
 
     def frames(self, wanted: Callable[[int], bool] = lambda index: True) -> Iterator[tuple[int, NDArray]]:
-        """Frames as (index, image) in order; those that are not wanted are not decoded."""
+        """Frames as (index, image) in order; frames for which `wanted(index)` is false are not decoded."""
         if self._files:
             for index, path in enumerate(self._files):
                 if wanted(index):
@@ -74,16 +82,16 @@ class Recording:
 
 
 class FileSource:
-    """Plays a recording at its own pace. A frame's time is that of the start plus its own in the file.
+    """Plays a recording in real time. The time of a frame is the start time plus its time in the file.
 
-    Frames that are late by more than a period are left out and counted in `skipped`, as with a camera.
+    Frames that are late by more than a period are skipped and counted in `skipped`.
 
     Parameters:
         path: video, image or folder of images.
-        rate (1/s): frames per second; 0 for the video's own.
+        rate (1/s): frames per second; 0 uses the rate of the video, or 30.
         loop: whether the file starts again at its end.
-        now: the caller's clock in s.
-        wait: called with the seconds until the next frame is due; None for an interruptible wait on the system's clock.
+        now: clock of the caller in s.
+        wait: function that is called with the seconds until the next frame is due; None for an interruptible wait.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time,

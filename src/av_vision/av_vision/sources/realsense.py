@@ -1,4 +1,4 @@
-"""RealSense cameras (and their recordings) through Intel's SDK."""
+"""RealSense cameras and recordings of them, read by Intel's SDK."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from av_common.clock import SenderClock
 from av_vision.sources.capture import CapturedImage, SourceError
 
 TIMEOUT_MS = 2000
-RESTART_S = 1.0  # a stamp that is off by more is of a device that was started again
+RESTART_S = 1.0  # a larger deviation of a stamp means that the device was restarted
 Motion = Callable[[float, tuple[float, float, float], tuple[float, float, float]], None]
 
 
@@ -30,11 +30,18 @@ def sdk() -> ModuleType:
 
 @dataclass
 class RealSenseSource:
-    """The colour images of a RealSense, with aligned depth and motion on demand.
+    """The colour images of a RealSense camera, optionally with aligned depth and motion.
 
-    `serial` picks one of several; `recording` plays a file of the SDK instead; `device` is one that is already there
-    (a software device). `on_motion(time, angular velocity in rad/s, acceleration in m/s^2)` is called from the SDK's
-    thread, in the camera's optical axes.
+    Parameters:
+        serial: serial number of the camera; empty for the first one.
+        width, height (pixels), rate (1/s): mode of the streams.
+        exposure_ms (ms): exposure time; 0 keeps the device's setting.
+        depth: whether to capture depth aligned to the colour image.
+        on_motion: function that the thread of the SDK calls with time (s), angular velocity (rad/s) and acceleration
+            (m/s^2) in the camera's optical frame.
+        recording: file of the SDK to play instead of a camera.
+        device: existing device of the SDK to use instead, such as a software device.
+        now: clock of the caller in s.
     """
 
     serial: str = ''
@@ -50,7 +57,7 @@ class RealSenseSource:
     _running: list[Any] = field(default_factory=list)
 
     def open(self) -> None:
-        """Start the streams; raises SourceError when there is no such device or it has no such mode."""
+        """Start the streams; raises SourceError when the device or its mode is not available."""
         self._rs = sdk()
         try:
             self._start()
@@ -58,20 +65,20 @@ class RealSenseSource:
             raise SourceError(f'RealSense {self.serial or self.recording}: {error}') from error
 
     def read(self) -> CapturedImage:
-        """The next colour image, with the depth that belongs to it; raises SourceError when frames stop coming."""
+        """The next colour image, with the depth that belongs to it; raises SourceError when no frames arrive."""
         while True:
             try:
                 frames = self._queue.wait_for_frames(TIMEOUT_MS)
             except RuntimeError as error:
-                raise SourceError(f'RealSense {self.serial or self.recording} gives no more frames: {error}') from error
+                raise SourceError(f'RealSense {self.serial or self.recording} delivers no more frames: {error}') from error
             if not frames.get_color_frame() or (self.depth and not frames.get_depth_frame()):
                 continue
             taken = self._clock.date(1e-3 * frames.get_color_frame().get_timestamp(), self.now())
-            if taken is not None:  # an image that cannot be dated is left out
+            if taken is not None:  # images without a valid time are skipped
                 return self._captured(frames, taken)
 
     def close(self) -> None:
-        """Stop the streams; harmless when they are stopped or the device is gone."""
+        """Stop the streams; allowed when they are stopped or the device is unplugged."""
         while self._running:
             sensor = self._running.pop()
             try:
@@ -92,7 +99,7 @@ class RealSenseSource:
                 continue
             one_each = {(profile.stream_type(), profile.stream_index()): profile for profile in reversed(wanted)}
             if self.exposure_ms > 0.0 and sensor.supports(rs.option.exposure) and not sensor.is_depth_sensor():
-                sensor.set_option(rs.option.exposure, 10.0 * self.exposure_ms)  # in 0.1 ms, as V4L2 has it
+                sensor.set_option(rs.option.exposure, 10.0 * self.exposure_ms)  # in 0.1 ms, as in V4L2
             if sensor.is_depth_sensor():
                 self._depth_unit = sensor.as_depth_sensor().get_depth_scale()
             sensor.open(list(one_each.values()))

@@ -1,4 +1,4 @@
-"""YOLO models in ONNX of the usual exports; boxes in pixels of the image."""
+"""Detection with YOLO models in ONNX format; boxes are in pixels of the image."""
 
 from av_vision.detections import Detections
 from av_vision.yolo.detector import Detector, DetectorSettings

@@ -1,4 +1,4 @@
-"""The 80 classes of the COCO data set in the order in which YOLO models know them."""
+"""The 80 classes of the COCO data set in the order of YOLO models."""
 
 COCO = tuple("""
 person|bicycle|car|motorcycle|airplane|bus|train|truck|boat|traffic light|fire hydrant|stop sign|parking meter|bench|bird|cat

@@ -1,4 +1,4 @@
-"""Detection in one image: candidates of a network, their suppression, and the selection of what is reported."""
+"""Detection in one image: candidates of a network, their suppression, and the selection by class and score."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
-NEAR = 0.25  # of the image's longer side: a larger object may outgrow a network that gets the image enlarged
+NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
 
 
 @dataclass(frozen=True)
@@ -22,20 +22,20 @@ class DetectorSettings:
     """Options of a detector. Raises ValueError for a value outside its bounds.
 
     Parameters:
-        score_threshold (0-1): least score reported; 0 takes the model's own (metadata `score_threshold`) or 0.25.
-        nms_iou (0-1): of two boxes with a larger intersection over union, that of the lower score is removed.
-        nms_nested (0-1): the same for two boxes of which a larger share of the smaller one lies in the other.
-        max_detections: most detections in an image, the highest scores first.
-        keep: names that are reported, after renaming; all when empty.
-        rename: classes of the model that are reported under another name.
-        layout: meaning of the model's output, of `LAYOUTS`; auto recognises it.
-        class_names: of the model's classes in its order; empty takes the metadata's.
-        input_size (pixels): longer side for models with dynamic input; 0 takes the model's own.
+        score_threshold (0-1): least score of a detection; 0 uses `score_threshold` of the model's metadata, or 0.25.
+        nms_iou (0-1): largest intersection over union of two boxes; otherwise the box of lower score is removed.
+        nms_nested (0-1): largest share of the smaller of two boxes inside the other; otherwise that of lower score is removed.
+        max_detections: largest number of detections in an image, by falling score.
+        keep: names of the detections to report, after renaming; empty for all.
+        rename: new names of classes of the model.
+        layout: layout of the model's output, one of `LAYOUTS`; auto recognises it.
+        class_names: names of the model's classes in its order; empty uses the metadata.
+        input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
         providers: execution providers of onnxruntime in order of preference.
-        threads: for one image; 0 leaves it to onnxruntime.
+        threads: number of threads for one image; 0 uses the default of onnxruntime.
         slice_size (pixels): side of overlapping tiles that are searched besides the whole image, enlarged to the model's
             input, for small far targets; 0 for none.
-        slice_overlap (0-1): least share that neighbouring tiles have in common.
+        slice_overlap (0-1): least share of a tile that is common with its neighbour.
     """
 
     score_threshold: float = 0.0
@@ -79,7 +79,7 @@ class Detector:
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
             if unknown := sorted(set(given) - set(known)):
                 raise ModelError(f'{name} names {unknown}, but {model_path} knows {sorted(set(known))}')
-        # Classes that share a name are one, so that one object seen as a bird and as a kite is one drone.
+        # Classes of one name are merged, so that one object with the classes bird and kite gives one detection.
         self._names = list(dict.fromkeys(names))
         number = np.array([self._names.index(name) for name in names], np.intp)
         self._by_name = np.argsort(number, kind='stable')
@@ -87,11 +87,16 @@ class Detector:
         self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def detect(self, image: NDArray) -> Detections:
-        """Detections in one image: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for an array that is no image."""
+        """Detections in one image: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for other arrays."""
         return self.select(self.candidates(image, self.threshold))[0]
 
     def candidates(self, image: NDArray, floor: float) -> Candidates:
-        """Boxes of all names in an image, in falling order of score, down to a probability `floor`."""
+        """Boxes of all names in an image, by falling score.
+
+        Parameters:
+            image (h, w[, channels]): BGR, grey or 16-bit.
+            floor (0-1): least probability of a box.
+        """
         image = to_bgr8(image)
         boxes, probabilities = self._search(image, floor)
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
@@ -103,7 +108,7 @@ class Detector:
         return Candidates(candidates.boxes[selected], probabilities[selected])
 
     def select(self, candidates: Candidates) -> tuple[Detections, NDArray[np.intp]]:
-        """The candidates above the threshold and of the names wanted, and their indices."""
+        """The candidates above the threshold with the names to report, and their indices."""
         if not len(candidates):
             return Detections(), np.empty(0, np.intp)
         scores, classes = candidates.scores, candidates.probabilities.argmax(axis=1)
@@ -144,7 +149,7 @@ class Detector:
         return self._named(self._in_image(boxes, scale), probabilities)
 
     def _in_image(self, boxes: NDArray, scale: float) -> NDArray:
-        """Boxes of an input, which is an image times `scale`, in the image; their padding has as many pixels in both."""
+        """Boxes in the image from boxes in an input of `scale` times its size; both have the same padding in pixels."""
         middle, half = 0.5 * (boxes[:, :2] + boxes[:, 2:]) / scale, 0.5 * (boxes[:, 2:] - boxes[:, :2])
         padding = np.minimum(0.5 * self.model.box_padding, half)
         half = (half - padding) / scale + padding
@@ -155,7 +160,7 @@ class Detector:
         return fitting_size(height, width, longest) if self.model.dynamic_size else self.model.size
 
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
-        """The likeliest class of each name, without boxes of classes that have no name or of values that are not finite."""
+        """Largest probability of each name, without boxes of unnamed classes or with values that are not finite."""
         count = len(self._by_name)
         inside = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
         good = inside & np.isfinite(boxes).all(axis=1)

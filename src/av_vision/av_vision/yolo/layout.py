@@ -1,4 +1,4 @@
-"""The layouts of YOLO exports: how each is recognised and turned into boxes.
+"""The layouts of YOLO exports: recognition, and conversion to boxes.
 
 Sources: YOLOX (Ge et al. 2021, arXiv:2107.08430) and the documented outputs of the YOLOv5, v8 and v10 exports.
 """
@@ -16,12 +16,21 @@ Decoded = tuple[NDArray[np.float32], NDArray[np.float32]]  # boxes (n, 4), proba
 
 
 class LayoutError(ValueError):
-    """An output that no known YOLO export has."""
+    """The output is not that of a known YOLO export."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How an export wants its input and what its output (rows or columns of one image) means."""
+    """Format of the input and of the output of an export.
+
+    Parameters:
+        name: name of the layout.
+        rgb: whether the input is RGB instead of BGR.
+        scale: factor from 8-bit values to the input.
+        class_count: number of classes from the shape of the output of one image; 0 if it is unknown.
+        decode: function from output, input size (height, width) and threshold to boxes and probabilities.
+        needs_nms: whether boxes need non-maximum suppression.
+    """
 
     name: str
     rgb: bool
@@ -95,8 +104,8 @@ LAYOUTS = {layout.name: layout for layout in (
 def recognise(output: NDArray, size: tuple[int, int]) -> Layout:
     """The layout of a model from its output (1, a, b) for any image of an input size (height, width).
 
-    The number of rows tells the family, for it is the number of cells (v8, YOLOX), three times it (v5), or neither
-    (end to end). Decoded and undecoded YOLOX differ in values alone: decoded centres follow the grid.
+    The number of rows identifies the family: it is the number of cells (v8, YOLOX), three times this number (v5), or
+    neither (end to end). Decoded and undecoded YOLOX differ only in values: decoded centres follow the grid.
     Raises LayoutError with the shape found and those expected.
     """
     if output.ndim != 3 or output.shape[0] != 1:

@@ -1,4 +1,4 @@
-"""Images in the size and the tensor layout of a model's input."""
+"""Conversion of images to the size and the tensor layout of a model's input."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ LETTERBOX_GREY = 114  # the grey that YOLO models are trained with
 
 
 def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArray[np.uint8], float]:
-    """A BGR image (h, w, 3) scaled to fit into height x width, at the top left, grey beyond; and the scale.
+    """A BGR image (h, w, 3) scaled to the top left of a grey image of height x width, and the scale.
 
-    The position of the padding does not matter to a YOLO network, so boxes are mapped back by a division alone.
+    Results of a YOLO network do not depend on the position of the padding, so that a division maps boxes back.
     """
     scale = min(height / image.shape[0], width / image.shape[1])
     if scale != 1.0:
@@ -36,7 +36,14 @@ def fitting_size(image_height: int, image_width: int, longest: int, multiple: in
 
 
 def to_tensor(images: list[NDArray[np.uint8]], rgb: bool, scale: float, dtype: DTypeLike) -> NDArray:
-    """Images of one size (h, w, 3) BGR as a batch (n, 3, h, w) in RGB or BGR, times `scale`."""
+    """Convert images to a batch (n, 3, h, w).
+
+    Parameters:
+        images: BGR images (h, w, 3) of one size.
+        rgb: whether the batch is RGB instead of BGR.
+        scale: factor of all values.
+        dtype: type of the batch.
+    """
     tensor = np.empty((len(images), 3, *images[0].shape[:2]), dtype)
     for image, planes in zip(images, tensor, strict=True):
         # Plane by plane, in half the time of cv2.dnn.blobFromImages.

@@ -1,4 +1,4 @@
-"""A YOLO network in an ONNX file, opened and understood."""
+"""A YOLO network in an ONNX file, with its input size, layout and class names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
 
 
 class ModelError(ValueError):
-    """A model that cannot be used, with the reason."""
+    """A model cannot be used; the message names the reason."""
 
 
 class Model:
@@ -35,10 +35,10 @@ class Model:
     Parameters:
         path: ONNX file.
         providers: execution providers of onnxruntime in order of preference.
-        threads: for one image; 0 leaves it to onnxruntime.
-        layout: of `LAYOUTS`, or auto.
-        class_names: in the model's order; empty takes the metadata's.
-        input_size (pixels): longer side for models with dynamic input; 0 takes the model's own.
+        threads: number of threads for one image; 0 uses the default of onnxruntime.
+        layout: one of `LAYOUTS`, or auto.
+        class_names: names in the order of the model; empty uses the metadata.
+        input_size (pixels): longer side for models with dynamic input; 0 uses the size of the metadata.
     """
 
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
@@ -62,7 +62,7 @@ class Model:
         self.class_names = self._class_names(tuple(class_names), self.layout.class_count(output.shape[1:]))
 
     def run(self, tensor: NDArray) -> NDArray[np.float32]:
-        """Output (n, a, b) of a batch (n, 3, height, width); one by one where the model takes no batches."""
+        """Output (n, a, b) of a batch (n, 3, height, width); images are run one by one when the model has no dynamic batch."""
         if len(tensor) > 1 and not self.dynamic_batch:
             return np.concatenate([self.run(one[None]) for one in tensor])
         try:
@@ -80,11 +80,11 @@ class Model:
                              'expected one image in and one table out, as YOLO detectors have')
         one = inputs[0]
         if one.type not in FLOATS:
-            raise ModelError(f'{self.path} takes {one.type}, expected float or float16 images')
+            raise ModelError(f'{self.path} has an input of {one.type}, expected float or float16 images')
         if len(one.shape) != 4 or (isinstance(one.shape[1], int) and one.shape[1] != 3):
-            raise ModelError(f'{self.path} takes input of shape {one.shape}, expected (batch, 3, height, width)')
+            raise ModelError(f'{self.path} has an input of shape {one.shape}, expected (batch, 3, height, width)')
         if isinstance(one.shape[0], int) and one.shape[0] != 1:
-            raise ModelError(f'{self.path} takes batches of {one.shape[0]}, expected 1 or a dynamic batch')
+            raise ModelError(f'{self.path} has batches of {one.shape[0]}, expected 1 or a dynamic batch')
         return one
 
     def _longest(self, wanted: int, size: list[Any]) -> int:
@@ -133,15 +133,21 @@ class Model:
     def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
         names = given or names_of(self.metadata)
         if names and count and len(names) != count:
-            raise ModelError(f'{self.path} tells {count} classes apart, but {len(names)} class names are given: {names}')
+            raise ModelError(f'{self.path} has {count} classes, but {len(names)} class names are given: {names}')
         if not names and count == len(COCO):
             return COCO  # exports without names and with 80 classes are COCO models
-        # An end-to-end export does not show how many classes it knows.
+        # The output of an end-to-end export does not show the number of classes.
         return names or tuple(f'class_{i}' for i in range(count or 1000))
 
 
 def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxruntime.InferenceSession:
-    """An onnxruntime session; raises ModelError that says what is wrong with the file or which provider is missing."""
+    """Open an onnxruntime session; raises ModelError for an unusable file and for a provider that is not installed.
+
+    Parameters:
+        path: ONNX file.
+        providers: execution providers in order of preference.
+        threads: number of threads for one image; 0 uses the default of onnxruntime.
+    """
     installed = onnxruntime.get_available_providers()
     missing = [provider for provider in providers if provider not in installed]
     if missing or not providers:
@@ -154,7 +160,7 @@ def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxrunt
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 3
-    # Idle threads that spin would take the cores from the nodes beside this one.
+    # Spinning of idle threads would take processor time from the other nodes.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
