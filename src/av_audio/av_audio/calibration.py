@@ -57,6 +57,10 @@ def search_array(array: MicrophoneArray) -> MicrophoneArray:
 def measured_path(array: MicrophoneArray, estimates: Iterable[DoaEstimate]) -> tuple[NDArray, NDArray]:
     """Times (n,) in s and path differences c tau (n,) in m of confident estimates that were made with `search_array(array)`.
 
+    Parameters:
+        array: the pair with its nominal positions.
+        estimates: estimates made with `search_array(array)`.
+
     Raises ValueError when no estimate is confident.
     """
     kept = [(estimate.time, estimate.q[0]) for estimate in estimates

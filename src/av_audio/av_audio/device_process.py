@@ -58,7 +58,13 @@ def find_device(choice: str) -> int:
 
 
 def check_device(device: int, channels: int, sample_rate: int) -> None:
-    """Check that a device can capture `channels` channels at `sample_rate` in Hz. Raises ValueError that names what it can."""
+    """Check that a device can capture `channels` channels at `sample_rate` in Hz. Raises ValueError that names what it can.
+
+    Parameters:
+        device: index of the device.
+        channels: number of channels.
+        sample_rate (Hz): sample rate.
+    """
     sounddevice = load_sounddevice()
     information = sounddevice.query_devices(device)
 

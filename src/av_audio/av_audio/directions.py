@@ -31,7 +31,12 @@ class Directions(NamedTuple):
 
 
 def undo_delay_curve(array: MicrophoneArray, q: Array) -> tuple[Array, Array | float]:
-    """Projection q (rank,) with the array's delay curve undone, and the derivative of the result by q."""
+    """Projection q (rank,) with the array's delay curve undone, and the derivative of the result by q.
+
+    Parameters:
+        array: the microphones.
+        q (rank,): measured projection.
+    """
     curve = array.delay_curve
     if curve is None:
         return q, 1.0
@@ -44,6 +49,11 @@ def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Direct
     """All mirror-image directions of a projection q (rank,) with its covariance (rank, rank).
 
     The variances come from points one sigma away along the axes of the covariance; of both sides the larger deviation counts.
+
+    Parameters:
+        array: the microphones.
+        q (rank,): projection of the direction on the basis of the array.
+        covariance (rank, rank): its covariance.
     """
     if not np.all(np.isfinite(covariance)):
         angles = np.array(direction_to_angles(array.hypotheses(q)))
@@ -69,7 +79,12 @@ def to_directions(array: MicrophoneArray, q: Array, covariance: Array) -> Direct
 
 
 def is_end_fire(array: MicrophoneArray, q: Array) -> bool:
-    """Whether a projection q (rank,) lies so close to the axis of a linear array that angles are poorly resolved."""
+    """Whether a projection q (rank,) lies so close to the axis of a linear array that angles are poorly resolved.
+
+    Parameters:
+        array: the microphones.
+        q (rank,): projection of the direction on the basis of the array.
+    """
     return array.rank == 1 and abs(float(q[0])) > END_FIRE_COSINE
 
 
@@ -77,6 +92,11 @@ def within_elevations(array: MicrophoneArray, angles: Array, limits: Array) -> N
     """Which hypotheses (k,) of angles (2, k) lie in a range of elevation (rad), or are the nearest to it.
 
     Of two that coincide, in the plane of a planar array, the first is kept.
+
+    Parameters:
+        array: the microphones.
+        angles (2, k) (rad): azimuths and elevations of the hypotheses.
+        limits (2,) (rad): lowest and highest elevation.
     """
     outside = np.maximum(limits[0] - angles[1], angles[1] - limits[1])
     kept: NDArray[np.bool_] = outside <= max(float(outside.min()), 1e-9)
@@ -90,6 +110,10 @@ def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
 
     The posterior mean under a uniform prior of the angle. Unlike arccos, it has no bias and no infinite derivative at
     end-fire, and its error over the full circle is 13 % smaller. Away from there it is arccos and sigma / sin.
+
+    Parameters:
+        cosine: measured cosine.
+        sigma: standard deviation of its error.
     """
     nearest, furthest = (math.acos(max(-1.0, min(1.0, cosine + side * sigma))) for side in (5.0, -5.0))
     angles = nearest + (furthest - nearest) * POSTERIOR_GRID

@@ -40,7 +40,12 @@ class NoiseRecording(NamedTuple):
             return cls(file.read(dtype='float32', always_2d=True), file.samplerate, str(path))
 
     def check(self, channels: int, sample_rate: int) -> None:
-        """Raise ValueError when it does not fit an array of `channels` microphones sampled at `sample_rate` in Hz."""
+        """Raise ValueError when it does not fit an array of `channels` microphones sampled at `sample_rate` in Hz.
+
+        Parameters:
+            channels: number of microphones.
+            sample_rate (Hz): sample rate of the array.
+        """
         if self.samples.ndim != 2 or self.samples.shape[1] != channels:
             raise ValueError(f'{self.name} has samples of shape {self.samples.shape}, expected (n, {channels}): a channel '
                              'for each microphone')

@@ -16,7 +16,12 @@ LINE_OVER_FLOOR_HZ = 50.0
 
 
 def notch(frequencies: NDArray, blade_pass_hz: ArrayLike) -> NDArray:
-    """Which bins (k,) at frequencies (k,) in Hz are free of harmonics of the blade-pass frequencies (r,) in Hz."""
+    """Which bins (k,) at frequencies (k,) in Hz are free of harmonics of the blade-pass frequencies (r,) in Hz.
+
+    Parameters:
+        frequencies (k,) (Hz): frequencies of the bins.
+        blade_pass_hz (r,) (Hz): blade-pass frequencies; 0 for a rotor that stands still.
+    """
     free = np.ones(len(frequencies), bool)
     for fundamental in np.asarray(blade_pass_hz, dtype=float):
         if fundamental > 0.0:

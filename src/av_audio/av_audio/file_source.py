@@ -33,7 +33,12 @@ def pick_channels(available: int, channels: Sequence[int], source: str) -> list[
 
 
 def read_sound(path: str | Path, channels: Sequence[int] = ()) -> tuple[NDArray, int]:
-    """Samples (n, m) in float32 and sample rate of a file that libsndfile reads. Raises OSError or ValueError."""
+    """Samples (n, m) in float32 and sample rate of a file that libsndfile reads. Raises OSError or ValueError.
+
+    Parameters:
+        path: the file.
+        channels: channels of the file in the order of the microphones; empty for all.
+    """
     with open_sound(path) as file:
         picked = pick_channels(file.channels, channels, str(path))
         return file.read(dtype='float32', always_2d=True)[:, picked], file.samplerate

@@ -25,7 +25,12 @@ def decode(data: bytes, sample_format: str, channels: int) -> NDArray:
 
 
 def encode(samples: NDArray, sample_format: str) -> bytes:
-    """Interleaved bytes of samples (n, channels) with full scale 1; integer formats clip larger ones."""
+    """Interleaved bytes of samples (n, channels) with full scale 1; integer formats clip larger ones.
+
+    Parameters:
+        samples (n, channels): full scale 1.
+        sample_format: one of FORMATS.
+    """
     kind, full_scale = _format(sample_format)
     if np.dtype(kind).kind == 'f':
         return samples.astype(kind).tobytes()

@@ -57,18 +57,35 @@ Weighting = Callable[[NDArray, NDArray, Band], NDArray]
 
 
 def cross_spectra(spectra: NDArray, pairs: NDArray) -> NDArray:
-    """Cross-spectra X_i conj(X_j) (p, k) of spectra (m, k) for pairs (p, 2)."""
+    """Cross-spectra X_i conj(X_j) (p, k) of spectra (m, k) for pairs (p, 2).
+
+    Parameters:
+        spectra (m, k): complex spectra of the microphones.
+        pairs (p, 2): indices of the microphones of each pair.
+    """
     return spectra[pairs[:, 0]] * spectra[pairs[:, 1]].conj()
 
 
 def phat(cross: NDArray, power: NDArray, band: Band) -> NDArray:
-    """Phase transform: all bins of the band have equal weight (Knapp and Carter, 1976). Real weights (p, k)."""
+    """Phase transform: all bins of the band have equal weight (Knapp and Carter, 1976). Real weights (p, k).
+
+    Parameters:
+        cross (p, k): cross-spectra of the pairs.
+        power (p, k): sqrt(P_i P_j) of the same pairs. Not used.
+        band: properties of the bins.
+    """
     magnitude = np.abs(cross)
     return band.response / np.maximum(magnitude, np.finfo(magnitude.dtype).tiny)
 
 
 def plain(cross: NDArray, power: NDArray, band: Band) -> NDArray:
-    """No weighting: the plain cross-correlation, best in white noise without reflections. Real weights (p, k)."""
+    """No weighting: the plain cross-correlation, best in white noise without reflections. Real weights (p, k).
+
+    Parameters:
+        cross (p, k): cross-spectra of the pairs. Not used.
+        power (p, k): sqrt(P_i P_j) of the same pairs.
+        band: properties of the bins.
+    """
     return np.broadcast_to(band.response / max(float(power.mean()), np.finfo(power.dtype).tiny), power.shape)
 
 
@@ -96,7 +113,13 @@ def maximum_likelihood(cross: NDArray, power: NDArray, band: Band) -> NDArray:
 
 
 def noise_power(cross: NDArray, power: NDArray, bin_hz: float) -> NDArray:
-    """Incoherent power (p, k) between the microphones of each pair; parameters as for `maximum_likelihood`."""
+    """Incoherent power (p, k) between the microphones of each pair; parameters as for `maximum_likelihood`.
+
+    Parameters:
+        cross (p, k): cross-spectra of the pairs.
+        power (p, k): sqrt(P_i P_j) of the same pairs.
+        bin_hz (Hz): distance of the bins.
+    """
     smooth_power, real, imaginary = _smooth(np.stack([power, cross.real, cross.imag]), COHERENCE_HZ / bin_hz)
     coherent = np.sqrt(real**2 + imaginary**2)
     noise = _smooth(np.maximum(smooth_power - coherent, MISMATCH * smooth_power), NOISE_HZ / bin_hz)

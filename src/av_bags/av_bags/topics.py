@@ -100,7 +100,12 @@ def parse_remappings(texts: Iterable[str]) -> dict[str, str]:
 
 
 def absolute(name: str, namespace: str = '') -> str:
-    """The absolute name of the rig's topic `name` in `namespace`; names that begin with / are unchanged."""
+    """The absolute name of the rig's topic `name` in `namespace`; names that begin with / are unchanged.
+
+    Parameters:
+        name: name of the topic, relative or absolute.
+        namespace: namespace of the rig; empty for none.
+    """
     return name if name.startswith('/') else f'/{namespace.strip("/")}/{name}'.replace('//', '/')
 
 

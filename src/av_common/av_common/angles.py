@@ -30,6 +30,11 @@ def direction_to_angles(direction: ArrayLike) -> tuple[NDArray | float, NDArray 
 
 
 def angles_to_direction(azimuth: ArrayLike, elevation: ArrayLike = 0.0) -> NDArray:
-    """Unit vectors (..., 3) of azimuths and elevations in rad that broadcast; the inverse of `direction_to_angles`."""
+    """Unit vectors (..., 3) of azimuths and elevations in rad that broadcast; the inverse of `direction_to_angles`.
+
+    Parameters:
+        azimuth (rad): counter-clockwise from x.
+        elevation (rad): up from the horizontal plane.
+    """
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth, float), np.asarray(elevation, float))
     return np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], -1)

@@ -95,7 +95,11 @@ class PinholeCamera:
         return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
-        """Intrinsics for images that are resized to width x height pixels."""
+        """Intrinsics for images that are resized to width x height pixels.
+
+        Parameters:
+            width, height (pixels): new size of the images.
+        """
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(width, height, self.fx * sx, self.fy * sy,
                              (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.distortion)

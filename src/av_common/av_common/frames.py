@@ -64,5 +64,9 @@ def yaw_of(quaternion: Sequence[float]) -> float:
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> NDArray:
-    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw in rad (REP-103), from the rotated frame to its parent."""
+    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw in rad (REP-103), from the rotated frame to its parent.
+
+    Parameters:
+        roll, pitch, yaw (rad): rotations about the fixed axes x, y, z, in this order.
+    """
     return euler2mat(roll, pitch, yaw, 'sxyz')

@@ -111,7 +111,12 @@ class MicrophoneArray:
             raise ValueError(f'array file {path}: {error}') from error
 
     def save(self, path: str | Path, comment: str = '') -> None:
-        """Write an array file that `load` reads; `comment` becomes lines of comment at its top."""
+        """Write an array file that `load` reads; `comment` becomes lines of comment at its top.
+
+        Parameters:
+            path: the file to write.
+            comment: text for lines of comment at its top.
+        """
         content = {'name': self.name, 'microphones': np.round(self.positions, 6).tolist()}
         if self.delay_curve is not None:
             content['delay_curve'] = {'cosine': np.round(self.delay_curve.cosine, 6).tolist(),

@@ -13,7 +13,12 @@ from av_interfaces.msg import Bearing, FusionState
 
 
 def bearing_message(track: Track, frame_id: str) -> Bearing:
-    """The `Bearing` of a track, valid at the track's time, in the body frame `frame_id`."""
+    """The `Bearing` of a track, valid at the track's time, in the body frame `frame_id`.
+
+    Parameters:
+        track: the estimate.
+        frame_id: frame of the rig's body.
+    """
     known = track.state != State.NONE and track.measured > 0.0
     return Bearing(
         header=Header(stamp=to_stamp(track.time), frame_id=frame_id), azimuth=track.azimuth, elevation=track.elevation,
@@ -24,7 +29,13 @@ def bearing_message(track: Track, frame_id: str) -> Bearing:
 
 
 def state_message(track: Track, missing: Sequence[str], frame_id: str) -> FusionState:
-    """The `FusionState` of a track; `missing` names the inputs without recent messages."""
+    """The `FusionState` of a track; `missing` names the inputs without recent messages.
+
+    Parameters:
+        track: the estimate.
+        missing: names of the inputs without recent messages.
+        frame_id: frame of the rig's body.
+    """
     return FusionState(
         header=Header(stamp=to_stamp(track.time), frame_id=frame_id), state=int(track.state), reason=track.reason,
         changed=to_stamp(max(track.changed, 0.0)), sound_confidence=track.sound_confidence,

@@ -111,6 +111,10 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
 def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     """The monitor, or an empty list where none is wanted or none is installed.
 
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+
     Raises MissingPackageError where an argument asks for the monitor, ValueError where `out` and `monitor` disagree.
     """
     monitor, out = arguments['monitor'], arguments['out']
@@ -127,20 +131,35 @@ def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
 
 
 def doa_node(arguments: Arguments, parameters: dict) -> Node:
-    """Direction of arrival, with the array file of the argument `array` or of the rig's description."""
+    """Direction of arrival, with the array file of the argument `array` or of the rig's description.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
     array = arguments['array'] or str(load_rig(arguments['rig']).array.file)
     return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array, **parameters})
 
 
 def detector_node(arguments: Arguments, parameters: dict) -> Node:
-    """The detector, with the model given or the shipped one."""
+    """The detector, with the model given or the shipped one.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
     model = '' if arguments['model'] == 'shipped' else arguments['model']
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
     return rig_node(arguments, 'av_vision', 'detector_node', {'model': model, **classes, **parameters})
 
 
 def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The recorder, or an empty list without `record`. Raises MissingPackageError."""
+    """The recorder, or an empty list without `record`. Raises MissingPackageError.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
     if not arguments['record']:
         return []
     require(f'record:={arguments["record"]}', 'av_bags')

@@ -39,13 +39,29 @@ class FusionObserver(Protocol):
     """Receives all measurements and tracks of a `FusionStage`; for recorders and tests."""
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
-        """The measurements of one `DoaArray`, most confident first, whether or not they are used."""
+        """The measurements of one `DoaArray`, most confident first, whether or not they are used.
+
+        Parameters:
+            measurements: measurements in the body frame.
+            arrival (s): time of arrival of the message.
+        """
 
     def on_camera(self, measurement: CameraMeasurement, message: Detection2DArray, arrival: float) -> None:
-        """The measurement of one `Detection2DArray`."""
+        """The measurement of one `Detection2DArray`.
+
+        Parameters:
+            measurement: measurement in the body frame.
+            message: the message.
+            arrival (s): time of its arrival.
+        """
 
     def on_track(self, track: Track, time: float) -> None:
-        """The track at `time`, from which an output is made."""
+        """The track at `time`, from which an output is made.
+
+        Parameters:
+            track: the estimate.
+            time (s): time of the output.
+        """
 
 
 @dataclass(frozen=True)
@@ -97,7 +113,12 @@ class FusionStage:
         self._last_output = -math.inf
 
     def on_doa(self, message: DoaArray, arrival: float) -> FusionOutput | None:
-        """Use directions of arrival; None if their stamp belongs to another clock."""
+        """Use directions of arrival; None if their stamp belongs to another clock.
+
+        Parameters:
+            message: directions of arrival of one window.
+            arrival (s): time of its arrival.
+        """
         if not self._accept(DOA, message, arrival):
             return None
         measurements = self.converter.doa(message)
@@ -109,7 +130,12 @@ class FusionStage:
         return self._output(arrival)
 
     def on_detections(self, message: Detection2DArray, arrival: float) -> FusionOutput | None:
-        """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used."""
+        """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
+
+        Parameters:
+            message: detections in one image.
+            arrival (s): time of its arrival.
+        """
         if not self._accept(DETECTIONS, message, arrival):
             return None
         stamp, visibility = self._visibility
@@ -131,7 +157,12 @@ class FusionStage:
         self.converter.set_camera_info(message)
 
     def on_odometry(self, message: Odometry, arrival: float) -> None:
-        """Use the rig's attitude."""
+        """Use the rig's attitude.
+
+        Parameters:
+            message: attitude and yaw rate of the rig in ENU.
+            arrival (s): time of its arrival.
+        """
         if self._accept(ODOMETRY, message, arrival):
             add_odometry(self.tracker, message)
 

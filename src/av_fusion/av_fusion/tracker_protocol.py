@@ -15,7 +15,13 @@ class Tracker(Protocol):
         """Discard the track, but keep the rig's motion and the result of calibration."""
 
     def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Use the rig's yaw in the world (rad) and its rate (rad/s)."""
+        """Use the rig's yaw in the world (rad) and its rate (rad/s).
+
+        Parameters:
+            time (s): time of the pose.
+            yaw (rad): yaw in the world (ENU).
+            yaw_rate (rad/s): its rate.
+        """
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """Use a direction of arrival; one that is not plausible is ignored."""

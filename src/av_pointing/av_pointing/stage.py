@@ -33,7 +33,12 @@ class PointingStage:
         self._track: Track | None = None
 
     def on_bearing(self, message: Bearing, arrival: float) -> PointingCommand:
-        """The command that follows from a bearing."""
+        """The command that follows from a bearing.
+
+        Parameters:
+            message: the bearing.
+            arrival (s): time of its arrival.
+        """
         self._track = track_of_bearing(message)
         return self.on_time(arrival)
 
@@ -44,7 +49,13 @@ class PointingStage:
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:
-    """A command as message, valid at `time` (s) in the body frame `frame_id`."""
+    """A command as message, valid at `time` (s) in the body frame `frame_id`.
+
+    Parameters:
+        command: the command.
+        time (s): time for which it is valid.
+        frame_id: frame of the rig's body.
+    """
     return PointingCommand(
         header=Header(stamp=to_stamp(time), frame_id=frame_id), mode=int(command.mode), reason=command.reason,
         move_gimbal=command.move_gimbal, pan=command.pan, tilt=command.tilt, pan_rate=command.pan_rate,

@@ -80,6 +80,10 @@ def fit_extinction(grey: NDArray[np.float32], distance: NDArray[np.float32]) -> 
 
     Each quantile of brightness follows A + (J - A) e^(-bd) over bins of distance, with its own J and common A and b, fitted
     with a robust loss.
+
+    Parameters:
+        grey (h, w): brightness, 0..255.
+        distance (h, w; m): distance of the surface in each pixel, nan or 0 if unknown, inf for the sky.
     """
     near = np.isfinite(distance) & (distance > 0.3)
     if near.sum() < 4 * LEAST_PIXELS:

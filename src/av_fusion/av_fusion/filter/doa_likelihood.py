@@ -33,7 +33,12 @@ class DoaLikelihood(Protocol):
     """A direction of arrival to compare with components."""
 
     def compare(self, component: GaussianComponent, lag: float) -> Comparison:
-        """Compare with the state of a component `lag` s before its time."""
+        """Compare with the state of a component `lag` s before its time.
+
+        Parameters:
+            component: component of the posterior.
+            lag (s): time of the component minus time of the measurement.
+        """
 
 
 class ConeLikelihood:
@@ -79,6 +84,10 @@ def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> float | 
     """Body azimuth (rad) of the axis about which the images of a measurement are mirrored.
 
     None for a single direction, and for images of one azimuth, such as those above and below a horizontal planar array.
+
+    Parameters:
+        hypotheses: directions in the body frame.
+        cone: their cone; None for other arrays than linear ones.
     """
     if cone is not None:
         return cone.axis

@@ -68,6 +68,11 @@ class GaussianComponent:
         by up to its squared rate, and its elevation changes the faster the higher it is.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
+
+        Parameters:
+            dt (s): duration of the prediction.
+            model: motion of targets.
+            noise_scale: factor of the acceleration density.
         """
         passing = min(self.rate * self.rate, 0.5)
         q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
@@ -98,7 +103,12 @@ class GaussianComponent:
         return self.azimuth_variance - 2.0 * lag * self.ar + lag**2 * self.rate_variance
 
     def gates(self, azimuth: float, variance: float, lag: float) -> bool:
-        """Whether an azimuth measured `lag` s ago is within three standard deviations."""
+        """Whether an azimuth measured `lag` s ago is within three standard deviations.
+
+        Parameters:
+            azimuth (rad), variance (rad^2): measured azimuth in the world and its variance.
+            lag (s): time of the component minus time of the measurement.
+        """
         return self.innovation(azimuth, lag) ** 2 < 9.0 * (self.expected_variance(lag) + variance)
 
     def expected_cosine(self, axis: float, lag: float) -> tuple[float, float, tuple[float, float, float]]:
@@ -110,6 +120,10 @@ class GaussianComponent:
         gradient follow in closed form from E cos x = cos(m) exp(-v/2); by Stein's lemma the covariance with the state is its
         covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments
         need no bounds where the cosine is flat, at end-fire.
+
+        Parameters:
+            axis (rad): azimuth of the axis in the world.
+            lag (s): time of the component minus time of the measurement.
         """
         d, e = -self.innovation(axis, lag), self.elevation
         vd, ve, c = self.expected_variance(lag), self.elevation_variance, self.ae - lag * self.re
@@ -179,6 +193,10 @@ class GaussianComponent:
 
         A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
         normal distributions, approximated by Gaussians.
+
+        Parameters:
+            axis (rad): azimuth of the axis in the world.
+            lag (s): time of the component minus time of the measurement.
         """
         offset, variance = -self.innovation(axis, lag), self.expected_variance(lag)
         sigma = math.sqrt(variance)
@@ -251,11 +269,22 @@ class GaussianComponent:
 
 
 def gaussian(residual: float, variance: float) -> float:
-    """Density of a zero-mean normal distribution."""
+    """Density of a zero-mean normal distribution.
+
+    Parameters:
+        residual: deviation from the mean.
+        variance: variance of the distribution.
+    """
     return math.exp(-0.5 * residual * residual / variance) / math.sqrt(2.0 * math.pi * variance)
 
 
 def share_within(half_width: float, offset: float, variance: float) -> float:
-    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean."""
+    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean.
+
+    Parameters:
+        half_width (rad): half of the width of the interval.
+        offset (rad): centre of the interval minus mean.
+        variance (rad^2): variance of the variable.
+    """
     scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
     return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))

@@ -61,7 +61,13 @@ class GaussianMixture:
         self._primary: GaussianComponent | None = None
 
     def predict(self, dt: float, noise_scale: float, kept: float) -> None:
-        """Predict every component by `dt` s; the probability 1 - `kept` moves to the background."""
+        """Predict every component by `dt` s; the probability 1 - `kept` moves to the background.
+
+        Parameters:
+            dt (s): duration of the prediction.
+            noise_scale: factor of the acceleration density.
+            kept: probability that the target is still present.
+        """
         for component in self.components:
             component.predict(dt, self._model, noise_scale)
             component.weight *= kept
@@ -72,6 +78,11 @@ class GaussianMixture:
 
         The rarer outliers are, the shorter they last. A new outlier may appear in any direction; `width` is the share of the
         circle in which it would be mistaken for a component.
+
+        Parameters:
+            dt (s): duration of the prediction.
+            rate: long-run probability of an outlier.
+            width: share of the circle, 0..1.
         """
         kept = math.exp(-dt / max(rate * OUTLIER_S, 1e-6))
         self.p_outlier = rate + kept * (self.p_outlier - rate)
@@ -95,13 +106,23 @@ class GaussianMixture:
         self.background *= _marginal_likelihood(self, 1.0, max(best, 1.0))
 
     def split(self, axis: float, lag: float) -> None:
-        """Split components that extend to both sides of an axis (world azimuth)."""
+        """Split components that extend to both sides of an axis (world azimuth).
+
+        Parameters:
+            axis (rad): azimuth of the axis in the world.
+            lag (s): time of the mixture minus time of the measurement.
+        """
         self.components = [part for component in self.components for part in component.split(axis, lag)]
 
     def add_births(self, lag: float, noise_scale: float, births: Sequence[BirthComponent]) -> None:
         """Start components, or add the weight of births to components that gate them.
 
         The weight of the background remains; the caller updates it by the likelihood of the whole measurement.
+
+        Parameters:
+            lag (s): time of the mixture minus time of the measurement.
+            noise_scale: factor of the acceleration density.
+            births: directions that may start components.
         """
         known = tuple(self.components)
         for birth in births:
@@ -158,6 +179,10 @@ class GaussianMixture:
 
         Components that agree with it count, and those close to it on its side of the axis (world azimuth) about which
         directions of arrival are mirrored; NaN for no axis.
+
+        Parameters:
+            primary: the primary component.
+            axis (rad): azimuth of the axis in the world; NaN for none.
         """
         side, agreeing, total = math.sin(primary.azimuth - axis), 0.0, 0.0
         for component in self.components:
@@ -168,7 +193,12 @@ class GaussianMixture:
         return agreeing / total
 
     def front_probability(self, yaw: float, ahead: float) -> float:
-        """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s."""
+        """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s.
+
+        Parameters:
+            yaw (rad): yaw of the rig in the world.
+            ahead (s): time after that of the mixture.
+        """
         front = total = 0.0
         for component in self.components:
             total += component.weight

@@ -189,5 +189,11 @@ def odds_of(detection: Detection) -> float:
 
 
 def effective_sample_fraction(time: float, newest: float, correlation: float) -> float:
-    """Share of a measurement that is new evidence, when errors are correlated over `correlation` s."""
+    """Share of a measurement that is new evidence, when errors are correlated over `correlation` s.
+
+    Parameters:
+        time (s): capture time of the measurement.
+        newest (s): capture time of the newest earlier measurement.
+        correlation (s): correlation time of the errors.
+    """
     return min(1.0, max(abs(time - newest) / correlation, 0.02)) if correlation > 0.0 else 1.0

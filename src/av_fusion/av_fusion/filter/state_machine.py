@@ -58,12 +58,22 @@ class StateMachine:
         self._newest_image = self._newest_doa = -math.inf
 
     def on_image(self, time: float, score: float) -> None:
-        """Use the score of the target's detection in an image, 0 if it was not detected."""
+        """Use the score of the target's detection in an image, 0 if it was not detected.
+
+        Parameters:
+            time (s): capture time of the image.
+            score: score 0..1.
+        """
         if time >= self._newest_image:
             self._newest_image, self.sight_confidence = time, score
 
     def on_doa(self, time: float, confidence: float) -> None:
-        """Use the confidence of a direction of arrival."""
+        """Use the confidence of a direction of arrival.
+
+        Parameters:
+            time (s): centre of the window.
+            confidence: confidence 0..1.
+        """
         if time >= self._newest_doa:
             self._newest_doa, self.sound_confidence = time, confidence
 

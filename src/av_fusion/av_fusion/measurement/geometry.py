@@ -33,6 +33,10 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
 
     A linear array (one with an axis) measures cones, other arrays directions. `rotation` (3, 3) turns vectors of the
     array's frame into the body frame.
+
+    Parameters:
+        message: the directions.
+        rotation (3, 3): rotation matrix from the array's frame to the body frame.
     """
     rows = rotation.tolist()
     time, axis = to_seconds(message.header.stamp), _turned(rows, (message.axis.x, message.axis.y, message.axis.z))

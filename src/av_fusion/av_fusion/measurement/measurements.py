@@ -78,7 +78,14 @@ class DoaMeasurement(NamedTuple):
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:
-        """The measurement of a linear array."""
+        """The measurement of a linear array.
+
+        Parameters:
+            time (s): centre of the window.
+            cone: the measured cone.
+            confidence: probability 0..1 that the source is the target.
+            window (s): length of the window.
+        """
         return cls(time, cone.images(), confidence, window, cone)
 
 

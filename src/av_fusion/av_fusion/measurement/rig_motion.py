@@ -26,7 +26,13 @@ class RigMotion:
         self._rates: list[float] = []
 
     def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Add a pose: yaw in rad (ENU), its rate in rad/s. Implausible values are ignored."""
+        """Add a pose: yaw in rad (ENU), its rate in rad/s. Implausible values are ignored.
+
+        Parameters:
+            time (s): time of the pose.
+            yaw (rad): yaw in ENU.
+            yaw_rate (rad/s): its rate.
+        """
         if not (math.isfinite(time) and abs(yaw) <= 1e4 and abs(yaw_rate) <= 100.0):
             return
         if self._times and time <= self._times[-1]:

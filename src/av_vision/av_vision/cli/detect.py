@@ -50,13 +50,25 @@ FrameDetections = tuple[int, NDArray, Detections, list[int]]
 
 
 def detect_recording(recording: Recording, detector: TemporalDetector) -> Iterator[FrameDetections]:
-    """Frame numbers, frames, their detections and track numbers."""
+    """Frame numbers, frames, their detections and track numbers.
+
+    Parameters:
+        recording: the input.
+        detector: detector for a sequence of images.
+    """
     for index, image in recording.frames():
         yield index, image, *detector.detect(image, index / recording.rate)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
-    """One dictionary of COLUMNS for each detection; x, y is the top-left corner, in pixels of the input."""
+    """One dictionary of COLUMNS for each detection; x, y is the top-left corner, in pixels of the input.
+
+    Parameters:
+        index: number of the frame.
+        time (s): its time in the recording.
+        detections: its detections.
+        tracks: track number of each detection.
+    """
     rows = zip(detections.boxes.tolist(), detections.class_names, detections.scores.tolist(), tracks, strict=True)
     for (x1, y1, x2, y2), name, score, track in rows:
         yield {'frame': index, 'time': round(time, 4), 'class': name, 'score': round(score, 4), 'x': round(x1, 2),

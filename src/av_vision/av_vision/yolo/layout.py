@@ -42,7 +42,12 @@ class Layout:
 
 @lru_cache(maxsize=16)
 def grid(size: tuple[int, int], strides: tuple[int, ...] = (8, 16, 32)) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Cell corners (n, 2) in cells and strides (n, 1) of all cells of an input (height, width), row by row, fine to coarse."""
+    """Cell corners (n, 2) in cells and strides (n, 1) of all cells of an input (height, width), row by row, fine to coarse.
+
+    Parameters:
+        size: height and width of the input in pixels.
+        strides (pixels): sizes of the cells.
+    """
     cells, steps = [], []
     for stride in strides:
         y, x = np.mgrid[:size[0] // stride, :size[1] // stride]
@@ -58,12 +63,23 @@ def cell_counts(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def corners(centre: NDArray, size: NDArray) -> NDArray[np.float32]:
-    """Boxes (n, 4) x1, y1, x2, y2 from centres and sizes (n, 2)."""
+    """Boxes (n, 4) x1, y1, x2, y2 from centres and sizes (n, 2).
+
+    Parameters:
+        centre (n, 2): centres.
+        size (n, 2): widths and heights.
+    """
     return np.concatenate([centre - 0.5 * size, centre + 0.5 * size], axis=1)
 
 
 def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-    """YOLOv5, YOLOv7 and decoded YOLOX: cx, cy, w, h in input pixels, objectness, classes."""
+    """YOLOv5, YOLOv7 and decoded YOLOX: cx, cy, w, h in input pixels, objectness, classes.
+
+    Parameters:
+        rows (n, 5+C): output for one image.
+        size: height and width of the input in pixels.
+        threshold (0-1): least probability of a box.
+    """
     rows = rows[rows[:, 4] > threshold]  # a class probability is at most 1: cheap and exact
     probabilities = rows[:, 5:] * rows[:, 4:5]
     passed = probabilities.max(axis=1, initial=0.0) > threshold
@@ -71,7 +87,13 @@ def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> De
 
 
 def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-    """YOLOX as trained: offsets from the cell in cells, logarithms of the size in cells, objectness, classes."""
+    """YOLOX as trained: offsets from the cell in cells, logarithms of the size in cells, objectness, classes.
+
+    Parameters:
+        rows (n, 5+C): output for one image.
+        size: height and width of the input in pixels.
+        threshold (0-1): least probability of a box.
+    """
     cells, strides = grid(size)
     passed = rows[:, 4] > threshold
     rows, cells, strides = rows[passed], cells[passed], strides[passed]
@@ -80,13 +102,25 @@ def decode_yolox_raw(rows: NDArray, size: tuple[int, int], threshold: float) -> 
 
 
 def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-    """YOLOv8, 9, 11, 12: (4+C, n), cx, cy, w, h in input pixels and one probability for each class."""
+    """YOLOv8, 9, 11, 12: (4+C, n), cx, cy, w, h in input pixels and one probability for each class.
+
+    Parameters:
+        columns (4+C, n): output for one image.
+        size: height and width of the input in pixels.
+        threshold (0-1): least probability of a box.
+    """
     rows = columns[:, np.flatnonzero(columns[4:].max(axis=0) > threshold)].T
     return corners(rows[:, :2], rows[:, 2:4]), rows[:, 4:]
 
 
 def decode_end_to_end(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-    """YOLOv10 and 26: x1, y1, x2, y2 in input pixels, score, class; duplicates are already gone."""
+    """YOLOv10 and 26: x1, y1, x2, y2 in input pixels, score, class; duplicates are already gone.
+
+    Parameters:
+        rows (n, 6): output for one image.
+        size: height and width of the input in pixels.
+        threshold (0-1): least probability of a box.
+    """
     rows = rows[rows[:, 4] > threshold]
     classes = rows[:, 5].astype(np.intp)
     return rows[:, :4], rows[:, 4:5] * (classes[:, None] == np.arange(classes.max(initial=-1) + 1))
@@ -107,6 +141,10 @@ def recognise(output: NDArray, size: tuple[int, int]) -> Layout:
     The number of rows identifies the family: it is the number of cells (v8, YOLOX), three times this number (v5), or
     neither (end to end). Decoded and undecoded YOLOX differ only in values: decoded centres follow the grid.
     Raises LayoutError with the shape found and those expected.
+
+    Parameters:
+        output (1, a, b): output of the model.
+        size: height and width of the input in pixels.
     """
     if output.ndim != 3 or output.shape[0] != 1:
         raise LayoutError(f'the output has shape {output.shape}, expected (1, rows, columns) of a YOLO detector')

@@ -15,6 +15,10 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
     """A BGR image (h, w, 3) scaled to the top left of a grey image of height x width, and the scale.
 
     Results of a YOLO network do not depend on the position of the padding, so that a division maps boxes back.
+
+    Parameters:
+        image (h, w, 3): BGR image.
+        height, width (pixels): size of the result.
     """
     scale = min(height / image.shape[0], width / image.shape[1])
     if scale != 1.0:
@@ -29,7 +33,13 @@ def letterbox(image: NDArray[np.uint8], height: int, width: int) -> tuple[NDArra
 
 
 def fitting_size(image_height: int, image_width: int, longest: int, multiple: int = 32) -> tuple[int, int]:
-    """Height and width, multiples of `multiple`, into which an image fits when its longer side becomes `longest`."""
+    """Height and width, multiples of `multiple`, into which an image fits when its longer side becomes `longest`.
+
+    Parameters:
+        image_height, image_width (pixels): size of the image.
+        longest (pixels): longer side of the scaled image.
+        multiple (pixels): both sides of the result are multiples of it.
+    """
     scale = longest / max(image_height, image_width)
     height, width = (max(math.ceil(round(side * scale) / multiple), 1) * multiple for side in (image_height, image_width))
     return height, width

@@ -12,6 +12,11 @@ def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tup
     """Top-left corners (x, y) of square tiles that cover an image evenly with at least the share `overlap` in common.
 
     An image no larger than a tile needs none: the list is empty.
+
+    Parameters:
+        width, height (pixels): size of the image.
+        side (pixels): side of the tiles.
+        overlap (0-1): least common share of neighbouring tiles.
     """
     def starts(length: int) -> list[int]:
         if length <= side:
@@ -29,6 +34,12 @@ def whole_in_tile(boxes: NDArray, corner: tuple[int, int], side: int, width: int
 
     A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the whole
     image.
+
+    Parameters:
+        boxes (n, 4) (pixels): x1, y1, x2, y2 in the image.
+        corner (pixels): top-left corner (x, y) of the tile.
+        side (pixels): side of the tile.
+        width, height (pixels): size of the image.
     """
     x, y = corner
     low = np.array([x if x > 0 else -np.inf, y if y > 0 else -np.inf])
