@@ -22,7 +22,7 @@ setup(
     zip_safe=True,
     maintainer='The av_rig maintainers',
     maintainer_email='av_rig@users.noreply.github.com',
-    description='PX4 over uXRCE-DDS: the pointing command to its gimbal and body, its attitude to the rig.',
+    description='Interface to PX4 over uXRCE-DDS: pointing commands to its gimbal and body, its pose as odometry.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

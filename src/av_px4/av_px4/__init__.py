@@ -1,1 +1,1 @@
-"""Connection to PX4: the pointing command moves its gimbal and body, its pose is the rig's odometry."""
+"""Interface to PX4: pointing commands to its gimbal and body, and its pose as the rig's odometry."""

@@ -1,4 +1,4 @@
-"""The MAVLink commands that this package can make: they concern a gimbal and nothing else."""
+"""The only MAVLink commands that this package can create: configuration and pointing of a gimbal."""
 
 from __future__ import annotations
 

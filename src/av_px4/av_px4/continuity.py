@@ -12,29 +12,29 @@ from transforms3d.quaternions import qmult, quat2mat
 from av_common.angles import wrap
 from av_px4.frames import Pose
 
-LONGEST_GAP = 0.5  # s between poses over which their rates predict the next one well enough
+LONGEST_GAP = 0.5  # s, longest interval over which a pose is extrapolated by its own rates
 
 
 class ContinuousPose:
-    """The pose in a frame that never jumps (REP-105 `odom`): the jumps of the estimator's resets are removed.
+    """Poses in a continuous frame (REP-105 `odom`), with the estimator's resets removed.
 
-    PX4 counts its resets. The jump is the difference between the newest pose and the last one extrapolated by its own
-    rates. This needs no second topic, and so no order between topics.
+    PX4 counts its resets. The size of a reset is the difference between the newest pose and the previous one, extrapolated
+    by its own rates. This needs no second topic, and therefore no order of arrival between topics.
     """
 
     def __init__(self) -> None:
         self.resets = 0
         self._last: tuple[float, Pose, int] | None = None
-        self._turn = 0.0            # rad, from the estimator's frame to the continuous one
-        self._shift = np.zeros(3)   # m, added after the turn
+        self._turn = 0.0            # rad, rotation about z from the estimator's frame to the continuous frame
+        self._shift = np.zeros(3)   # m, translation after the rotation
 
     def add(self, time: float, pose: Pose, counter: int) -> Pose:
-        """The continuous pose of an estimated one.
+        """Pose in the continuous frame.
 
         Parameters:
-            time (s): when the pose was valid
-            pose: in the estimator's frame
-            counter: the estimator's count of resets
+            time (s): time of validity of the pose, on any clock that runs evenly
+            pose: pose in the estimator's frame
+            counter: the estimator's reset counter at that time
         """
         if self._last is not None and counter != self._last[2] and 0.0 <= time - self._last[0] <= LONGEST_GAP:
             self._correct(time - self._last[0], self._last[1], pose)
@@ -57,21 +57,21 @@ class ContinuousPose:
 
 
 class HeldPosition:
-    """The position to hold, in the estimator's own frame (NED): the estimator's resets move it, too."""
+    """The position to hold, in the estimator's frame (NED). A reset of the estimator shifts it by the same amount."""
 
     def __init__(self) -> None:
-        self.current: NDArray | None = None   # m (3,), the newest position, None while there is none
-        self.held: NDArray | None = None      # m (3,), what to hold, None while not holding
+        self.current: NDArray | None = None   # m (3,), newest valid position, None without one
+        self.held: NDArray | None = None      # m (3,), position that is held, None while not holding
         self._counters: tuple[int, int] | None = None
 
     def update(self, position: NDArray, counters: tuple[int, int], corrections: NDArray, valid: bool) -> None:
-        """Take the vehicle's position.
+        """Process a position of the vehicle.
 
         Parameters:
-            position (m, (3,)): in the estimator's frame
-            counters: the estimator's counts of resets, horizontal and vertical
-            corrections (m, (3,)): by how much the newest resets moved the position
-            valid: whether the estimator vouches for the position
+            position (m, (3,)): position in the estimator's frame (NED)
+            counters: the estimator's reset counters, horizontal and vertical
+            corrections (m, (3,)): shift of the position by the newest resets
+            valid: whether the estimator declares the position valid
         """
         if not (valid and np.all(np.isfinite(position))):
             self.current = None
@@ -83,13 +83,13 @@ class HeldPosition:
         self.current, self._counters = np.array(position, float), counters
 
     def hold(self) -> NDArray | None:
-        """The position to hold, m (3,): that of the vehicle at the first call; None while there was none."""
+        """Position to hold (m, (3,)): the vehicle's at the first call since `release`; None without a valid position."""
         if self.held is None:
             self.held = self.current
         return self.held
 
     def release(self) -> None:
-        """Hold nothing; the next `hold` takes the position of that time."""
+        """Stop holding; the next call of `hold` selects the position of that time."""
         self.held = None
 
 

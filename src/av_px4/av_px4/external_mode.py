@@ -1,7 +1,7 @@
-"""An external mode of PX4 ("AV Track"), which the pilot selects: its registration, and how long that holds.
+"""Registration of an external mode of PX4 ("AV Track"), which the pilot can select.
 
-PX4 asks every registered component several times a second whether it can run, and leaves the mode when no answer
-arrives. Its requests also prove to this side that the registration still holds.
+PX4 asks every registered component several times a second whether it can run, and leaves the mode when no reply
+arrives. These requests also confirm to this client that the registration is still valid.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from av_px4.guard import EXTERNAL_MODES
 
 API_VERSION = 1        # px4_ros2_api_version
-RETRY_S = 2.0          # between requests for registration
-LOST_AFTER_S = 2.0     # without a request: PX4 has lost the registration, or is gone
-GRACE_S = 5.0          # for the first request
+RETRY_S = 2.0          # interval between requests for registration
+LOST_AFTER_S = 2.0     # time without an arming check request after which the registration counts as lost
+GRACE_S = 5.0          # the same limit before the first arming check request
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Register:
     """A request to register an external mode.
 
     Parameters:
-        request_id: number by which the reply is recognised
+        request_id: number that the reply repeats
         name: name of the mode in the ground station
     """
 
@@ -37,7 +37,7 @@ class Registration:
 
     Parameters:
         name: name of the mode
-        arming_check_id: number by which arming checks are answered
+        arming_check_id: number of this registration in replies to arming checks
         mode_id: nav_state of the mode
     """
 
@@ -68,7 +68,7 @@ class ExternalMode:
 
     Parameters:
         name: name of the mode in the ground station, 1 to 24 bytes
-        seed: of the random request numbers, for tests
+        seed: seed of the random request numbers, for tests
     """
 
     def __init__(self, name: str = 'AV Track', seed: int | None = None) -> None:
@@ -76,14 +76,14 @@ class ExternalMode:
             raise ValueError(f'external mode name is {name!r}, expected 1 to 24 bytes')
         self.name = name
         self.registration: Registration | None = None
-        self.complaint = ''
+        self.problem = ''
         self._random = random.Random(seed)
         self._request_id: int | None = None
         self._asked_at = -math.inf
         self._question_at = -math.inf
 
     def step(self, time: float) -> Register | None:
-        """A request to send at `time` (s, monotonic), if one is due."""
+        """The request to send at `time` (s, monotonic), None if none is due."""
         if self.registration is not None:
             if time <= self._question_at + LOST_AFTER_S:
                 return None
@@ -96,33 +96,35 @@ class ExternalMode:
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
                  arming_check_id: int, mode_id: int) -> Registration | None:
-        """Take a reply at `time` (s, monotonic); returns the registration if it is granted. Replies to others are ignored.
+        """Process a reply and return the registration if PX4 granted it. Replies to other components are ignored.
 
-        The other parameters are fields of RegisterExtComponentReply.
+        Parameters:
+            time (s): arrival, monotonic
+            request_id, name, api_version, success, arming_check_id, mode_id: fields of RegisterExtComponentReply
         """
         if request_id != self._request_id or name != self.name:
             return None
         self._request_id = None
         if not success:
-            self.complaint = 'PX4 refused the registration'
+            self.problem = 'PX4 refused the registration'
         elif api_version != API_VERSION:
-            self.complaint = f'PX4 has version {api_version} of the interface for external modes, expected {API_VERSION}'
+            self.problem = f'PX4 has version {api_version} of the interface for external modes, expected {API_VERSION}'
         elif mode_id not in EXTERNAL_MODES or arming_check_id < 0:
-            self.complaint = f'PX4 gave mode {mode_id} and check {arming_check_id}, expected a mode of 23 to 30'
+            self.problem = f'PX4 gave mode {mode_id} and check {arming_check_id}, expected a mode of 23 to 30'
         else:
-            self.complaint = ''
+            self.problem = ''
             self.registration = Registration(name, arming_check_id, mode_id)
             self._question_at = time + GRACE_S - LOST_AFTER_S
         return self.registration
 
     def on_question(self, time: float, request_id: int, can_run: bool, valid_mask: int | None = None) -> Answer | None:
-        """The answer to an arming check, None while nothing is registered.
+        """The reply to an arming check, None while no mode is registered.
 
         Parameters:
             time (s): monotonic
             request_id: number of PX4's request
             can_run: whether the mode can run now
-            valid_mask: bits of the registrations that PX4 counts as alive, None before PX4 1.17
+            valid_mask: one bit for each registration that PX4 regards as alive, None before PX4 1.17
         """
         if self.registration is None:
             return None
@@ -133,11 +135,11 @@ class ExternalMode:
         return Answer(request_id, number, can_run)
 
     def active_mode(self, time: float) -> int | None:
-        """nav_state of the own mode while the registration is confirmed, else None."""
+        """nav_state of the registered mode if the registration is confirmed at `time` (s, monotonic), else None."""
         if self.registration is None or time > self._question_at + LOST_AFTER_S:
             return None
         return self.registration.mode_id
 
     def forget(self, why: str) -> None:
-        """Drop the registration; `why` becomes the complaint."""
-        self.registration, self.complaint = None, why
+        """Discard the registration; `why` becomes the reported problem."""
+        self.registration, self.problem = None, why

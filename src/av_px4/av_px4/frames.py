@@ -1,4 +1,4 @@
-"""Between PX4's frames (NED, FRD, clockwise yaw) and those of ROS (ENU, FLU, counter-clockwise yaw)."""
+"""Conversion between PX4's frames (NED, FRD, clockwise yaw) and those of ROS (ENU, FLU, counter-clockwise yaw)."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ class Pose:
     """Pose and twist of the vehicle in ROS's frames.
 
     Parameters:
-        position (m, (3,)): in ENU
-        attitude_wxyz ((4,)): quaternion (w, x, y, z), ENU <- FLU
-        velocity_flu (m/s, (3,)): in the body's frame
-        rate_flu (rad/s, (3,)): turn rate in the body's frame
+        position (m, (3,)): position in ENU
+        attitude_wxyz ((4,)): quaternion (w, x, y, z) of the rotation from FLU to ENU
+        velocity_flu (m/s, (3,)): velocity in the body frame
+        rate_flu (rad/s, (3,)): angular rate in the body frame
     """
 
     position: NDArray
@@ -44,17 +44,17 @@ class Pose:
 
 def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate_frd: Floats,
                   pose_frame: int = POSE_FRAME_NED, velocity_frame: int = VELOCITY_FRAME_NED) -> Pose:
-    """A pose in ROS's frames. Unknown values (NaN) become 0, except in the attitude.
+    """Pose in ROS frames. Unknown values (NaN) become 0, except in the attitude.
 
     Raises ValueError for a quaternion that is not of norm 1, or a frame that is not NED.
 
     Parameters:
-        position_ned (m, (3,)): position
-        attitude ((4,)): quaternion (w, x, y, z), NED <- FRD
-        velocity (m/s, (3,)): in the frame that `velocity_frame` names
-        rate_frd (rad/s, (3,)): turn rate in the body's frame
-        pose_frame: number of the frame of position and attitude in VehicleOdometry
-        velocity_frame: number of the frame of the velocity in VehicleOdometry; unknown ones give 0 m/s
+        position_ned (m, (3,)): position in NED
+        attitude ((4,)): quaternion (w, x, y, z) of the rotation from FRD to NED
+        velocity (m/s, (3,)): velocity in the frame given by `velocity_frame`
+        rate_frd (rad/s, (3,)): angular rate in the body frame
+        pose_frame: VehicleOdometry's constant of the frame of position and attitude
+        velocity_frame: VehicleOdometry's constant of the frame of the velocity; an unknown frame gives 0 m/s
     """
     if pose_frame != POSE_FRAME_NED:
         raise ValueError(f'pose_frame is {pose_frame}, expected {POSE_FRAME_NED} (NED)')
@@ -69,34 +69,39 @@ def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate
 
 
 def gimbal_degrees(pan: float, tilt: float) -> tuple[float, float]:
-    """MAVLink's pitch (deg, up) and yaw (deg, to the right) of pan (rad, to the left) and tilt (rad, up)."""
+    """Pitch (deg, up) and yaw (deg, to the right) in MAVLink's convention.
+
+    Parameters:
+        pan (rad): angle to the left
+        tilt (rad): angle upwards
+    """
     return math.degrees(tilt), -math.degrees(pan)
 
 
 def gimbal_angles(attitude: Floats) -> tuple[float, float]:
-    """Pan and tilt (rad) of a gimbal's attitude (w, x, y, z), from its FRD frame to the vehicle's."""
+    """Pan and tilt (rad) of a gimbal, from its attitude (w, x, y, z) in the vehicle's FRD frame."""
     forward = frd_to_flu(quat2mat(np.asarray(attitude, float))[:, 0])
     pan, tilt = direction_to_angles(forward)
     return float(pan), float(tilt)
 
 
 def levelled(pan: float, tilt: float, attitude_wxyz: Floats) -> tuple[float, float]:
-    """Pan and tilt (rad) in the body's frame, turned into the level frame of the same heading.
+    """Pan and tilt (rad) in the level frame that has the body's heading.
 
-    A gimbal whose roll and pitch are locked to the horizon expects angles in the level frame.
+    A gimbal whose roll and pitch are locked to the horizon expects angles in this frame.
 
     Parameters:
-        pan (rad): to the left, in the body's frame; may lie beyond half a turn
-        tilt (rad): up, in the body's frame
-        attitude_wxyz ((4,)): quaternion of the body, ENU <- FLU
+        pan (rad): angle to the left in the body frame; may exceed half a turn
+        tilt (rad): angle upwards in the body frame
+        attitude_wxyz ((4,)): quaternion (w, x, y, z) of the rotation from FLU to ENU
     """
     direction = quat2mat(np.asarray(attitude_wxyz, float)) @ angles_to_direction(pan, tilt)
     azimuth, elevation = direction_to_angles(direction)
     azimuth = float(azimuth) - yaw_of([float(part) for part in attitude_wxyz])
-    # pan may lie beyond half a turn: stay on its branch
+    # pan may exceed half a turn: keep its number of whole turns
     return azimuth + 2.0 * math.pi * round((pan - azimuth) / (2.0 * math.pi)), float(elevation)
 
 
 def yawspeed_ned(yaw_rate: float) -> float:
-    """PX4's yaw speed (rad/s, clockwise seen from above) of a yaw rate (rad/s, counter-clockwise), or the reverse."""
+    """PX4's yaw speed (rad/s, clockwise seen from above) for a yaw rate (rad/s, counter-clockwise), and vice versa."""
     return -yaw_rate

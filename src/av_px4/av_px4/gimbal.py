@@ -1,4 +1,4 @@
-"""Client of PX4's gimbal manager: claim the gimbal, point it, watch the acknowledgements, give it back."""
+"""Client of PX4's gimbal manager: it claims, points and releases the gimbal and monitors the acknowledgements."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
 
 
 class Claim(enum.Enum):
-    """State of the gimbal's ownership."""
+    """State of the claim of primary control over the gimbal."""
 
     NONE = 'not claimed'
     ASKED = 'claimed, not yet acknowledged'
@@ -27,18 +27,18 @@ class Claim(enum.Enum):
 
 @dataclass(frozen=True)
 class GimbalSettings:
-    """Ids and limits. Raises ValueError for an id of the autopilot, or limits that leave no time to stop.
+    """Ids and limits of the gimbal. Raises ValueError for the autopilot's id, or limits that prevent a stop within 0.25 s.
 
     Parameters:
         component: MAVLink component id of this rig, never 1 (the autopilot's)
         gimbal_id: number of the gimbal, 0 for all
         flags: MAVLink's GIMBAL_MANAGER_FLAGS
-        pan (rad, rad/s, rad/s^2): limits of the pan axis, to the left
-        tilt (rad, rad/s, rad/s^2): limits of the tilt axis, up
-        max_command_rate (Hz): most pointing commands a second
-        ack_timeout (s): silence after which acknowledgements count as lost
-        retry (s): pause between claims
-        need_ack: False where the firmware sends no acknowledgements (PX4 1.14's default)
+        pan (rad, rad/s, rad/s^2): limits of the pan axis, positive to the left
+        tilt (rad, rad/s, rad/s^2): limits of the tilt axis, positive upwards
+        max_command_rate (Hz): maximum rate of pointing commands
+        ack_timeout (s): time without an acknowledgement after which control counts as lost
+        retry (s): interval between claims
+        need_ack: whether a claim must be acknowledged; False for firmware without acknowledgements (PX4 1.14's default)
     """
 
     component: int = 191
@@ -65,14 +65,14 @@ class GimbalInputs:
     """The pointing command and the state of the vehicle.
 
     Parameters:
-        move: the command is to be followed
-        pan (rad): to the left
-        tilt (rad): up
-        pan_rate (rad/s): rate of the pan
-        fresh: bearing, pointing command, attitude and status are fresh
+        move: whether the gimbal follows the command
+        pan (rad): commanded angle, positive to the left
+        tilt (rad): commanded angle, positive upwards
+        pan_rate (rad/s): commanded rate of the pan angle
+        fresh: whether bearing, pointing command, attitude and status are all fresh
         nav_state: mode of the vehicle, None without a fresh status
         system: MAVLink id of the vehicle
-        measured (rad): pan and tilt that the gimbal reports, None without a report
+        measured (rad): pan and tilt reported by the gimbal, None without a report
     """
 
     move: bool = False
@@ -86,22 +86,31 @@ class GimbalInputs:
 
 
 class Gimbal:
-    """The client. `step`, at 20 Hz or more, returns the commands to send; `acknowledge` takes the answers."""
+    """Client of the gimbal manager. `step` returns the commands to send and must be called at 20 Hz or more.
+
+    Parameters:
+        settings: ids and limits; defaults for None
+    """
 
     def __init__(self, settings: GimbalSettings | None = None) -> None:
         self.settings = settings or GimbalSettings()
         self.claim = Claim.NONE
         self.takeovers = 0
         self.last_result = ''
-        self.unacknowledged = False   # commands were acknowledged before, and no longer are
+        self.unacknowledged = False   # acknowledgements arrived earlier but have stopped
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
         self._time: float | None = None
         self._next_claim = self._sent = -math.inf
-        self._waiting_since: float | None = None   # when the first command went out that nothing answered
+        self._waiting_since: float | None = None   # time of the oldest command without acknowledgement
         self._answered = False
 
     def step(self, time: float, inputs: GimbalInputs) -> list[Command]:
-        """The commands to send at `time` (s, monotonic)."""
+        """The commands to send.
+
+        Parameters:
+            time (s): current time, monotonic
+            inputs: pointing command and state of the vehicle
+        """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
         self._time = time
         self._watch(time)
@@ -109,7 +118,7 @@ class Gimbal:
             return self.release(inputs.system) if self.claim is not Claim.NONE else []
         if inputs.nav_state is None:
             return []
-        if inputs.nav_state in PX4_USES_GIMBAL:  # it took the gimbal away; ask again when it is done
+        if inputs.nav_state in PX4_USES_GIMBAL:  # PX4 has taken control: claim the gimbal again after this mode
             self.claim, self._waiting_since = Claim.NONE, None
             self._rest()
             return []
@@ -118,7 +127,13 @@ class Gimbal:
         return self._point(time, dt, inputs)
 
     def acknowledge(self, time: float, command: int, result: int) -> None:
-        """Take the answer `result` (MAV_RESULT) to `command`, which arrived at `time` (s, monotonic)."""
+        """Process an acknowledgement.
+
+        Parameters:
+            time (s): arrival, monotonic
+            command: number of the acknowledged MAVLink command
+            result: MAV_RESULT
+        """
         if command not in (GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW):
             return
         self._waiting_since, self._answered, self.unacknowledged = None, True, False
@@ -133,7 +148,7 @@ class Gimbal:
             self._give_up(time)
 
     def release(self, system: int = 1) -> list[Command]:
-        """The command that gives the gimbal back; none where it was not claimed."""
+        """The command that releases the gimbal of vehicle `system`; no command if the gimbal was not claimed."""
         claimed, self.claim = self.claim is not Claim.NONE, Claim.NONE
         self._next_claim, self._waiting_since = -math.inf, None
         self._rest()
@@ -160,21 +175,21 @@ class Gimbal:
         self._next_claim = time + self.settings.retry
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
         self.claim = Claim.ASKED if self.settings.need_ack else Claim.OWNED
-        if inputs.measured is not None:  # begin at the gimbal's present angles, not at those of the last command
+        if inputs.measured is not None:  # start from the gimbal's measured angles, not from the last command
             for axis, angle in zip((self._pan, self._tilt), inputs.measured, strict=True):
                 axis.position = min(max(angle, axis.limits.lower), axis.limits.upper)
         return [configure(inputs.system, self.settings.component, self.settings.gimbal_id)]
 
     def _point(self, time: float, dt: float, inputs: GimbalInputs) -> list[Command]:
         if inputs.fresh and all(map(math.isfinite, (inputs.pan, inputs.tilt, inputs.pan_rate))):
-            # the command is valid now, and the axis itself adds a step of the rate
+            # the command holds for the present time, and `follow` adds pan_rate * dt
             self._pan.follow(inputs.pan - self._pan.position - inputs.pan_rate * dt, inputs.pan_rate, dt)
             self._tilt.follow(inputs.tilt - self._tilt.position, 0.0, dt)
         else:
             moving = self._pan.velocity != 0.0 or self._tilt.velocity != 0.0
             self._pan.stop(dt)
             self._tilt.stop(dt)
-            if not moving:  # the gimbal keeps its angles without further commands
+            if not moving:  # the gimbal holds its angles without further commands
                 return []
         if time - self._sent < 0.5 / self.settings.max_command_rate:
             return []

@@ -1,7 +1,7 @@
-"""The guard of the body: the only place that decides whether a setpoint may be sent, and with what yaw rate.
+"""Guard of the body motion: the only code that decides whether a setpoint is sent, and with what yaw rate.
 
-PX4 1.16 obeys setpoints that arrive by DDS in any mode, even Hold. A setpoint is therefore sent only while a fresh status
-says that the pilot has chosen OFFBOARD or this rig's external mode. Nothing here can arm or choose a mode.
+PX4 1.16 accepts setpoints over DDS in any mode, even Hold. A setpoint is therefore sent only while a fresh status reports
+that the pilot has selected OFFBOARD or this rig's external mode. The guard can neither arm nor select a mode.
 """
 
 from __future__ import annotations
@@ -12,25 +12,26 @@ from dataclasses import dataclass, field
 OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
 STOP_WITHIN = 0.3                  # s from staleness to standstill
-MARGIN = 0.05                      # s of that for the steps' own period
+MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
 STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unnoticed (COM_OF_LOSS_T)
 
 
 @dataclass(frozen=True)
 class GuardSettings:
-    """Limits of the motion, and the ages by arrival from which inputs are stale. Raises ValueError.
+    """Limits of the motion, and the age since arrival at which each input becomes stale.
 
     `max_rate / max_acceleration` is the time to stop, at most 0.25 s. A status arrives twice a second; braking begins 0.3 s
-    before it is stale, so that the last setpoint sent holds the vehicle still.
+    before it becomes stale, so that the last setpoint commands a yaw rate of 0. Raises ValueError for limits without time
+    to stop.
 
     Parameters:
-        max_rate (rad/s): greatest yaw rate
-        max_acceleration (rad/s^2): greatest change of the yaw rate
-        command_timeout (s): for the pointing command
-        bearing_timeout (s): for the bearing
-        attitude_timeout (s): for PX4's attitude
-        position_timeout (s): for PX4's local position
-        status_timeout (s): for PX4's vehicle_status
+        max_rate (rad/s): maximum yaw rate
+        max_acceleration (rad/s^2): maximum change of the yaw rate
+        command_timeout (s): maximum age of the pointing command
+        bearing_timeout (s): maximum age of the bearing
+        attitude_timeout (s): maximum age of PX4's attitude
+        position_timeout (s): maximum age of PX4's local position
+        status_timeout (s): maximum age of PX4's vehicle_status
     """
 
     max_rate: float = math.radians(45.0)
@@ -52,12 +53,12 @@ class GuardSettings:
 
 @dataclass(frozen=True)
 class VehicleStatus:
-    """The fields of px4_msgs/VehicleStatus that matter here.
+    """The fields of px4_msgs/VehicleStatus that the guard needs.
 
     Parameters:
         nav_state: mode
-        armed: motors may turn
-        failsafe: PX4 itself has taken over
+        armed: whether the motors are armed
+        failsafe: whether a failsafe of PX4 is active
         system_id: MAVLink id of the vehicle
     """
 
@@ -69,20 +70,20 @@ class VehicleStatus:
 
 @dataclass(frozen=True)
 class Inputs:
-    """State of the vehicle and of the rig. Ages are by arrival, inf for an input that never arrived.
+    """State of the vehicle and of the rig. Ages count from the arrival; inf for an input that never arrived.
 
     Parameters:
         status: newest status, None before the first
-        status_age (s): of vehicle_status
-        attitude_age (s): of the attitude
-        position_age (s): of the local position
-        command_age (s): of the pointing command
-        bearing_age (s): of the bearing
-        yaw_rate (rad/s): of the pointing command, counter-clockwise
-        move: the yaw rate is to be followed
+        status_age (s): age of vehicle_status
+        attitude_age (s): age of the attitude
+        position_age (s): age of the local position
+        command_age (s): age of the pointing command
+        bearing_age (s): age of the bearing
+        yaw_rate (rad/s): commanded yaw rate, counter-clockwise
+        move: whether the body follows the yaw rate
         own_mode: nav_state of the rig's external mode while PX4 confirms it, else None
-        place_known: there is a position to hold
-        unacknowledged: commands are sent and no acknowledgement arrives
+        place_known: whether a position to hold is known
+        unacknowledged: whether acknowledgements of the gimbal commands have stopped
     """
 
     status: VehicleStatus | None = None
@@ -98,20 +99,20 @@ class Inputs:
     unacknowledged: bool = False
 
     def healthy(self, settings: GuardSettings) -> bool:
-        """Whether the vehicle can be held in place. If not, PX4 takes over (COM_OF_LOSS_T, or the mode's arming check)."""
+        """Whether the vehicle can hold its position. If not, PX4 takes over (COM_OF_LOSS_T, or the mode's arming check)."""
         return (self.status is not None and self.status_age <= settings.status_timeout and self.place_known
                 and self.attitude_age <= settings.attitude_timeout and self.position_age <= settings.position_timeout)
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What is to be sent now.
+    """Result of one step of the guard.
 
     Parameters:
-        heartbeat: OffboardControlMode
-        setpoint: a trajectory setpoint that holds the position
-        yaw_rate (rad/s): of that setpoint, counter-clockwise; 0 holds the heading
-        reason: for the state
+        heartbeat: whether OffboardControlMode is sent
+        setpoint: whether a trajectory setpoint that holds the position is sent
+        yaw_rate (rad/s): yaw rate of that setpoint, counter-clockwise; 0 holds the heading
+        reason: explanation for `px4/state`
     """
 
     heartbeat: bool
@@ -122,7 +123,7 @@ class Decision:
 
 @dataclass
 class BodyGuard:
-    """The guard; `step` is to be called at 20 Hz or more.
+    """The guard of the body motion. `step` must be called at 20 Hz or more.
 
     Parameters:
         settings: limits and timeouts
@@ -134,7 +135,12 @@ class BodyGuard:
     _resumed: float = -math.inf    # end of this process's last stall
 
     def step(self, time: float, inputs: Inputs) -> Decision:
-        """Decide for `time` (s, monotonic). Steps back count as 0 s, long ones as 0.1 s."""
+        """Decide what is sent. The interval since the last step is limited to 0..0.1 s.
+
+        Parameters:
+            time (s): current time, monotonic
+            inputs: state of the vehicle and of the rig
+        """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), 0.1)
         if self._time is not None and time - self._time > STALL:
             self._resumed = time
@@ -151,7 +157,7 @@ class BodyGuard:
         return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
 
     def _forbidden(self, time: float, inputs: Inputs) -> str:
-        """Reason why no setpoint may be sent, empty when one may."""
+        """Reason why no setpoint may be sent, empty if one may."""
         status, settings = inputs.status, self.settings
         if status is None or not inputs.status_age <= settings.status_timeout:
             return 'no fresh vehicle_status'
@@ -165,7 +171,7 @@ class BodyGuard:
         return '' if inputs.place_known else 'no position to hold'
 
     def _halt(self, inputs: Inputs, armed: bool) -> str:
-        """Reason why the vehicle must stand still, empty when it may turn."""
+        """Reason why the yaw rate must be 0, empty if the vehicle may turn."""
         settings = self.settings
         reasons = {
             'vehicle_status is overdue': not inputs.status_age <= settings.status_timeout - STOP_WITHIN,

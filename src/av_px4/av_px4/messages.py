@@ -1,6 +1,7 @@
-"""Conversion between px4_msgs or nav_msgs and the types of this package. Fields that a firmware lacks are left out.
+"""Conversion between px4_msgs or nav_msgs and the types of this package. Fields that a firmware lacks are omitted.
 
-Functions that make a message take the module px4_msgs.msg as `messages` and the time of sending in us as `timestamp`.
+Functions that make a message have two common parameters: `messages` is the module px4_msgs.msg, `timestamp` (us) is the time
+of sending.
 """
 
 from __future__ import annotations
@@ -27,28 +28,35 @@ CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 
 
 
 def status_from(message: Any) -> VehicleStatus:
-    """The status of a VehicleStatus. Raises ValueError for impossible values, which another version of the message leaves."""
+    """The status in a VehicleStatus. Raises ValueError for impossible values, the sign of another message version."""
     if message.arming_state not in (1, 2) or message.nav_state > 31:
-        raise ValueError(f'arming_state {message.arming_state} and nav_state {message.nav_state} are no vehicle_status: '
-                         'px4_msgs is not of the firmware\'s version')
+        raise ValueError(f'vehicle_status has arming_state {message.arming_state} and nav_state {message.nav_state}, which '
+                         'do not exist: px4_msgs is not of the firmware\'s version')
     return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1)
 
 
 def pose_from(message: Any) -> Pose:
-    """The pose of a VehicleOdometry. Raises ValueError."""
+    """The pose in a VehicleOdometry. Raises ValueError for an invalid quaternion or a frame other than NED."""
     return pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
                          message.velocity_frame)
 
 
 def gimbal_from(message: Any) -> tuple[float, float] | None:
-    """Pan and tilt (rad) of a GimbalDeviceAttitudeStatus, None where its yaw is not the vehicle's."""
+    """Pan and tilt (rad) in a GimbalDeviceAttitudeStatus, None if its yaw is not relative to the vehicle."""
     if message.device_flags & YAW_LOCK and not message.device_flags & YAW_IN_VEHICLE_FRAME:
         return None
     return gimbal_angles(message.q) if abs(float(np.linalg.norm(message.q)) - 1.0) < 0.1 else None
 
 
 def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) -> Odometry:
-    """The pose as an Odometry at `time` (s, ROS); the twist is in the child frame, `base_frame`."""
+    """The Odometry message of a pose.
+
+    Parameters:
+        time (s): stamp, ROS time
+        odom_frame: frame of the pose
+        base_frame: child frame, to which the twist refers
+        pose: pose and twist
+    """
     message = Odometry(header=Header(stamp=to_stamp(time), frame_id=odom_frame), child_frame_id=base_frame)
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     position.x, position.y, position.z = pose.position.tolist()
@@ -60,7 +68,14 @@ def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) 
 
 
 def command_message(messages: Any, timestamp: int, command: Command, system: int, component: int) -> Any:
-    """A VehicleCommand from component `component` of this rig to the autopilot of vehicle `system`."""
+    """A VehicleCommand to the autopilot.
+
+    Parameters:
+        messages, timestamp: see above
+        command: number and parameters of the command
+        system: MAVLink system id of the vehicle
+        component: MAVLink component id of this rig
+    """
     numbers = {f'param{number}': float(value) for number, value in enumerate(command.params, 1)}
     return messages.VehicleCommand(timestamp=timestamp, command=command.command, target_system=system,
                                    target_component=AUTOPILOT, source_system=system, source_component=component,
@@ -73,7 +88,13 @@ def offboard_message(messages: Any, timestamp: int) -> Any:
 
 
 def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate: float) -> Any:
-    """A setpoint that holds a position (m, (3,)) and turns at `yaw_rate` (rad/s, counter-clockwise); 0 holds the heading."""
+    """A TrajectorySetpoint that holds a position.
+
+    Parameters:
+        messages, timestamp: see above
+        place_ned (m, (3,)): position to hold, in the estimator's frame
+        yaw_rate (rad/s): counter-clockwise; 0 holds the heading
+    """
     nothing = [math.nan] * 3
     return messages.TrajectorySetpoint(
         timestamp=timestamp, position=[float(value) for value in place_ned], velocity=nothing, acceleration=nothing,
@@ -81,7 +102,7 @@ def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate
 
 
 def register_message(messages: Any, timestamp: int, request: Register) -> Any:
-    """The request to register a mode with its arming check."""
+    """The RegisterExtComponentRequest of a mode and its arming check."""
     message = messages.RegisterExtComponentRequest(
         timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=API_VERSION, register_arming_check=True,
         register_mode=True)
@@ -99,14 +120,14 @@ def unregister_message(messages: Any, timestamp: int, registration: Registration
 
 
 def control_message(messages: Any, timestamp: int, registration: Registration) -> Any:
-    """PX4's controllers that the mode uses: all, since it sends positions."""
+    """The VehicleControlMode of the external mode. It enables all of PX4's controllers, since the mode sends positions."""
     message = messages.VehicleControlMode(timestamp=timestamp)
     _set(message, source_id=registration.mode_id, **{f'flag_control_{name}_enabled': True for name in CONTROLLED})
     return message
 
 
 def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
-    """The answer to an arming check: the mode's needs, that it prevents arming, and whether it can run."""
+    """The ArmingCheckReply: what the mode requires, that it cannot be armed in, and whether it can run."""
     message = messages.ArmingCheckReply(
         timestamp=timestamp, request_id=answer.request_id, registration_id=answer.registration_id,
         can_arm_and_run=answer.can_run)

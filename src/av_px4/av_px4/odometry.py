@@ -11,14 +11,14 @@ from av_px4.messages import odometry_message
 
 
 class OdometryConverter:
-    """Odometry in a frame that never jumps, stamped in ROS time.
+    """Converts poses to Odometry messages in a continuous frame, stamped in ROS time.
 
-    PX4's clock is another one, and lags even when it is synchronised: the offset between both clocks is the smallest
-    difference between arrival and stamp.
+    PX4 has its own clock, which lags even when it is synchronised. The offset between both clocks is estimated as the
+    smallest difference between arrival and stamp.
 
     Parameters:
         odom_frame: frame of the poses
-        base_frame: frame of the rig's body, to which the twist refers
+        base_frame: frame of the vehicle's body, to which the twist refers
     """
 
     def __init__(self, odom_frame: str, base_frame: str) -> None:
@@ -27,7 +27,7 @@ class OdometryConverter:
 
     @property
     def clock_restarts(self) -> int:
-        """Number of jumps of PX4's clock, which sets it when it loses or regains time synchronisation."""
+        """Number of jumps of PX4's clock; it jumps when time synchronisation is lost or regained."""
         return self._clock.restarts
 
     @property
@@ -36,13 +36,13 @@ class OdometryConverter:
         return self._pose.resets
 
     def convert(self, time: float, arrival: float, pose: Pose, counter: int) -> Odometry | None:
-        """The message for a pose, None where the stamp cannot be dated: after a jump of PX4's clock, for half a second.
+        """The message of a pose, None for half a second after a jump of PX4's clock, when stamps cannot be converted.
 
         Parameters:
-            time (s): when the pose was valid, on PX4's clock
-            arrival (s): when it arrived, in ROS time
-            pose: in the estimator's frame
-            counter: the estimator's count of resets
+            time (s): time of validity of the pose, on PX4's clock
+            arrival (s): time of arrival, ROS time
+            pose: pose in the estimator's frame
+            counter: the estimator's reset counter
         """
         stamp = self._clock.date(time, arrival)
         if stamp is None:

@@ -1,4 +1,4 @@
-"""Settings of the stage, and how they are made of the node's parameters."""
+"""Settings of the stage, and their conversion from the node's parameters."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from av_px4.guard import GuardSettings
 
 @dataclass(frozen=True)
 class Px4Settings:
-    """Limits and choices of Px4Stage.
+    """Settings of Px4Stage.
 
     Parameters:
-        guard: limits of the body's motion, and the ages from which inputs are stale
+        guard: limits of the body motion, and the maximum ages of the inputs
         gimbal: ids and limits of the gimbal
-        use_gimbal: claim and point the gimbal
-        lock_to_horizon: the gimbal expects angles from the horizon
-        turn_body: offer OFFBOARD and turn the vehicle in it
+        use_gimbal: whether the gimbal is claimed and pointed
+        lock_to_horizon: whether the gimbal expects angles relative to the horizon
+        turn_body: whether the OFFBOARD heartbeat is sent and the vehicle is turned in that mode
         external_mode: name of the external mode to register, empty for none
-        rate (Hz): steps a second while no pointing command arrives
+        rate (Hz): rate of control steps while no pointing command arrives
         odom_frame: frame of the odometry
-        base_frame: frame of the rig's body
+        base_frame: frame of the vehicle's body
     """
 
     guard: GuardSettings = field(default_factory=GuardSettings)
@@ -39,7 +39,7 @@ class Px4Settings:
 
 
 def px4_settings(p: Any) -> Px4Settings:
-    """Settings of px4_node's parameters. Raises ValueError where a stop would take too long."""
+    """The settings given by px4_node's parameters. Raises ValueError for limits with which a stop would take too long."""
     return Px4Settings(
         guard=_guard_settings(p), gimbal=_gimbal_settings(p), use_gimbal=p.gimbal.enabled,
         lock_to_horizon=p.gimbal.lock_to_horizon, turn_body=p.turn_body,

@@ -1,4 +1,4 @@
-"""What PX4 is sent: every decision of px4_node, of the messages of the rig and of PX4 and their times of arrival."""
+"""The control logic of px4_node: messages of the rig and of PX4 with their arrival in, messages to publish out."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Instant(NamedTuple):
     """A time of arrival on two clocks.
 
     Parameters:
-        steady (s): monotonic clock; ages are judged by it, since a clock that is set must not make old data fresh
-        ros (s): the node's clock, for stamps
+        steady (s): monotonic clock, used for ages, since a step of the system clock must not make old data fresh
+        ros (s): the node's clock, used for stamps
     """
 
     steady: float
@@ -46,7 +46,7 @@ class Outgoing(NamedTuple):
 
     Parameters:
         topic: name of an input of PX4 without prefix and version, or ODOMETRY_TOPIC or STATE_TOPIC
-        message: of the type that the topic has
+        message: message of the topic's type
     """
 
     topic: str
@@ -54,14 +54,14 @@ class Outgoing(NamedTuple):
 
 
 class Px4Stage:
-    """Guard of the body, client of the gimbal, external mode and odometry, fed with messages.
+    """Guard of the body motion, gimbal client, external mode and odometry, driven by messages.
 
-    Methods named `on_*` take a message and its arrival and return the messages to publish. They raise ValueError for a
-    message that cannot be used.
+    Methods named `on_*` take a message and its arrival (see Instant) and return the messages to publish. They raise
+    ValueError for an unusable message.
 
     Parameters:
-        settings: limits and choices
-        messages: the module px4_msgs.msg of the firmware
+        settings: limits and options
+        messages: the module px4_msgs.msg of the firmware's version
     """
 
     def __init__(self, settings: Px4Settings, messages: Any) -> None:
@@ -86,7 +86,7 @@ class Px4Stage:
         return self._status.system_id if self._status else 1
 
     def start(self, now: Instant) -> None:
-        """To be called before the first message."""
+        """Set the time of the start; must be called before the first message."""
         self._now, self._started = now, now.steady
 
     def advance(self, now: Instant) -> None:
@@ -94,7 +94,7 @@ class Px4Stage:
         self._now = now
 
     def stop(self, now: Instant) -> list[Outgoing]:
-        """The messages that leave the vehicle still and give back the gimbal and the external mode."""
+        """The messages that stop the motion, release the gimbal and unregister the external mode."""
         self._now = now
         out = [self._setpoint(0.0)] if self.decision.setpoint else []
         out += self._commands(self.gimbal.release(self.system_id))
@@ -104,7 +104,7 @@ class Px4Stage:
         return out
 
     def on_time(self, now: Instant) -> list[Outgoing]:
-        """To be called `settings.rate` times a second: a step if no message caused one, and the mode's registration."""
+        """Make a step unless a message has just caused one, and register the mode. To be called at `settings.rate`."""
         self._now = now
         out = self._step() if now.steady - self._last_step > 0.9 / self.settings.rate else []
         request = self.mode.step(now.steady) if self.mode else None
@@ -115,7 +115,7 @@ class Px4Stage:
     # from the rig
 
     def on_command(self, message: PointingCommand, arrival: Instant) -> list[Outgoing]:
-        """A pointing command is obeyed at once; one that is late itself is ignored."""
+        """Execute a pointing command at once; a command whose stamp is too old is ignored."""
         self._now = arrival
         if not self._in_time(message.header.stamp, self.settings.guard.command_timeout):
             return []
@@ -124,7 +124,7 @@ class Px4Stage:
         return self._step()
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
-        """A bearing proves that there is a target."""
+        """Note the arrival of a bearing, without which neither gimbal nor body moves."""
         self._now = arrival
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, self.settings.guard.bearing_timeout):
             self.meters['bearing'].tick()
@@ -133,7 +133,7 @@ class Px4Stage:
     # from PX4
 
     def on_vehicle_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """A change of the mode, of arming or of failsafe takes effect at once."""
+        """Store the status; a change of mode, arming or failsafe takes effect at once."""
         self._now = arrival
         status = px4.status_from(message)
         self.meters['status'].tick()
@@ -141,20 +141,20 @@ class Px4Stage:
         return self._step() if changed else []
 
     def on_vehicle_odometry(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """PX4's pose becomes the rig's odometry."""
+        """Convert PX4's pose to the rig's odometry."""
         self._now = arrival
         pose = px4.pose_from(message)
         self.meters['odometry'].tick()
         return self._odometry(message, pose, message.reset_counter)
 
     def on_vehicle_attitude(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """The attitude becomes the odometry where the firmware sends no vehicle_odometry."""
+        """Store the attitude, and convert it to odometry if the firmware sends no vehicle_odometry."""
         self._now, out = arrival, []
         if min(self.meters['odometry'].age, arrival.steady - self._started) > ODOMETRY_GAP:
             unknown = (0.0, 0.0, 0.0)
             position = unknown if self._place.current is None else self._place.current
             pose = pose_from_px4(position, message.q, unknown, unknown)
-            # a negative count: a change of the source counts as a reset, too
+            # a negative counter makes a change of the source count as a reset, too
             out = self._odometry(message, pose, -1 - message.quat_reset_counter)
         if 0.9 < sum(part * part for part in message.q) < 1.1:
             self.meters['attitude'].tick()
@@ -162,7 +162,7 @@ class Px4Stage:
         return out
 
     def on_vehicle_local_position(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """The place that is held while the body turns."""
+        """Store the position, which is held while the body turns."""
         self._now = arrival
         valid = message.xy_valid and message.z_valid
         self._place.update(np.array([message.x, message.y, message.z]), (message.xy_reset_counter, message.z_reset_counter),
@@ -172,7 +172,7 @@ class Px4Stage:
         return []
 
     def on_vehicle_command_ack(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """Acknowledgements to other components are ignored."""
+        """Pass an acknowledgement to the gimbal client; acknowledgements to other components are ignored."""
         self._now = arrival
         if self._status and (message.target_system, message.target_component) == (
                 self._status.system_id, self.settings.gimbal.component):
@@ -180,12 +180,12 @@ class Px4Stage:
         return []
 
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """The gimbal's measured angles, from which a claim begins."""
+        """Store the gimbal's measured angles, from which its motion starts after a claim."""
         self._now, self._measured = arrival, px4.gimbal_from(message)
         return []
 
     def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """PX4 has granted or refused the external mode."""
+        """Process PX4's reply to the registration of the external mode."""
         self._now = arrival
         if self.mode is None or self.mode.registration:
             return []
@@ -195,7 +195,7 @@ class Px4Stage:
         return [self._out('config_control_setpoints', px4.control_message, registration)] if registration else []
 
     def on_arming_check_request(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """PX4 asks whether the external mode can run."""
+        """Reply to PX4's request whether the external mode can run."""
         self._now = arrival
         if self.mode is None:
             return []
@@ -246,7 +246,7 @@ class Px4Stage:
         return self._now.steady
 
     def _in_time(self, stamp: Time, limit: float) -> bool:
-        """Whether a message is not itself late: one that waited in a queue is not fresh because it arrives now."""
+        """Whether the stamp is at most `limit` s old: a message that waited in a queue is not fresh on arrival."""
         return bool(abs(self._now.ros - to_seconds(stamp)) <= limit)
 
     # messages
@@ -267,7 +267,7 @@ class Px4Stage:
                 for command in commands]
 
     def _report(self) -> list[Outgoing]:
-        """The state, where it has changed."""
+        """The message of the state if it has changed."""
         status, mode = self._status, self.mode
         values = {'armed': bool(status and status.armed), 'nav_state': status.nav_state if status else -1,
                   'failsafe': bool(status and status.failsafe), 'gimbal': self.gimbal.claim.value,
@@ -282,9 +282,13 @@ class Px4Stage:
 
 
 def make_px4_stage(parameters: Any, messages: Any) -> Px4Stage:
-    """The stage for px4_node's parameters and the module px4_msgs.msg.
+    """The stage of px4_node.
 
-    Raises ValueError where a limit leaves no time to stop, ImportError where px4_msgs is too old for an external mode.
+    Raises ValueError for limits that leave no time to stop, ImportError if px4_msgs is too old for an external mode.
+
+    Parameters:
+        parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
+        messages: the module px4_msgs.msg
     """
     settings = px4_settings(parameters)
     if settings.external_mode and not all(hasattr(messages, name) for name in MODE_MESSAGES):

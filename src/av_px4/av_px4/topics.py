@@ -11,14 +11,24 @@ class VersionError(ValueError):
 
 
 def find_topic(base: str, names: Iterable[str]) -> str | None:
-    """The name among `names` that is `base` or `base_v<N>`, the newest version first; None where there is none."""
+    """The topic of the newest message version, None if there is none.
+
+    Parameters:
+        base: name without version
+        names: names of existing topics; candidates are `base` and `base_v<N>`
+    """
     found = [(int(match.group(1) or 0), name) for name in names
              if (match := re.fullmatch(rf'{re.escape(base)}(?:_v(\d+))?', name))]
     return max(found)[1] if found else None
 
 
 def check_version(topic: str, message_type: type) -> None:
-    """Raise VersionError where the topic's version is not that of the message's definition: its bytes would be misread."""
+    """Raise VersionError if the topic's version is not that of the message definition: its bytes would be misread.
+
+    Parameters:
+        topic: full name of the topic, with or without a version
+        message_type: class of px4_msgs.msg
+    """
     match = re.search(r'_v(\d+)$', topic)
     sent, known = int(match.group(1)) if match else 0, int(getattr(message_type, 'MESSAGE_VERSION', 0))
     if sent != known:

@@ -43,14 +43,14 @@ class TestExternalMode:
         assert answer is not None                      # it still answers, in case that it was only slow
         assert mode.active_mode(12.0) is None
 
-    @pytest.mark.parametrize(('fields', 'complaint'), [
+    @pytest.mark.parametrize(('fields', 'problem'), [
         ({'success': False}, 'refused'), ({'api_version': 2}, 'version 2'), ({'mode_id': 5}, 'mode 5'),
         ({'mode_id': -1}, 'mode -1'), ({'mode_id': 14}, 'mode 14')])
-    def test_what_is_no_mode_of_ours_is_refused(self, fields, complaint):
+    def test_what_is_no_mode_of_ours_is_refused(self, fields, problem):
         mode = ExternalMode()
         reply = {'request_id': mode.step(0.0).request_id, 'name': 'AV Track', 'api_version': 1, 'success': True,
                  'arming_check_id': 0, 'mode_id': 23, **fields}
-        assert mode.on_reply(0.0, **reply) is None and complaint in mode.complaint
+        assert mode.on_reply(0.0, **reply) is None and problem in mode.problem
         assert mode.active_mode(0.0) is None
 
     def test_replies_to_others_are_ignored(self):

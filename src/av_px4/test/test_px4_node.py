@@ -129,7 +129,7 @@ def test_a_heading_reset_does_not_turn_the_rig(vehicle):
 
 
 def test_without_px4_msgs_it_says_what_to_install():
-    """The node stays alive, and its complaint names the package and the branch."""
+    """The node stays alive, and its error message names the package and the branch."""
     process = subprocess.Popen([sys.executable, '-c', 'from av_px4.nodes.px4_node import main; main()'],
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:

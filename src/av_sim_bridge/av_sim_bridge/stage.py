@@ -1,7 +1,7 @@
-"""What the bridge decides: datagrams of a simulator to messages of the rig's topics, commands and poses to datagrams.
+"""Conversion of a simulator's datagrams to messages of the rig's topics, and of commands and poses to datagrams.
 
-No socket, no thread and no wall clock in here. Methods named after a stream take a datagram, its arrival (s of the
-system's clock) and its sender (host, port); they raise WireError for a datagram that cannot be used.
+This module has no sockets, threads or wall clock. Methods named after a stream have the parameters datagram, `arrival` (s, the
+system's clock) and `sender` (host, port); they raise WireError for an unusable datagram.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2DArray
 
+from av_audio.messages import audio_frame
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
 from av_common.frames import frd_to_flu
@@ -37,22 +38,22 @@ from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 from av_vision.messages import camera_info_message, image_message
 
-LONGEST_BLOCK = 4800   # samples of each channel in one message
+LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 Output = tuple[str, Any]    # topic and message
 
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Numbers of the vehicles, and which topics the bridge serves.
+    """Numbers of the vehicles, and options of the topics.
 
     Parameters:
-        rig_id: the simulator's number of the rig.
+        rig_id: number of the rig in the simulator.
         target_id: number of the first target.
-        targets: how many targets there are, numbered from `target_id` on.
+        targets: number of targets, whose numbers are consecutive from `target_id`.
         world_frame: frame of positions (ENU) in odometry and truth.
-        follow_odometry: something else moves the rig, and its `odometry` goes to the simulator.
-        oracle_detections: the visual oracle's reports become `detections`.
-        ring_buffer_bytes: size of the buffer between the receiver of sound and `read_audio`.
+        follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
+        oracle_detections: whether the visual oracle's reports become `detections`.
+        ring_buffer_bytes (bytes): size of the buffer between `on_audio` and `read_audio`.
     """
 
     rig_id: int = 1
@@ -65,21 +66,21 @@ class BridgeSettings:
 
     @property
     def target_topics(self) -> dict[int, str]:
-        """The topic of each target's truth, by its number."""
+        """Topic of each target's true state, by the target's number."""
         others = range(self.target_id + 1, self.target_id + self.targets)
         return {self.target_id: 'truth/target'} | {number: f'truth/target_{number}' for number in others}
 
 
 class BridgeStage:
-    """The streams of one simulator and one rig. The sender's clock is shared by all streams, so that stamps agree.
+    """The streams of one simulator and one rig. All streams share the sender's clock, so that their stamps agree.
 
-    Each stream is meant for one thread; `read_audio` and `decode_*` may run in others. `target_topics` is the topic of
-    each target's truth, by the simulator's number.
+    The method of each stream must be called by one thread only; `read_audio` and `decode_*` may run in other threads.
+    `target_topics` maps the number of each target to the topic of its true state.
 
     Parameters:
-        rig: number of microphones, camera and frames.
-        layout: format of the samples on the wire.
-        settings: see BridgeSettings.
+        rig: description of the rig: microphones, camera and frames.
+        layout: format of the samples in audio datagrams.
+        settings: numbers of the vehicles, and options of the topics.
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
@@ -96,11 +97,11 @@ class BridgeStage:
         self._unusable_odometry = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Take sound, which `read_audio` returns. Raises WireError."""
+        """Store samples for `read_audio`."""
         self._audio.take(datagram, arrival, sender)
 
     def read_audio(self, timeout: float = 0.0) -> AudioFrame | None:
-        """The oldest samples that wait, None where there are none after `timeout` (s)."""
+        """The oldest stored samples, None if there are none within `timeout` (s)."""
         if not self._ring.wait(timeout):
             return None
         first, samples = self._ring.read(LONGEST_BLOCK)
@@ -109,10 +110,10 @@ class BridgeStage:
         header = messages.make_header(self._audio.stamp(first), self._rig.array.frame)
         samples = self._layout.to_float(samples)
         self._direction.add(samples)
-        return messages.audio_message(header, self._layout.sample_rate, first, samples)
+        return audio_frame(samples, first, self._layout.sample_rate, header)
 
     def on_image(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | Detection2DArray | None:
-        """A complete image, still encoded, or the oracle's detections. Raises WireError."""
+        """A complete image, still encoded, or the oracle's detections; None while incomplete."""
         result = self._images.take(datagram, arrival, sender)
         if not isinstance(result, OracleReport):
             return result
@@ -122,12 +123,12 @@ class BridgeStage:
         return messages.oracle_detections_message(header, result.boxes)
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
-        """A complete depth image, still encoded. Raises WireError."""
+        """A complete depth image, still encoded; None while incomplete."""
         result = self._depths.take(datagram, arrival, sender)
         return result if isinstance(result, StampedImage) else None
 
     def decode_image(self, stamped: StampedImage) -> list[Output]:
-        """Image and calibration at the image's size. Raises ValueError for what is no image."""
+        """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable."""
         bgr = messages.decode_image(stamped.image.data)
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
         height, width = bgr.shape[:2]
@@ -135,12 +136,12 @@ class BridgeStage:
         return [('camera/image_raw', image_message(header, bgr)), ('camera/camera_info', calibration)]
 
     def decode_depth(self, stamped: StampedImage) -> list[Output]:
-        """The depth image. Raises ValueError for what is none."""
+        """The message of a depth image. Raises ValueError if it is not a 16-bit PNG."""
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
         return [('camera/depth/image_raw', image_message(header, messages.decode_depth(stamped.image.data)))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
-        """The true state of rig or target; nothing for a vehicle of another number. Raises WireError."""
+        """The messages of the true state of rig or target; none for a vehicle with another number."""
         state = self._truth.take(datagram, arrival, sender)
         header = messages.make_header(state.stamp, self._settings.world_frame)
         if state.copter_id == self._settings.rig_id:
@@ -153,17 +154,17 @@ class BridgeStage:
         return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state.state))]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
-        """An inertial measurement of the rig. Raises WireError."""
+        """The message of an inertial measurement of the rig."""
         sample, stamp = self._imu.take(datagram, arrival, sender)
         header = messages.make_header(stamp, self._rig.base_frame)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 
     def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Compare the simulator's clock with this machine's. Raises WireError."""
+        """Update the offset between the simulator's clock and this machine's."""
         self._time_sync.take(datagram, arrival, sender)
 
     def on_command(self, command: PointingCommand) -> bytes:
-        """The datagram for the simulator's control port."""
+        """The datagram of a pointing command for the simulator's control port."""
         self._sequence = (self._sequence + 1) % 2**31
         body = command.move_body and not self._settings.follow_odometry
         gimbal = command.move_gimbal and math.isfinite(command.pan) and math.isfinite(command.tilt)
@@ -172,7 +173,7 @@ class BridgeStage:
             command.pan if gimbal else None, command.tilt if gimbal else None))
 
     def on_odometry(self, odometry: Odometry) -> bytes | None:
-        """The rig's pose for the simulator's control port, None (and counted) where the message holds no pose."""
+        """The datagram of the rig's pose for the simulator's control port; None for an invalid pose, which is counted."""
         try:
             state = messages.vehicle_state(odometry)
         except ValueError:
@@ -181,12 +182,12 @@ class BridgeStage:
         return encode_truth(to_truth(state, self._settings.rig_id))
 
     @property
-    def complaint(self) -> str:
-        """What is wrong with the sound, empty while nothing is known to be."""
-        return self._direction.complaint
+    def problem(self) -> str:
+        """Reason why the audio stream is unusable, empty if none is known."""
+        return self._direction.problem
 
     def counts(self) -> dict[str, float]:
-        """What was lost, unusable or out of order, for /diagnostics."""
+        """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assembler = self._audio.decoder.counts, self._images.assembler
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
                 'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
@@ -198,9 +199,9 @@ class BridgeStage:
 
 
 def make_bridge_stage(parameters: Any) -> BridgeStage:
-    """The stage of a node's parameters (generated struct, or of `av_common.parameters.node_parameters`).
+    """The stage of bridge_node's parameters (generated struct, or of `av_common.parameters.node_parameters`).
 
-    Raises ValueError or OSError for a rig that cannot be read.
+    Raises ValueError or OSError for an unreadable description of the rig.
     """
     if not parameters.rig_file:
         raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")

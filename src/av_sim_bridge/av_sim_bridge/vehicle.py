@@ -1,4 +1,4 @@
-"""States of vehicles in ROS's frames, and to and from the wire's NED/FRD."""
+"""States of vehicles in ROS frames (ENU/FLU), and their conversion from and to RFlySim's NED/FRD."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class VehicleState:
     """State of a vehicle at one time, in ENU and FLU.
 
     Parameters:
-        time (s): of the state.
-        position (m, ENU): (3,).
-        velocity (m/s, ENU): (3,).
-        acceleration (m/s^2, ENU): (3,).
-        attitude_wxyz: unit quaternion from FLU to ENU, (4,).
-        rate_flu (rad/s, FLU): turn rate, (3,).
-        rotor_rpm (1/min): rotor speeds, (8,).
+        time (s): time of the state.
+        position (m, (3,)): position in ENU.
+        velocity (m/s, (3,)): velocity in ENU.
+        acceleration (m/s^2, (3,)): acceleration in ENU, without gravity.
+        attitude_wxyz ((4,)): unit quaternion (w, x, y, z) of the rotation from FLU to ENU.
+        rate_flu (rad/s, (3,)): angular rate in FLU.
+        rotor_rpm (1/min, (8,)): rotor speeds.
     """
 
     time: float
@@ -45,7 +45,13 @@ class VehicleState:
 
 
 def to_truth(state: VehicleState, copter_id: int, vehicle_type: int = 3) -> VehicleTruth:
-    """The state as RFlySim sends it."""
+    """The state in RFlySim's frames.
+
+    Parameters:
+        state: state in ENU and FLU.
+        copter_id: number of the vehicle in the simulator.
+        vehicle_type: RFlySim's type of the vehicle, 3 for a quadrotor.
+    """
     attitude = attitude_ned_to_enu(state.attitude_wxyz)
     acceleration_flu = state.rotation.T @ state.acceleration
     return VehicleTruth(copter_id, vehicle_type, state.time, ned_to_enu(state.position), ned_to_enu(state.velocity),
@@ -54,7 +60,7 @@ def to_truth(state: VehicleState, copter_id: int, vehicle_type: int = 3) -> Vehi
 
 
 def from_truth(truth: VehicleTruth) -> VehicleState:
-    """RFlySim's state in ROS's frames; acceleration and turn rate are zero where the layout has none."""
+    """RFlySim's state in ROS frames. Acceleration and angular rate are zero for the layout without them."""
     attitude = attitude_ned_to_enu(truth.quaternion_wxyz / np.linalg.norm(truth.quaternion_wxyz))
     acceleration = np.zeros(3) if truth.acceleration_frd is None else frd_to_flu(truth.acceleration_frd)
     rate = np.zeros(3) if truth.rate_frd is None else frd_to_flu(truth.rate_frd)
@@ -63,6 +69,11 @@ def from_truth(truth: VehicleTruth) -> VehicleState:
 
 
 def to_imu(state: VehicleState, sequence: int) -> ImuSample:
-    """What an ideal accelerometer and gyroscope on the vehicle measure: specific force and turn rate in FRD."""
+    """Output of an ideal accelerometer and gyroscope on the vehicle: specific force and angular rate in FRD.
+
+    Parameters:
+        state: state in ENU and FLU.
+        sequence: number of the sample.
+    """
     specific_force = state.rotation.T @ (state.acceleration + np.array([0.0, 0.0, GRAVITY]))
     return ImuSample(sequence, state.time, frd_to_flu(specific_force), frd_to_flu(state.rate_flu))

@@ -199,7 +199,7 @@ def test_float_garbage_is_refused(rng):
 def test_a_header_that_contradicts_its_datagram_is_named():
     layout = AudioFormat()
     datagram = encode_audio(layout, ramp(10), AudioHeader(0, 10, 0.0))
-    with pytest.raises(WireError, match='header says'):
+    with pytest.raises(WireError, match='header states'):
         AudioDecoder(layout).decode(datagram + b'\0\0', 0.0)
 
 

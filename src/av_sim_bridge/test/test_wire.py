@@ -71,8 +71,8 @@ def test_oracle_round_trip_and_nothing_seen():
 
 
 @pytest.mark.parametrize(('box', 'message'), [
-    (OracleBox(1, 1.5, 0, 0, 1, 1), 'score 1.5'),
-    (OracleBox(1, 0.5, 5, 0, 1, 1), 'corners swapped'),
+    (OracleBox(1, 1.5, 0, 0, 1, 1), 'is 1.5'),
+    (OracleBox(1, 0.5, 5, 0, 1, 1), 'are swapped'),
     (OracleBox(1, float('nan'), 0, 0, 1, 1), 'not finite'),
 ])
 def test_oracle_names_what_is_wrong(box, message):

@@ -68,10 +68,10 @@ def test_contradicting_packet_counts_are_refused():
 
 @pytest.mark.parametrize(('fields', 'message'), [
     ((1, 28, 0, 1, 0.0), 'magic 1'),
-    ((1234567890, 99, 0, 1, 0.0), 'header says 99'),
+    ((1234567890, 99, 0, 1, 0.0), 'header states 99'),
     ((1234567890, 28, 3, 3, 0.0), 'packet 3 of 3'),
     ((1234567890, 28, 0, 10**9, 0.0), 'packet 0 of 1000000000'),
-    ((1234567890, 28, 0, 1, float('nan')), 'time nan'),
+    ((1234567890, 28, 0, 1, float('nan')), 'time is nan'),
 ])
 def test_bad_headers_are_named(fields, message):
     with pytest.raises(WireError, match=message):

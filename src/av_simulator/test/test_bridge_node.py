@@ -46,7 +46,7 @@ def rig():
     ahead = dataclasses.replace(scenario.targets[0], trajectory=Static((8.0, 0.5, 3.0)))
     scenario = dataclasses.replace(scenario, targets=(ahead, scenario.targets[1]))
     bridge.spin_until_connected()
-    bridge.spin_until(lambda: 'no data' in bridge.status().message, 'complaint about silence')
+    bridge.spin_until(lambda: 'no data' in bridge.status().message, 'a report of missing data')
     bridge.alone = bridge.status()
     bridge.begin = time.time()
     # A process of its own, as outside of tests: two threads of one interpreter slow each other down to a fifth.

@@ -1,4 +1,4 @@
-"""Subscriptions and publishers for PX4's topics, whose names may carry a version, with the quality of service of PX4."""
+"""Subscriptions and publishers for PX4's topics, whose names may end in a version, with PX4's quality of service."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from av_px4.topics import VersionError, check_version, find_topic
 
-# PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber receives that, too, but nothing that was sent before
-# it subscribed: an old status must not look like a fresh one. PX4's own subscribers are BEST_EFFORT and VOLATILE.
+# PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber is compatible and receives no message from before its
+# subscription: an old status must not look like a fresh one. PX4's own subscribers are BEST_EFFORT and VOLATILE.
 PX4_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT,
                      durability=DurabilityPolicy.VOLATILE)
 
 
 def load_px4_msgs() -> ModuleType:
-    """The module px4_msgs.msg. Raises ImportError with what to install."""
+    """The module px4_msgs.msg. Raises ImportError with instructions for its installation."""
     try:
         return importlib.import_module('px4_msgs.msg')
     except ImportError as error:
@@ -29,10 +29,10 @@ def load_px4_msgs() -> ModuleType:
 
 
 class Px4Link:
-    """Subscriptions and publishers that open when PX4's side of them appears. Raises ImportError without px4_msgs.
+    """Subscriptions and publishers that are created as soon as PX4's topics appear. Raises ImportError without px4_msgs.
 
     Parameters:
-        node: the node to which they belong
+        node: node that owns them
         prefix: the part of the topics' names before `/out/` and `/in/`, such as `fmu`
     """
 
@@ -46,35 +46,40 @@ class Px4Link:
         self._publishers: dict[str, tuple[str, Any]] = {}
 
     def subscribe(self, name: str, message: str, callback: Callable[[Any], None]) -> None:
-        """Subscribe to an output of PX4 as soon as it exists; a message that the installed px4_msgs lacks is left out.
+        """Subscribe to an output of PX4 as soon as it exists. Without its message in px4_msgs there is no subscription.
 
         Parameters:
-            name: name of the output without prefix and version
-            message: name of its message
-            callback: called with each message
+            name: name of the topic without prefix and version
+            message: name of the message type in px4_msgs
+            callback: function that is called with each message
         """
         if hasattr(self.messages, message):
             self._wanted[name] = (getattr(self.messages, message), callback)
 
     def advertise(self, name: str, message: str) -> None:
-        """Create a publisher to the input `name` of PX4 as soon as it exists, for messages of that name."""
+        """Create a publisher to an input of PX4 as soon as it exists.
+
+        Parameters:
+            name: name of the topic without prefix and version
+            message: name of the message type in px4_msgs
+        """
         if hasattr(self.messages, message):
             self._inputs[name] = getattr(self.messages, message)
 
     def publish(self, name: str, message: Any) -> bool:
-        """Publish to an input of PX4; False while PX4 has none of that name."""
+        """Publish a message to the input `name` of PX4; False while PX4 does not subscribe to it."""
         if name not in self._publishers:
             return False
         self._publishers[name][1].publish(message)
         return True
 
     def topic(self, name: str) -> str | None:
-        """Full name of the topic of an output or input, None while PX4 has none."""
+        """Full name of the topic of an output or input, None while PX4 does not have it."""
         found = self._subscriptions.get(name) or self._publishers.get(name)
         return found[0] if found else None
 
     def discover(self) -> None:
-        """Look for PX4's topics in the graph, open new ones, and reopen those whose version has changed."""
+        """Search the ROS graph for PX4's topics; open new ones, and reopen those whose version has changed."""
         known = [name for name, types in self._node.get_topic_names_and_types()
                  if any(kind.startswith('px4_msgs/') for kind in types)]
         written = [topic for topic in known if '/out/' in topic and self._node.count_publishers(topic)]

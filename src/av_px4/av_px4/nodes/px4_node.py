@@ -1,4 +1,4 @@
-"""The pointing command to PX4's gimbal and body, PX4's attitude to the rig's odometry."""
+"""Node between the rig and PX4: pointing commands to its gimbal and body, its pose as the rig's odometry."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
 
 
 class Px4Node(RigNode):
-    """Topics, timers and diagnostics around Px4Stage, which decides what is sent."""
+    """Topics, timers and diagnostics of Px4Stage, which makes all decisions."""
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
         'simulator_port': 'follow_odometry, of bridge_node', 'simulator_host': 'control_host, of bridge_node'}
@@ -40,7 +40,7 @@ class Px4Node(RigNode):
         super().__init__('px4_node', parameters)
 
     def configure(self) -> None:
-        """Build the stage. Raises ImportError without px4_msgs."""
+        """Create the stage and the publishers. Raises ImportError without px4_msgs, ValueError for impossible limits."""
         self._settings = self.settings
         self._link = Px4Link(self, self._settings.fmu)
         self._stage = make_px4_stage(self._settings, self._link.messages)
@@ -48,12 +48,12 @@ class Px4Node(RigNode):
             self._link.subscribe(name, kind, partial(self._take, name, getattr(self._stage, f'on_{name}')))
         for name, kind in (INPUTS | (MODE_INPUTS if self._settings.external_mode else {})).items():
             self._link.advertise(name, kind)
-        self._complaint = ''
+        self._unusable = ''
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED)}
 
     def activate(self) -> None:
-        """Subscribe to the rig and look for PX4."""
+        """Subscribe to the rig's topics and search for PX4's."""
         self._stage.start(self._instant())
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
@@ -63,7 +63,7 @@ class Px4Node(RigNode):
         self._link.discover()
 
     def deactivate(self) -> None:
-        """Leave the vehicle still, give back the gimbal and the mode."""
+        """Stop the vehicle's motion, release the gimbal and unregister the mode."""
         self._send(self._stage.stop(self._instant()))
         self._link.close()
 
@@ -79,7 +79,7 @@ class Px4Node(RigNode):
         try:
             out = take(message, self._instant())
         except ValueError as error:
-            self._complaint = f'{topic}: {error}'
+            self._unusable = f'{topic}: {error}'
             return
         self._send(out)
 
@@ -94,11 +94,11 @@ class Px4Node(RigNode):
                 self._link.publish(topic, message)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Report what is missing and why nothing moves."""
+        """Report missing inputs, the gimbal's state and the reason of the guard's decision."""
         stage = self._stage
         stage.advance(self._instant())
-        for complaint in self._complaints():
-            status.mergeSummary(DiagnosticStatus.WARN, complaint)
+        for problem in self._problems():
+            status.mergeSummary(DiagnosticStatus.WARN, problem)
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('gimbal', stage.gimbal.claim.value)
@@ -108,10 +108,10 @@ class Px4Node(RigNode):
         status.add('heading and position resets', str(stage.odometry.resets))
         status.add('clock restarts', str(stage.odometry.clock_restarts))
 
-    def _complaints(self) -> list[str]:
+    def _problems(self) -> list[str]:
         gimbal, mode = self._stage.gimbal, self._stage.mode
-        found = [*self._link.problems.values(), self._complaint, mode.complaint if mode else '']
-        self._complaint = ''
+        found = [*self._link.problems.values(), self._unusable, mode.problem if mode else '']
+        self._unusable = ''
         if self._link.topic('vehicle_status') is None and 'vehicle_status' not in self._link.problems:
             found.append('no topics of PX4: is MicroXRCEAgent running, and UXRCE_DDS_CFG set?')
         elif self._stage.meters['status'].age > self._settings.timeouts.status:
@@ -122,7 +122,7 @@ class Px4Node(RigNode):
                          'no vehicle_command_ack: add it to dds_topics.yaml (PX4 1.14), or set gimbal.need_ack to false')
         if gimbal.unacknowledged:
             found.append('commands are no longer acknowledged')
-        return [complaint for complaint in found if complaint]
+        return [problem for problem in found if problem]
 
 
 def main() -> None:

@@ -1,1 +1,1 @@
-"""Thin ROS 2 shells around the algorithms of this package."""
+"""ROS 2 nodes."""

@@ -1,4 +1,4 @@
-"""From the simulator's datagrams to the topics of the rig, and commands back."""
+"""Node that converts a simulator's datagrams to the rig's topics, and commands to datagrams."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from av_sim_bridge.receiving.streams import Sender, StampedImage
 from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 
-STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # whose silence is worth a warning
+STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # streams that are reported when no data arrives
 
 
 class BridgeNode(RigNode):
-    """Receives on a thread for each port, publishes what the stage makes of it, and reports what is missing."""
+    """Receives datagrams on one thread for each port, publishes the stage's messages, and reports missing streams."""
 
     def __init__(self) -> None:
         super().__init__('bridge_node', parameters)
 
     def configure(self) -> None:
-        """Read the rig, open publishers."""
+        """Read the rig's description and create the publishers."""
         self._settings = self.settings
         self._stage = make_bridge_stage(self._settings)
         topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAGE),
@@ -49,7 +49,7 @@ class BridgeNode(RigNode):
 
     def activate(self) -> None:
         """Open the ports and start the threads."""
-        self._stage = make_bridge_stage(self._settings)    # clocks and buffers of a new run
+        self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
         with ExitStack() as opened:
             self._open_streams(opened)
@@ -65,7 +65,7 @@ class BridgeNode(RigNode):
             self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
 
     def deactivate(self) -> None:
-        """Stop the threads and give the ports back."""
+        """Stop the threads and close the ports."""
         self._opened.close()
 
     def cleanup(self) -> None:
@@ -132,11 +132,11 @@ class BridgeNode(RigNode):
         try:
             self._control.sendto(datagram, (self._settings.control_host, self._settings.control_port))
         except OSError as error:
-            self.get_logger().warning(f'cannot command the rig at {self._settings.control_host}: {error.strerror}',
+            self.get_logger().warning(f'cannot send commands to {self._settings.control_host}: {error.strerror}',
                                       throttle_duration_sec=10.0)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Rate, age and faults of every stream."""
+        """Report rate, age and errors of every stream."""
         streams = {name: self._receivers[name] for name in STREAMS}
         silent = [name for name, receiver in streams.items() if receiver.meter.age > self._settings.stale_after]
         if len(silent) == len(streams):
@@ -144,14 +144,14 @@ class BridgeNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'no data from the simulator (UDP {ports})')
         elif silent:
             status.mergeSummary(DiagnosticStatus.WARN, f'no data: {", ".join(silent)}')
-        if self._stage.complaint:
-            status.mergeSummary(DiagnosticStatus.WARN, f'audio: {self._stage.complaint}')
+        if self._stage.problem:
+            status.mergeSummary(DiagnosticStatus.WARN, f'audio: {self._stage.problem}')
         for name, receiver in self._receivers.items():
             status.add(f'{name} rate (Hz)', f'{receiver.meter.rate:.1f}')
             status.add(f'{name} age (s)', f'{receiver.meter.age:.2f}')
             status.add(f'{name} malformed', str(receiver.malformed))
-            if receiver.complaint:
-                status.add(f'{name} last complaint', receiver.complaint)
+            if receiver.last_error:
+                status.add(f'{name} last error', receiver.last_error)
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed}
         for name, value in counts.items():
             status.add(name, str(value))

@@ -1,1 +1,1 @@
-"""From UDP ports to dated samples, images and states: sockets, threads and stream decoders; no ROS in here."""
+"""Reception of samples, images and states with ROS time stamps: sockets, threads and stream decoders, without ROS."""

@@ -1,7 +1,7 @@
-"""From audio datagrams to gapless numbered blocks: order, loss and alignment of the channels.
+"""Decoding of audio datagrams to consecutive numbered blocks: order, loss and alignment of the channels.
 
-With a header, sequence numbers tell loss and order exactly. Without, only the clock can: a datagram can be late but
-never early, so that after a loss every following one arrives early by a multiple of a datagram's length.
+Datagrams with a header have sequence numbers, which determine loss and order exactly. Without a header, loss is inferred
+from arrival times. A datagram can be late but never early; after a loss, every later datagram lags by the lost duration.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ class AudioBlock:
     """Consecutive samples of a stream.
 
     Parameters:
-        first_sample: number of the first one, counted from the start of the stream; it jumps over losses.
-        samples (n, channels): of the wire's type.
-        arrival (s): when the last sample was received.
-        time (s): capture of the first sample on the sender's clock, None in a bare stream.
+        first_sample: index of the first sample since the start of the stream; lost samples are counted.
+        samples (n, channels): samples in the type of the datagrams.
+        arrival (s): time of reception of the last sample.
+        time (s): capture time of the first sample on the sender's clock, None in a stream without headers.
     """
 
     first_sample: int
@@ -35,7 +35,7 @@ class AudioBlock:
 
 @dataclass
 class AudioCounts:
-    """Datagrams received, lost and out of order; frames lost; streams that were restarted."""
+    """Numbers of datagrams received, lost and out of order, of frames lost, and of restarts of the stream."""
 
     received: int = 0
     lost: int = 0
@@ -45,11 +45,11 @@ class AudioCounts:
 
 
 class AudioDecoder:
-    """Decodes streams with and without headers; the header is recognised by its magic number.
+    """Decoder of streams with and without headers; a header is recognised by its magic number.
 
     Parameters:
         layout: format of the samples.
-        lateness: returns the seconds by which the sender is known to be late, from streams that carry stamps.
+        lateness: function that returns the sender's current delay (s), estimated from its stamped streams.
     """
 
     def __init__(self, layout: AudioFormat, lateness: Callable[[], float] = float):
@@ -60,7 +60,12 @@ class AudioDecoder:
         self._first_sample = 0
 
     def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
-        """Blocks that became complete with this datagram, in order. arrival: s. Raises WireError."""
+        """Blocks that are complete after this datagram, in order. Raises WireError for an unusable datagram.
+
+        Parameters:
+            datagram: content of the datagram.
+            arrival (s): time of reception on the system's clock.
+        """
         if not datagram:
             raise WireError('audio: empty datagram')
         header = decode_header(self.layout, datagram)
@@ -71,11 +76,11 @@ class AudioDecoder:
         return blocks
 
     def yields_to(self, datagram: bytes) -> bool:
-        """Whether a datagram is better evidence of a stream than what came so far: it has a header."""
+        """Whether a datagram of another sender takes precedence: it has a header and the current stream has none."""
         return isinstance(self._stream, _BareStream) and decode_header(self.layout, datagram) is not None
 
     def restart(self) -> None:
-        """Forget the stream: what comes next begins a new one, whose samples are numbered onwards."""
+        """End the stream. The next datagram starts a new stream that continues the numbers of the samples."""
         if self._stream is not None:
             self._first_sample = self._stream.next_sample
             self._stream = None
@@ -90,11 +95,11 @@ class AudioDecoder:
 
 
 class _NumberedStream:
-    """Datagrams with sequence numbers. A missing one is waited for during `PATIENCE` later ones."""
+    """A stream with sequence numbers. A missing datagram counts as lost after `PATIENCE` later ones."""
 
     PATIENCE = 2
-    SILENCE = 1.0      # s without a datagram after which the stream may change its kind
-    RESTART = 64       # a sequence number that falls back further than this begins a new stream
+    SILENCE = 1.0      # s without a datagram after which a stream without headers may replace this one
+    RESTART = 64       # a backward step of the sequence number by this or more starts a new stream
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
@@ -114,7 +119,7 @@ class _NumberedStream:
             self._expected = header.sequence
         elif header.sequence < self._expected:
             if self._expected - header.sequence < self.RESTART and header.sequence > 0:
-                self.counts.reordered += 1     # its gap was already declared lost, or it is a repetition
+                self.counts.reordered += 1     # already counted as lost, or a duplicate
                 return []
             self.counts.restarts += 1
             self._early.clear()
@@ -142,33 +147,33 @@ class _NumberedStream:
 
 
 class _BareStream:
-    """A stream of bytes cut anywhere. Positions are counted in bytes, so that alignment survives a loss.
+    """A stream without headers, split into datagrams at any byte. Positions are counted in bytes to keep the alignment.
 
-    Bytes count as lost when, for `WINDOW` seconds, every datagram has lagged behind the clock by about the same time,
-    by more than half a datagram and by more than the sender's other streams: one that is merely late catches up.
-    Datagrams of whole frames are passed on meanwhile, for they can only be numbered too low; others are held back, for
-    they could swap the channels. One that comes early holds samples of the future: it is not from this stream, unless
-    bytes were wrongly thought lost before.
+    Bytes count as lost if every datagram of the last `WINDOW` seconds lags by about the same time. This lag must exceed
+    half a datagram and the delay of the sender's other streams, since a datagram that is only delayed catches up. In the
+    meantime datagrams of whole frames are passed on, because only their numbers can be too low. Others are held back,
+    because they could swap the channels. A datagram that arrives early is refused as foreign, unless an earlier loss was
+    assumed by mistake.
     """
 
-    WINDOW = 1.0
-    FEWEST = 8         # datagrams in the window before anything is concluded
-    SETTLING = 30      # datagrams before the earliest arrival counts as known
-    MOST_EARLY = 15    # early datagrams in a row after which the clock itself must have jumped
-    DRIFT = 200e-6     # the sender's clock may be off by this much
+    WINDOW = 1.0       # s
+    FEWEST = 8         # minimum number of datagrams in the window for a decision
+    SETTLING = 30      # number of datagrams after which the earliest arrival counts as known
+    MOST_EARLY = 15    # consecutive early datagrams after which a jump of the clock is assumed
+    DRIFT = 200e-6     # maximum relative error of the sender's clock
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, lateness: Callable[[], float]):
         self.layout, self.counts, self._lateness = layout, counts, lateness
         self._rate = layout.frame_bytes * layout.sample_rate   # bytes per second
-        self._position = next_sample * layout.frame_bytes      # of the next byte to be released
+        self._position = next_sample * layout.frame_bytes      # position of the next byte to be released
         self._partial = b''
         self._held: list[tuple[bytes, float]] = []
         self._recent: deque[tuple[float, float]] = deque()     # arrival and lag
         self._offset: float | None = None                      # smallest arrival - position / rate
         self._updated = 0.0
-        self._length = 0.0                                     # mean of a datagram, bytes
+        self._length = 0.0                                     # mean length of a datagram, bytes
         self._taken = self._early = 0
-        self._doubtful = 0                                     # datagrams thought lost
+        self._doubtful = 0                                     # datagrams assumed lost
 
     @property
     def next_sample(self) -> int:
@@ -190,7 +195,7 @@ class _BareStream:
         return self._release(missing)
 
     def _lag(self, datagram: bytes, arrival: float, half: float) -> float:
-        """Seconds by which a datagram's last byte comes later than the earliest ones came."""
+        """Delay (s) of a datagram's last byte relative to the earliest arrivals."""
         end = self._position + sum(len(held) for held, _ in self._held) + len(datagram)
         offset = arrival - end / self._rate
         if self._offset is not None:
@@ -205,19 +210,19 @@ class _BareStream:
         return offset - self._offset
 
     def _judge_early(self, datagrams: int) -> None:
-        """Accept samples of the future where they show that fewer were lost than thought. Raises WireError otherwise."""
+        """Correct the count of lost datagrams if it explains the early arrival. Raises WireError otherwise."""
         if datagrams <= self._doubtful:
             self._doubtful -= datagrams
             self.counts.lost -= datagrams
             return
         self._early += 1
         if self._early < self.MOST_EARLY:
-            raise WireError('audio: a datagram came before its samples can have been taken')
+            raise WireError('audio: a datagram arrived before its samples can have been captured')
         self.counts.restarts += 1
         self._taken = 0
 
     def _missing(self, half: float) -> float:
-        """Lag in s that every datagram of the window has had, 0 where there is none or it still changes."""
+        """Lag (s) common to all datagrams of the window, 0 if there is none or it still changes."""
         if len(self._recent) < self.FEWEST or self._recent[-1][0] - self._recent[0][0] < 0.8 * self.WINDOW:
             return 0.0
         late = self._lateness()
@@ -230,7 +235,7 @@ class _BareStream:
         held, self._held = self._held, []
         lost = np.zeros(len(held), int)
         if missing:
-            # What is still missing at the latest of all following datagrams was lost, in multiples of a datagram.
+            # The loss is the smallest lag of all following datagrams, rounded to multiples of a datagram.
             ends = self._position + np.cumsum([len(datagram) for datagram, _ in held])
             lags = np.array([arrival for _, arrival in held]) - ends / self._rate - (self._offset or 0.0)
             settled = np.minimum.accumulate(lags[::-1])[::-1].clip(0.0, missing)
@@ -250,7 +255,7 @@ class _BareStream:
         return blocks
 
     def _skip(self, lost: int, datagram: bytes) -> bytes:
-        """Advance over lost datagrams; the rest of `datagram` from its next whole frame on."""
+        """Advance by a number of lost datagrams; returns `datagram` from its next whole frame on."""
         before = self._position // self.layout.frame_bytes
         position = self._position + round(lost * self._length)
         ahead = -position % self.layout.frame_bytes

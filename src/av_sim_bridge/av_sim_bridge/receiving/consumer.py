@@ -1,4 +1,4 @@
-"""A thread that works on what receivers hand over, so that they never wait for it."""
+"""Worker thread with a bounded queue, which decouples slow processing from the receiving threads."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ Item = TypeVar('Item')
 
 
 class Consumer(Generic[Item]):
-    """A worker thread for items that receivers hand over.
+    """A worker thread for items from other threads.
 
-    Older items are dropped and counted in `dropped`, failures (ValueError) in `failed`.
+    When the queue is full, the oldest item is dropped and counted in `dropped`. Items for which `work` raises ValueError
+    are counted in `failed`.
 
     Parameters:
-        name: of the thread.
-        work: called with each item, on the thread.
-        depth: items that wait at most; the newest are kept.
+        name: name of the thread.
+        work: function that is called with each item, on the thread.
+        depth: maximum number of waiting items.
     """
 
     def __init__(self, name: str, work: Callable[[Item], None], depth: int = 4):
         self.dropped = self.failed = 0
-        self.complaint = ''
+        self.last_error = ''
         self._work = work
         self._items: queue.Queue[Item | None] = queue.Queue(depth)
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
     def put(self, item: Item | None) -> None:
-        """Hand over an item; never waits."""
+        """Append an item to the queue without blocking; None ends the thread."""
         while True:
             try:
                 self._items.put_nowait(item)
@@ -43,7 +44,7 @@ class Consumer(Generic[Item]):
                     pass
 
     def stop(self) -> None:
-        """End the thread after what waits."""
+        """End the thread after the waiting items."""
         self.put(None)
         self._thread.join()
 
@@ -53,4 +54,4 @@ class Consumer(Generic[Item]):
                 self._work(item)
             except ValueError as error:
                 self.failed += 1
-                self.complaint = str(error)
+                self.last_error = str(error)

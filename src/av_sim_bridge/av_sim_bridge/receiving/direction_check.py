@@ -1,4 +1,4 @@
-"""Whether a stream of sound carries directions at all: a listener mix has level differences but no time differences."""
+"""Check whether an audio stream carries directions: a stereo mix has level differences but no time differences."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-_BLOCK_S = 0.1            # of which one delay is measured
-_BLOCKS = 100             # newest delays that are looked at
-_LOUD = 1e-4              # root mean square below which there is nothing to measure
-_LEAST_SPREAD_S = 1e-6    # a source that is kept straight ahead moves by some, a mix by none
+_BLOCK_S = 0.1            # s, duration of the samples of one delay measurement
+_BLOCKS = 100             # number of newest delays that are evaluated
+_LOUD = 1e-4              # standard deviation of the samples below which no delay is measured
+_LEAST_SPREAD_S = 1e-6    # s, minimum spread of the delays; a mix has none, a source straight ahead has some
 
 
 class DirectionCheck:
-    """Collects the delay between the first two channels, by the peak of their cross-correlation, every 0.1 s.
+    """Measures the delay between the first two channels every 0.1 s, from the peak of their cross-correlation.
 
     Parameters:
-        sample_rate (Hz): of the samples.
-        largest_delay_s (s): delays that are searched, in both directions.
+        sample_rate (Hz): sample rate of the stream.
+        largest_delay_s (s): limit of the searched delays, in both directions.
     """
 
     def __init__(self, sample_rate: int, largest_delay_s: float = 2e-3):
@@ -28,7 +28,7 @@ class DirectionCheck:
         self._delays: deque[float] = deque(maxlen=_BLOCKS)
 
     def add(self, samples: NDArray) -> None:
-        """Take samples (n, channels) as they come."""
+        """Process consecutive samples (n, channels), full scale 1."""
         if samples.shape[1] < 2:
             return
         self._collected.append(np.asarray(samples[:, :2], float))
@@ -41,18 +41,18 @@ class DirectionCheck:
 
     @property
     def spread_s(self) -> float:
-        """Spread of the delays in s (5th to 95th percentile), nan while there are too few."""
+        """Spread of the delays (s, 5th to 95th percentile), NaN for fewer than 20 delays."""
         if len(self._delays) < 20:
             return float('nan')
         return float(np.diff(np.percentile(self._delays, [5, 95]))[0])
 
     @property
-    def complaint(self) -> str:
-        """Why no direction can be had from this stream, empty while that is not known."""
+    def problem(self) -> str:
+        """Reason why no direction can be estimated from this stream, empty if none is known."""
         if len(self._delays) < _BLOCKS or self.spread_s >= _LEAST_SPREAD_S:
             return ''
         if abs(np.median(self._delays)) < _LEAST_SPREAD_S:
-            return ('the channels differ in level at most, never in time: this looks like a listener mix '
+            return ('the channels have no time differences: this looks like a listener mix (stereo) '
                     'that carries no direction')
         return ''
 

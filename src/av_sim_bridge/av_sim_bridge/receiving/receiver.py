@@ -1,4 +1,4 @@
-"""Threads that take datagrams from UDP ports and hand them on with the time of their arrival."""
+"""Threads that receive datagrams from UDP ports and pass them on with their time of arrival."""
 
 from __future__ import annotations
 
@@ -16,17 +16,25 @@ from av_sim_bridge.wire import WireError
 Handler = Callable[[bytes, float, tuple], None]
 
 _TIMEVAL = struct.Struct('qq')
-_SO_TIMESTAMPNS = 35      # Linux: the kernel stamps arrivals, so that a busy interpreter does not
-_SO_RCVBUFFORCE = 33      # Linux: beyond net.core.rmem_max, for root
+_SO_TIMESTAMPNS = 35      # Linux: arrival times from the kernel, independent of the load of the interpreter
+_SO_RCVBUFFORCE = 33      # Linux: buffers beyond net.core.rmem_max, for root only
 _LARGEST = 65_535
 
 
 def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '',
               multicast_group: str | None = None) -> socket.socket:
-    """A UDP socket that receives on a port. Raises OSError naming the parameter when the port cannot be had."""
+    """A UDP socket that is bound to a port. Raises OSError with the parameter's name if the port is not available.
+
+    Parameters:
+        parameter: name of the parameter that sets the port, for the error message.
+        port: UDP port.
+        buffer_bytes (bytes): size of the receive buffer that is requested from the operating system.
+        address: local address to bind to, empty for all.
+        multicast_group: IPv4 address of a multicast group to join, None for unicast only.
+    """
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        if multicast_group is not None:    # several rigs may listen to one clock
+        if multicast_group is not None:    # several rigs may receive the same clock
             receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         receiver.bind((address, port))
         if multicast_group is not None:
@@ -34,30 +42,30 @@ def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '',
                                 socket.inet_aton(multicast_group) + socket.inet_aton('0.0.0.0'))
     except OSError as error:
         receiver.close()
-        hint = ', another program listens there' if error.errno == errno.EADDRINUSE else ''
+        hint = ', the port is used by another program' if error.errno == errno.EADDRINUSE else ''
         raise OSError(f'{parameter}: cannot receive on UDP port {port}: {error.strerror}{hint}') from error
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     for option, value in ((_SO_RCVBUFFORCE, buffer_bytes), (_SO_TIMESTAMPNS, 1)):
-        with contextlib.suppress(OSError):    # not root, or not Linux: the buffer and clock at hand have to do
+        with contextlib.suppress(OSError):    # not root, or not Linux: keep the default buffer and clock
             receiver.setsockopt(socket.SOL_SOCKET, option, value)
     receiver.settimeout(0.2)
     return receiver
 
 
 class Receiver:
-    """One port, one thread. Malformed datagrams are counted, and the newest complaint is kept.
+    """A thread that receives from one port. It counts malformed datagrams and stores the newest error.
 
     Parameters:
-        name: of the stream.
-        source: a bound UDP socket, which this object closes.
-        handle: called with datagram, arrival (s of the system's clock) and the sender's address; may raise WireError.
+        name: name of the stream.
+        source: bound UDP socket, which this object closes.
+        handle: function of datagram, arrival (s, the system's clock) and the sender's address; may raise WireError.
     """
 
     def __init__(self, name: str, source: socket.socket, handle: Handler):
         self.name = name
         self.meter = RateMeter()
         self.malformed = 0
-        self.complaint = ''
+        self.last_error = ''
         self._socket, self._handle = source, handle
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
@@ -65,11 +73,11 @@ class Receiver:
 
     @property
     def port(self) -> int:
-        """The port it receives on."""
+        """UDP port of the socket."""
         return self._socket.getsockname()[1]
 
     def stop(self) -> None:
-        """End the thread and give the port back."""
+        """End the thread and close the socket."""
         self._stopping = True
         self._thread.join()
         self._socket.close()
@@ -84,7 +92,7 @@ class Receiver:
                 self._handle(datagram, _arrival(ancillary), sender)
             except WireError as error:
                 self.malformed += 1
-                self.complaint = str(error)
+                self.last_error = str(error)
             else:
                 self.meter.tick()
 

@@ -1,7 +1,7 @@
-"""The streams of a simulator: datagrams with their time of arrival in, samples, images and states dated in ROS time out.
+"""The streams of a simulator: datagrams with their time of arrival in; samples, images and states in ROS time out.
 
-Every `take(datagram, arrival, sender)` is called by the thread of one receiver and never waits. arrival: s of the
-system's clock.  sender: host and port. It raises WireError for a datagram that cannot be used.
+Every method `take` is called by the thread of one receiver and does not block. It raises WireError for an unusable
+datagram. Its parameters are the content of the datagram, `arrival` (s, the system's clock) and `sender` (host, port).
 """
 
 from __future__ import annotations
@@ -23,18 +23,19 @@ from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
 from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
-LATEST = 10.0    # s that a stamp may lag behind the others
+LATEST = 10.0    # s, maximum delay of a stamp relative to the other streams
 Sender = tuple[Any, ...]
 
 
 class AudioStream:
-    """Audio datagrams into a ring buffer.
+    """Writes the samples of audio datagrams to a ring buffer.
 
-    It takes one sender at a time; another one after a second of silence, or when its datagrams have a header.
+    Only one sender is accepted at a time. Another sender is accepted after a second without datagrams, or if its
+    datagrams have a header and those of the present sender do not.
 
     Parameters:
-        layout: format of the samples on the wire.
-        ring: receives the samples, numbered from the start of the stream.
+        layout: format of the samples in the datagrams.
+        ring: buffer for the samples, which are numbered from the start of the stream.
         clock: the sender's clock, shared by all streams of one simulator.
     """
 
@@ -45,7 +46,7 @@ class AudioStream:
         self.ring = ring
         self.foreign = 0
         self._sender_clock = clock
-        self._sample_clock = SenderClock()    # of samples without stamps
+        self._sample_clock = SenderClock()    # clock of samples without stamps
         self._rate = layout.sample_rate
         self._sender: Sender | None = None
         self._received = 0.0
@@ -53,7 +54,7 @@ class AudioStream:
         self._anchor = (0, 0.0)    # a sample and its ROS time
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        """Take one datagram. Raises WireError."""
+        """Decode one datagram and write its samples to the ring buffer."""
         if self._sender is not None and sender != self._sender:
             if arrival - self._received < self.SILENCE and not self.decoder.yields_to(datagram):
                 self.foreign += 1
@@ -69,7 +70,7 @@ class AudioStream:
             self.ring.write(block.samples, block.first_sample)
 
     def stamp(self, sample: int) -> float:
-        """ROS time in s at which a sample was taken."""
+        """Capture time (s, ROS time) of the sample with a given number."""
         known, time = self._anchor
         return time + (sample - known) / self._rate
 
@@ -83,7 +84,12 @@ class AudioStream:
 
 @dataclass(frozen=True)
 class StampedImage:
-    """An encoded image with its capture in ROS time (s)."""
+    """An encoded image with its capture time.
+
+    Parameters:
+        image: the image as the sender encoded it.
+        stamp (s): capture time, ROS time.
+    """
 
     image: EncodedImage
     stamp: float
@@ -91,21 +97,30 @@ class StampedImage:
 
 @dataclass(frozen=True)
 class OracleReport:
-    """Boxes of the visual oracle with the capture of their image in ROS time (s)."""
+    """Boxes of the visual oracle in one image.
+
+    Parameters:
+        boxes: one box for each visible target.
+        stamp (s): capture time of the image, ROS time.
+    """
 
     boxes: list[OracleBox]
     stamp: float
 
 
 class CaptureStamps:
-    """The ROS time of each capture, fixed once: what was taken at one instant carries the very same stamp."""
+    """Assigns one ROS time to each capture time, so that simultaneous captures have identical stamps.
+
+    Parameters:
+        clock: the sender's clock.
+    """
 
     def __init__(self, clock: SenderClock) -> None:
         self._clock, self._lock = clock, threading.Lock()
         self._known: OrderedDict[float, float] = OrderedDict()
 
     def of(self, time: float) -> float:
-        """The stamp in s of a capture at the sender's `time` in s; from any thread."""
+        """Stamp (s, ROS time) of a capture at the sender's `time` (s). May be called from any thread."""
         with self._lock:
             if time not in self._known:
                 self._known[time] = self._clock.to_ros(time)
@@ -115,11 +130,11 @@ class CaptureStamps:
 
 
 class ImageStream:
-    """Fragments to images; the oracle's reports belong to the image whose fragments came last.
+    """Assembles images from fragments. A report of the oracle refers to the image of the last received fragment.
 
     Parameters:
         clock: the sender's clock, shared by all streams of one simulator.
-        stamps: shared with the other sensors of the same camera, such as depth; by default its own.
+        stamps: stamps shared with other streams of the same camera, such as depth; None for a separate object.
     """
 
     def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None) -> None:
@@ -129,7 +144,7 @@ class ImageStream:
         self._newest: float | None = None
 
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedImage | OracleReport | None:
-        """The image or report that is complete with this datagram. Raises WireError."""
+        """The image or report that this datagram completes, None if it completes none."""
         if is_oracle(datagram):
             boxes = decode_oracle(datagram)
             return None if self._newest is None else OracleReport(boxes, self._newest)
@@ -142,7 +157,13 @@ class ImageStream:
 
 @dataclass(frozen=True)
 class StampedState:
-    """State of the vehicle with the simulator's number `copter_id`, and its ROS time (s)."""
+    """State of a vehicle.
+
+    Parameters:
+        copter_id: number of the vehicle in the simulator.
+        state: state in ENU and FLU.
+        stamp (s): time of the state, ROS time.
+    """
 
     copter_id: int
     state: VehicleState
@@ -150,20 +171,20 @@ class StampedState:
 
 
 class TruthStream:
-    """States of vehicles, in ROS's frames and time."""
+    """Decodes states of vehicles to ROS frames and ROS time."""
 
     def __init__(self, clock: SenderClock) -> None:
         self._clock = clock
 
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedState:
-        """The state in one datagram. Raises WireError."""
+        """The state in one datagram."""
         truth = decode_truth(datagram)
         stamp = _date(self._clock, truth.time, arrival, 'truth')
         return StampedState(truth.copter_id, from_truth(truth), stamp)
 
 
 class ImuStream:
-    """Inertial measurements of the rig in ROS time; `lost` counts what is missing in their sequence."""
+    """Decodes inertial measurements of the rig; `lost` counts the gaps in their sequence numbers."""
 
     def __init__(self, clock: SenderClock) -> None:
         self.lost = 0
@@ -171,7 +192,7 @@ class ImuStream:
         self._expected: int | None = None
 
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> tuple[ImuSample, float]:
-        """The sample in one datagram and its ROS time in s. Raises WireError."""
+        """The measurement in one datagram and its time (s, ROS time)."""
         sample = decode_imu(datagram)
         stamp = _date(self._clock, sample.time, arrival, 'imu')
         if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
@@ -181,19 +202,19 @@ class ImuStream:
 
 
 class TimeSyncStream:
-    """The simulator's own Unix time, to compare with this machine's: `offset_s` is how far this one is ahead."""
+    """Compares the simulator's Unix time with this machine's: `offset_s` (s) is this machine's time minus the simulator's."""
 
     def __init__(self) -> None:
         self.offset_s = float('nan')
 
     def take(self, datagram: bytes, arrival: float, _sender: Sender) -> None:
-        """Take one datagram. Raises WireError."""
+        """Update the offset from one datagram."""
         self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
 
 
 def _date(clock: SenderClock, stamp: float, arrival: float, name: str) -> float:
-    """ROS time in s of a stamp; an image that took long is late and welcome. Raises WireError for any other time."""
+    """ROS time (s) of a stamp. A delay of up to LATEST is accepted; raises WireError for any other stamp."""
     time = clock.date_late(stamp, arrival, LATEST)
     if time is None:
-        raise WireError(f'{name}: time {stamp:g} s is out of step with the other stamps')
+        raise WireError(f'{name}: time {stamp:g} s is inconsistent with the other stamps')
     return time

@@ -1,7 +1,7 @@
-"""The datagrams that simulators send and accept: one module per stream, each a pure codec without sockets.
+"""Encoders and decoders of the datagrams that simulators send and accept: one module for each stream, without sockets.
 
-All layouts are little-endian and those of RFlySim, except where a module says that a layout is this project's own.
-Positions and attitudes stay in the sender's NED/FRD here; `av_sim_bridge.vehicle` turns them into ENU/FLU.
+All layouts are little-endian and RFlySim's, except where a module states that a layout is specific to this project.
+Positions and attitudes are in the sender's NED/FRD; `av_sim_bridge.vehicle` converts them to ENU/FLU.
 """
 
 from av_sim_bridge.wire.error import WireError

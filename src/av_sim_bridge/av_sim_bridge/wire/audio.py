@@ -1,4 +1,4 @@
-"""Sound in datagrams: interleaved samples, bare as RFlySim sends them or behind a header of this project's own."""
+"""Audio datagrams: interleaved samples, without a header (RFlySim) or with a header specific to this project."""
 
 import struct
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ MAGIC = 1234567960
 MOST_BYTES = 65_507
 _HEADER = struct.Struct('<4i1d')   # magic, packet length with header, sequence, frames in the packet, time
 _TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}
-_LOUDEST = 16.0   # a float sample beyond this (24 dB over full scale) is not sound
+_LOUDEST = 16.0   # float samples beyond this (24 dB over full scale) are refused
 
 
 @dataclass(frozen=True)
 class AudioFormat:
-    """Layout of samples on the wire. Raises ValueError for an impossible one.
+    """Format of the samples in datagrams. Raises ValueError for an impossible one.
 
     Parameters:
         sample_format: `s16le` or `f32le`.
-        channels: interleaved channels.
-        sample_rate (Hz): samples a second of each channel.
+        channels: number of interleaved channels.
+        sample_rate (Hz): sample rate of each channel.
     """
 
     sample_format: str = 's16le'
@@ -30,47 +30,47 @@ class AudioFormat:
 
     def __post_init__(self) -> None:
         if self.sample_format not in _TYPES:
-            raise ValueError(f'sample_format: {self.sample_format!r}, one of {", ".join(_TYPES)} expected')
+            raise ValueError(f'sample_format is {self.sample_format!r}, expected one of {", ".join(_TYPES)}')
         if self.channels < 1 or self.sample_rate < 1:
-            raise ValueError(f'channels {self.channels} and sample_rate {self.sample_rate} must be positive')
+            raise ValueError(f'channels is {self.channels} and sample_rate {self.sample_rate}, expected positive numbers')
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of one sample of every channel."""
+        """Size of one sample of every channel (bytes)."""
         return self.channels * self.dtype.itemsize
 
     @property
     def dtype(self) -> np.dtype:
-        """Type of a sample on the wire."""
+        """Type of a sample in a datagram."""
         return np.dtype(_TYPES[self.sample_format][0])
 
     def encode(self, samples: np.ndarray) -> bytes:
-        """Bytes of samples (n, channels) of full scale 1; louder ones are clipped in `s16le`."""
+        """The encoded samples (n, channels), full scale 1; `s16le` clips samples beyond full scale."""
         scale = _TYPES[self.sample_format][1]
         if self.dtype == np.int16:
             samples = np.clip(np.rint(samples * scale), -scale, scale - 1)
         return np.ascontiguousarray(samples, self.dtype).tobytes()
 
     def decode(self, data: bytes) -> np.ndarray:
-        """Samples (n, channels) of whole frames as they are on the wire. Raises WireError on impossible floats."""
+        """Samples (n, channels) in the type of the datagram. Raises WireError for non-finite or far too large floats."""
         samples = np.frombuffer(data, self.dtype).reshape(-1, self.channels)
         if self.dtype == np.float32 and not (np.abs(samples) < _LOUDEST).all():
-            raise WireError('audio: float samples that are not finite or far beyond full scale')
+            raise WireError('audio: float samples are not finite or far beyond full scale')
         return samples
 
     def to_float(self, samples: np.ndarray) -> np.ndarray:
-        """Samples of the wire's type as float32 of full scale 1."""
+        """Samples (n, channels) in the type of the datagram as float32, full scale 1."""
         return samples.astype(np.float32) / np.float32(_TYPES[self.sample_format][1])
 
 
 @dataclass(frozen=True)
 class AudioHeader:
-    """Header of an audio datagram, of this project.
+    """Header of an audio datagram, specific to this project.
 
     Parameters:
-        sequence: datagrams since the stream began.
-        frames: samples of each channel in this datagram.
-        time (s): capture of the first sample.
+        sequence: number of the datagram since the start of the stream.
+        frames: number of samples of each channel in this datagram.
+        time (s): capture time of the first sample on the sender's clock.
     """
 
     sequence: int
@@ -79,7 +79,13 @@ class AudioHeader:
 
 
 def encode_audio(layout: AudioFormat, samples: np.ndarray, header: AudioHeader | None = None) -> bytes:
-    """One datagram of samples (n, channels). Raises ValueError where they do not fit into one."""
+    """The datagram of a block of samples. Raises ValueError if it would be too large.
+
+    Parameters:
+        layout: format of the samples.
+        samples (n, channels): samples, full scale 1.
+        header: header, None for a datagram without one.
+    """
     payload = layout.encode(samples)
     if header is not None:
         payload = _HEADER.pack(MAGIC, _HEADER.size + len(payload), header.sequence, header.frames,
@@ -90,20 +96,25 @@ def encode_audio(layout: AudioFormat, samples: np.ndarray, header: AudioHeader |
 
 
 def decode_header(layout: AudioFormat, datagram: bytes) -> AudioHeader | None:
-    """The header of a datagram, None where it is bare. Raises WireError where it contradicts the datagram."""
+    """The header of a datagram, None if it has none. Raises WireError if the header contradicts the datagram.
+
+    Parameters:
+        layout: format of the samples.
+        datagram: content of the datagram.
+    """
     if len(datagram) < _HEADER.size:
         return None
     magic, length, sequence, frames, time = _HEADER.unpack_from(datagram)
     if magic != MAGIC:
         return None
     if length != len(datagram) or frames * layout.frame_bytes != len(datagram) - _HEADER.size:
-        raise WireError(f'audio: {len(datagram)} bytes, header says {length} with {frames} frames '
+        raise WireError(f'audio: {len(datagram)} bytes, but the header states {length} with {frames} frames '
                         f'of {layout.frame_bytes} bytes')
     if sequence < 0 or not (np.isfinite(time) and time >= 0):
-        raise WireError(f'audio: sequence {sequence} at {time} s')
+        raise WireError(f'audio: sequence is {sequence} and time {time} s, expected 0 or more')
     return AudioHeader(sequence, frames, time)
 
 
 def payload_of(datagram: bytes) -> bytes:
-    """What follows the header."""
+    """The samples after the header."""
     return datagram[_HEADER.size:]

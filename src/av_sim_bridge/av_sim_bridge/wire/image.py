@@ -1,4 +1,4 @@
-"""Images cut into datagrams, with RFlySim's old or new header, and their reassembly."""
+"""Fragmentation of images into datagrams, with RFlySim's old or new header, and their reassembly."""
 
 import struct
 from collections import OrderedDict, deque
@@ -21,10 +21,10 @@ class Fragment:
     """One part of an encoded image.
 
     Parameters:
-        sequence: 0 to count - 1.
-        count: fragments of the image.
-        time (s): capture on the sender's clock.
-        payload: bytes of the image.
+        sequence: index of the fragment, 0 to count - 1.
+        count: number of fragments of the image.
+        time (s): capture time on the sender's clock.
+        payload: part of the encoded image.
         frame_id: number of the image in RFlySim's new header, None in the old one.
     """
 
@@ -40,8 +40,8 @@ class EncodedImage:
     """A complete image as the sender encoded it (JPEG or PNG).
 
     Parameters:
-        time (s): capture on the sender's clock.
-        data: the file.
+        time (s): capture time on the sender's clock.
+        data: content of the JPEG or PNG file.
         frame_id: number of the image in RFlySim's new header, None in the old one.
     """
 
@@ -51,7 +51,7 @@ class EncodedImage:
 
 
 def encode_image(image: EncodedImage) -> list[bytes]:
-    """Datagrams of one image: the new header where it has a frame id, the old one otherwise."""
+    """The datagrams of one image, with the new header if it has a frame id, else with the old one."""
     pieces = [image.data[start:start + MOST_PAYLOAD] for start in range(0, len(image.data), MOST_PAYLOAD)]
     return [_header(image, sequence, len(pieces), len(piece)) + piece for sequence, piece in enumerate(pieces)]
 
@@ -65,7 +65,7 @@ def _header(image: EncodedImage, sequence: int, count: int, payload: int) -> byt
 def decode_fragment(datagram: bytes) -> Fragment:
     """Decode one datagram with either header. Raises WireError."""
     if len(datagram) < _OLD.size:
-        raise WireError(f'image: {len(datagram)} bytes are shorter than a header')
+        raise WireError(f'image: {len(datagram)} bytes, shorter than a header')
     (magic,) = struct.unpack_from('<i', datagram)
     if magic == OLD_MAGIC:
         _, length, sequence, count, time = _OLD.unpack_from(datagram)
@@ -74,24 +74,27 @@ def decode_fragment(datagram: bytes) -> Fragment:
         _, length, sequence, count, frame_id, _, time = _NEW.unpack_from(datagram)
         size = _NEW.size
     else:
-        raise WireError(f'image: magic {magic}, {OLD_MAGIC} or {NEW_MAGIC} with a whole header expected')
+        raise WireError(f'image: magic {magic}, expected {OLD_MAGIC} or {NEW_MAGIC} with a complete header')
     if len(datagram) == size:
         raise WireError('image: packet without payload')
     if length != len(datagram):
-        raise WireError(f'image: {len(datagram)} bytes, header says {length}')
+        raise WireError(f'image: {len(datagram)} bytes, but the header states {length}')
     if not (0 < count <= MOST_FRAGMENTS and 0 <= sequence < count):
-        raise WireError(f'image: packet {sequence} of {count}, 0..{MOST_FRAGMENTS - 1} expected')
+        raise WireError(f'image: packet {sequence} of {count}, expected at most {MOST_FRAGMENTS} packets')
     if not (np.isfinite(time) and time >= 0):
-        raise WireError(f'image: time {time} s')
+        raise WireError(f'image: time is {time} s, expected 0 or more')
     return Fragment(sequence, count, time, datagram[size:], frame_id)
 
 
 @dataclass
 class ImageAssembler:
-    """Puts fragments together; keeps at most `most_partial` unfinished images, so that memory is bounded.
+    """Assembles images from fragments. The number of incomplete images in memory is bounded.
 
-    `incomplete` counts images that were given up because a fragment never came, `duplicates` repeated fragments,
-    `reordered` fragments that came out of order (harmless).
+    Parameters:
+        most_partial: maximum number of incomplete images in memory.
+        incomplete: count of images that were discarded because a fragment was missing.
+        duplicates: count of repeated fragments.
+        reordered: count of fragments that arrived out of order (harmless).
     """
 
     most_partial: int = 4
@@ -102,14 +105,14 @@ class ImageAssembler:
     _finished: deque = field(default_factory=lambda: deque(maxlen=16))
 
     def add(self, fragment: Fragment) -> EncodedImage | None:
-        """Take one fragment; the image where it was the last one missing. Raises WireError."""
+        """Add one fragment; returns the image if it is complete. Raises WireError for a contradiction."""
         key = (fragment.frame_id, fragment.time)
         if key in self._finished:
             self.duplicates += 1
             return None
         pieces = self._partial.setdefault(key, {})
         if pieces and next(iter(pieces.values())).count != fragment.count:
-            raise WireError(f'image: {fragment.count} packets, earlier ones of the same image say otherwise')
+            raise WireError(f'image: {fragment.count} packets contradict the number in earlier packets of the same image')
         if fragment.sequence in pieces:
             self.duplicates += 1
             return None

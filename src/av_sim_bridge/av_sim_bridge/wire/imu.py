@@ -16,10 +16,10 @@ class ImuSample:
     """Inertial measurement in FRD.
 
     Parameters:
-        sequence: counts up by one.
-        time (s): on the sender's clock.
-        acceleration_frd (m/s^2): specific force, (3,).
-        rate_frd (rad/s): turn rate, (3,).
+        sequence: number of the sample, increasing by one.
+        time (s): time of the measurement on the sender's clock.
+        acceleration_frd (m/s^2, (3,)): specific force.
+        rate_frd (rad/s, (3,)): angular rate.
     """
 
     sequence: int

@@ -17,9 +17,9 @@ class OracleBox:
     """One target in the image.
 
     Parameters:
-        target_id: the simulator's number of the vehicle.
-        score (0 to 1): probability that a detector would find it.
-        min_x, min_y, max_x, max_y (px): corners.
+        target_id: number of the vehicle in the simulator.
+        score (0 to 1): modelled score of a detector for this target.
+        min_x, min_y, max_x, max_y (px): corners of the box.
     """
 
     target_id: int
@@ -31,13 +31,13 @@ class OracleBox:
 
 
 def encode_oracle(boxes: list[OracleBox]) -> bytes:
-    """Bytes of one report; an empty list says that nothing was seen."""
+    """The datagram of one report; an empty list reports that no target is visible."""
     return _COUNT.pack(len(boxes)) + b''.join(
         _BOX.pack(box.target_id, box.score, box.min_x, box.min_y, box.max_x, box.max_y) for box in boxes)
 
 
 def is_oracle(datagram: bytes) -> bool:
-    """Whether a datagram of the image port is a report: its length follows from its first number."""
+    """Whether a datagram of the image port is a report: its size must agree with the count in its first field."""
     if len(datagram) < _COUNT.size:
         return False
     (count,) = _COUNT.unpack_from(datagram)
@@ -47,18 +47,24 @@ def is_oracle(datagram: bytes) -> bool:
 def decode_oracle(datagram: bytes) -> list[OracleBox]:
     """Decode one report. Raises WireError."""
     if not is_oracle(datagram):
-        raise WireError(f'oracle: {len(datagram)} bytes are not a count and that many boxes of {_BOX.size} bytes')
+        raise WireError(f'oracle: {len(datagram)} bytes do not agree with the number of boxes of {_BOX.size} bytes')
     boxes = [OracleBox(*fields) for fields in _BOX.iter_unpack(datagram[_COUNT.size:])]
     for box in boxes:
         check_finite([box.score, box.min_x, box.min_y, box.max_x, box.max_y], 'oracle')
         if not 0 <= box.score <= 1:
-            raise WireError(f'oracle: score {box.score:g} of target {box.target_id}, 0..1 expected')
+            raise WireError(f'oracle: score of target {box.target_id} is {box.score:g}, expected 0 to 1')
         if box.min_x > box.max_x or box.min_y > box.max_y:
-            raise WireError(f'oracle: box of target {box.target_id} has its corners swapped')
+            raise WireError(f'oracle: the corners of the box of target {box.target_id} are swapped')
     return boxes
 
 
 def box_of_points(target_id: int, score: float, pixels: np.ndarray) -> OracleBox:
-    """The box around pixels (n, 2)."""
+    """The bounding box of points in the image.
+
+    Parameters:
+        target_id: number of the vehicle in the simulator.
+        score (0 to 1): score of the box.
+        pixels (px, (n, 2)): x and y of the points.
+    """
     (min_x, min_y), (max_x, max_y) = pixels.min(axis=0), pixels.max(axis=0)
     return OracleBox(target_id, float(score), float(min_x), float(min_y), float(max_x), float(max_y))

@@ -1,4 +1,4 @@
-"""Where each stream goes: RFlySim's addresses, and how they move for a second rig."""
+"""UDP ports of the streams: RFlySim's numbers, and their offset for a second rig."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ TIME_SYNC_GROUP = '224.0.0.10'
 class Ports:
     """UDP ports of one rig and its target.
 
-    RFlySim numbers vehicles from 1: truth of vehicle n goes to 30101 + 2(n - 1), its IMU to 31000 + n - 1,
-    the image of sensor s to 9999 + s. Commands to the simulated rig go to `control`, which is this project's own.
+    RFlySim numbers vehicles from 1. The true state of vehicle n has port 30101 + 2(n - 1), its IMU 31000 + n - 1, the
+    image of sensor s 9999 + s. The port of commands to the simulated rig, `control`, is specific to this project.
     """
 
     audio: int = 28003
@@ -23,9 +23,9 @@ class Ports:
 
     @property
     def depth(self) -> int:
-        """Where depth goes, as the image of the next sensor."""
+        """Port of depth images, which are sent as the next image sensor."""
         return self.image + 1
 
     def shifted(self, offset: int) -> 'Ports':
-        """The same ports moved by `offset`, for another rig on the same machine."""
+        """The ports plus `offset`, for another rig on the same machine."""
         return Ports(**{name: port + offset for name, port in vars(self).items()})

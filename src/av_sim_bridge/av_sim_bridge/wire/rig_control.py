@@ -1,4 +1,4 @@
-"""Commands to the simulated rig: how fast to turn and where to point its gimbal. This project's own layout."""
+"""Commands to the simulated rig: yaw rate and gimbal angles. The layout is specific to this project."""
 
 import struct
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ class RigControl:
     """One command, in the rig's frame (x forward, y left, z up).
 
     Parameters:
-        sequence: counts up by one.
-        mode: as in av_interfaces/PointingCommand.
-        yaw_rate (rad/s): counter-clockwise; None leaves the body alone.
-        pan, tilt (rad): counter-clockwise from x, and up; None leaves the gimbal alone.
+        sequence: number of the command, increasing by one.
+        mode: mode of av_interfaces/PointingCommand.
+        yaw_rate (rad/s): yaw rate, counter-clockwise; None does not move the body.
+        pan, tilt (rad): angles counter-clockwise from x, and upwards; None does not move the gimbal.
     """
 
     sequence: int

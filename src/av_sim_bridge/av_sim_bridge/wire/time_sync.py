@@ -1,4 +1,4 @@
-"""The simulator's clock, sent to a multicast group: relates the sender's seconds to Unix time."""
+"""The simulator's clock in Unix time, sent to a multicast group."""
 
 import struct
 from dataclasses import dataclass
@@ -11,13 +11,13 @@ _LAYOUT = struct.Struct('<2i3q')
 
 @dataclass(frozen=True)
 class TimeSync:
-    """The sender's clock against Unix time.
+    """Relation between the sender's clock and Unix time.
 
     Parameters:
-        copter_id: number of the vehicle.
+        copter_id: number of the vehicle in the simulator.
         start_ms (ms): Unix time at which the sender's clock was zero.
         now_ms (ms): Unix time of sending.
-        heartbeat: counts up by one.
+        heartbeat: number of the datagram, increasing by one.
     """
 
     copter_id: int
@@ -36,5 +36,5 @@ def decode_time_sync(datagram: bytes) -> TimeSync:
     magic, copter_id, start_ms, now_ms, heartbeat = unpack(_LAYOUT, datagram, 'time sync')
     check_magic(magic, MAGIC, 'time sync')
     if not 0 <= start_ms <= now_ms:
-        raise WireError(f'time sync: now {now_ms} ms lies before the start {start_ms} ms')
+        raise WireError(f'time sync: now is {now_ms} ms, before the start at {start_ms} ms')
     return TimeSync(copter_id, start_ms, now_ms, heartbeat)

@@ -1,4 +1,4 @@
-"""True state of one vehicle (RFlySim's `SOut2Simulator`), in the long and in the short layout."""
+"""True state of one vehicle (RFlySim's `SOut2Simulator`), in the long and the short layout."""
 
 import struct
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ _MOTORS = 8
 
 @dataclass(frozen=True)
 class VehicleTruth:
-    """State of one vehicle: position and velocity in NED, attitude as the rotation NED <- FRD.
+    """State of one vehicle: position and velocity in NED, attitude as the rotation from FRD to NED.
 
     Parameters:
-        copter_id: number of the vehicle.
-        vehicle_type: of RFlySim.
-        time (s): on the sender's clock.
-        position_ned (m): (3,).
-        velocity_ned (m/s): (3,).
-        euler_rad (rad): roll, pitch, yaw, (3,).
-        quaternion_wxyz: (4,).
-        motor_rpm (1/min): (8,).
-        acceleration_frd (m/s^2): (3,), None in the short layout.
-        rate_frd (rad/s): (3,), None in the short layout.
-        gps (deg, deg, m): latitude, longitude, altitude, (3,).
+        copter_id: number of the vehicle in the simulator.
+        vehicle_type: RFlySim's type of the vehicle.
+        time (s): time of the state on the sender's clock.
+        position_ned (m, (3,)): position.
+        velocity_ned (m/s, (3,)): velocity.
+        euler_rad (rad, (3,)): roll, pitch, yaw.
+        quaternion_wxyz ((4,)): attitude (w, x, y, z).
+        motor_rpm (1/min, (8,)): motor speeds.
+        acceleration_frd (m/s^2, (3,)): acceleration, None in the short layout.
+        rate_frd (rad/s, (3,)): angular rate, None in the short layout.
+        gps (deg, deg, m, (3,)): latitude, longitude, altitude; None is sent as zeros.
     """
 
     copter_id: int
@@ -46,7 +46,12 @@ class VehicleTruth:
 
 
 def encode_truth(truth: VehicleTruth, short: bool = False) -> bytes:
-    """Bytes of one truth datagram: 168 in the long layout, 112 in the short one."""
+    """The datagram of a state.
+
+    Parameters:
+        truth: the state.
+        short: whether the short layout (112 bytes) is used instead of the long one (168 bytes).
+    """
     gps = np.zeros(3) if truth.gps is None else np.asarray(truth.gps, float)
     if short:
         degrees_and_metres = np.round(gps * [1e7, 1e7, 1e3]).astype(int)
@@ -65,13 +70,13 @@ def is_truth(datagram: bytes) -> bool:
 
 
 def decode_truth(datagram: bytes) -> VehicleTruth:
-    """Decode either layout, distinguished by length and magic. Raises WireError."""
+    """Decode either layout, distinguished by size and magic number. Raises WireError."""
     truth = _decode_short(datagram) if len(datagram) == _SHORT.size else _decode_long(datagram)
     check_finite([truth.time, *truth.position_ned, *truth.velocity_ned, *truth.euler_rad, *truth.quaternion_wxyz],
                  'truth')
     norm = np.linalg.norm(truth.quaternion_wxyz)
     if abs(norm - 1) > 0.05:
-        raise WireError(f'truth: quaternion of norm {norm:.3g}, 1 expected')
+        raise WireError(f'truth: quaternion has norm {norm:.3g}, expected 1')
     return truth
 
 
@@ -94,7 +99,7 @@ def _decode_short(datagram: bytes) -> VehicleTruth:
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Quaternion w, x, y, z of aerospace angles (yaw, then pitch, then roll)."""
+    """Quaternion (w, x, y, z) of Euler angles (rad) in the order yaw, pitch, roll (Z-Y'-X'')."""
     cr, cp, cy = np.cos(np.array([roll, pitch, yaw]) / 2)
     sr, sp, sy = np.sin(np.array([roll, pitch, yaw]) / 2)
     return np.array([cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy,

@@ -1,4 +1,4 @@
-"""A simulation as a bag: the topics of the rig, as if it had been driven."""
+"""Recording of a simulation to a bag with the rig's topics."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 
+from av_audio.messages import audio_frame
 from av_bags.topics import FRAMES, absolute
 from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.rig_messages import static_transforms
@@ -16,7 +17,7 @@ from av_simulator.run import Step
 from av_simulator.world import World
 from av_vision.messages import camera_info_message, image_message
 
-EPOCH = 1_700_000_000.0    # s, of the scenario's beginning: the same run gives the same bag
+EPOCH = 1_700_000_000.0    # s, stamp of the scenario's start; it is constant, so that the same run gives the same bag
 WORLD_FRAME = 'map'
 _TOPICS = {
     'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
@@ -27,11 +28,11 @@ _TOPICS = {
 
 
 class BagRecorder:
-    """Writes each step of a world into a rosbag2 (mcap).
+    """Writes the steps of a world to a rosbag2 (mcap).
 
     Parameters:
-        folder: of the bag; must not exist.
-        world: gives the rig and the sample rate.
+        folder: folder of the bag; must not exist.
+        world: the simulated world, for the rig's description and the sample rate.
     """
 
     def __init__(self, folder: Path, world: World):
@@ -44,8 +45,8 @@ class BagRecorder:
     def write(self, step: Step) -> None:
         """Append one step."""
         header = messages.make_header(EPOCH + step.begin, self._rig.array.frame)
-        self._write('audio/frames', EPOCH + step.end, messages.audio_message(
-            header, self._rate, round(step.begin * self._rate), step.sound))
+        self._write('audio/frames', EPOCH + step.end,
+                    audio_frame(step.sound, round(step.begin * self._rate), self._rate, header))
         for sample in step.truth:
             header = messages.make_header(EPOCH + sample.time, WORLD_FRAME)
             rig = messages.odometry_message(header, self._rig.base_frame, sample.rig)
