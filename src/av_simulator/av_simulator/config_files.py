@@ -1,4 +1,4 @@
-"""The shipped configuration: rigs, scenarios and drones by their names."""
+"""Search for configuration files: rigs, scenarios and drones by path or by name."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ from av_common.config_reader import ConfigError
 
 
 def find_config(name: str, folder: str = '') -> Path:
-    """A file by path, or a shipped one by name from `folder` of config/. Raises ConfigError naming what there is.
+    """Path of a configuration file. Raises ConfigError with the names of the shipped files if there is no such file.
 
-    Searched are `$AV_CONFIG`, the configuration that av_fusion installs, and config/ of the source tree, in this order.
+    The search order is `$AV_CONFIG`, the configuration installed by av_fusion, and config/ of the source tree.
+
+    Parameters:
+        name: path of a file, or name of a shipped file with or without `.yaml`.
+        folder: folder within config/, such as `scenarios`; empty for config/ itself.
     """
     direct = Path(name).expanduser()
     if direct.suffix and direct.is_file():
@@ -21,11 +25,11 @@ def find_config(name: str, folder: str = '') -> Path:
         candidate = shelf / (name if direct.suffix else f'{name}.yaml')
         if candidate.is_file():
             return candidate
-    raise ConfigError(f'{name}: no such file, nor one of the shipped {", ".join(shipped(folder)) or "(none found)"}')
+    raise ConfigError(f'{name}: no such file; shipped files are {", ".join(shipped(folder)) or "(none found)"}')
 
 
 def shipped(folder: str) -> list[str]:
-    """Names of the YAML files in `folder` of config/."""
+    """Names of the shipped YAML files in `folder` of config/."""
     return sorted({file.stem for root in _config_roots() for file in (root / folder).glob('*.yaml')})
 
 

@@ -1,4 +1,4 @@
-"""How the simulated rig moves: by its scenario and by commanded yaw rates, or as an autopilot says."""
+"""Motion of the simulated rig: along its scenario's trajectory with commanded yaw rates, or at poses of an autopilot."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from av_sim_bridge.vehicle import VehicleState
 from av_simulator.scenario import RigMotion
 from av_simulator.trajectories import Position, acceleration, velocity
 
-COMMAND_LIFETIME = 0.5   # s; a rig whose commands cease stops
-FARTHEST = 100.0         # m/s; beyond, a given pose is taken at once, for nothing flies there
+COMMAND_LIFETIME = 0.5   # s, age of the newest command after which the rig stops turning
+FARTHEST = 100.0         # m/s, speed above which a given pose is assumed at once instead of by motion
 
 
 @dataclass(frozen=True)
 class Turn:
-    """Yaw while one rate is aimed at, counter-clockwise.
+    """Yaw with a constant target rate, counter-clockwise.
 
     Parameters:
-        start (s): beginning of the turn.
+        start (s): start of the turn.
         yaw0 (rad): yaw at the start.
-        rate0 (rad/s): rate at the start.
-        aim (rad/s): rate that is approached.
-        acceleration (rad/s^2): of the rate.
+        rate0 (rad/s): yaw rate at the start.
+        aim (rad/s): target of the yaw rate.
+        acceleration (rad/s^2): yaw acceleration until the target is reached.
     """
 
     start: float
@@ -35,12 +35,12 @@ class Turn:
     acceleration: float
 
     def rate(self, times: ArrayLike) -> NDArray:
-        """Yaw rates at times from `start` on."""
+        """Yaw rates (rad/s) at times (s), not before `start`."""
         reach = self.acceleration * (np.asarray(times, float) - self.start)
         return self.rate0 + np.clip(self.aim - self.rate0, -reach, reach)
 
     def yaw(self, times: ArrayLike) -> NDArray:
-        """Yaw at times from `start` on: a ramp of the rate, then a constant rate."""
+        """Yaw (rad) at times (s), not before `start`: a ramp of the rate, then a constant rate."""
         elapsed = np.asarray(times, float) - self.start
         change = self.aim - self.rate0
         ramp = np.minimum(elapsed, abs(change) / self.acceleration)
@@ -50,11 +50,11 @@ class Turn:
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """Motion along the scenario's trajectory, with a turn about the vertical.
+    """Motion along the scenario's trajectory, with a rotation about the vertical.
 
     Parameters:
-        path: positions (k, 3) in ENU at times (k,).
-        turn: yaw against time.
+        path: function from times (s, (k,)) to positions (m, (k, 3)) in ENU.
+        turn: yaw as a function of time.
     """
 
     path: Position
@@ -77,12 +77,12 @@ class PlannedMotion:
 
 @dataclass(frozen=True)
 class FollowedMotion:
-    """Motion of the rig from one given pose to the next at constant velocity and turn rate.
+    """Motion from one pose to the next at constant velocity and angular rate.
 
     Parameters:
-        begin, end (s): of the motion.
-        position0, position1 (m, ENU): at its begin and end, (3,).
-        rotation0, rotation1: from the body to ENU at its begin and end.
+        begin, end (s): interval of the motion.
+        position0, position1 (m, (3,)): positions in ENU at its begin and end.
+        rotation0, rotation1: rotations from the body to ENU at its begin and end.
     """
 
     begin: float
@@ -109,15 +109,18 @@ class FollowedMotion:
 
     @property
     def _turned(self) -> NDArray:
-        """Rotation vector (3,) of the whole turn in the body's frame."""
+        """Rotation vector (rad, (3,)) of the whole motion in the body frame."""
         return (self.rotation0.inv() * self.rotation1).as_rotvec()
 
 
 class RigDynamics:
-    """Where the rig is, step by step.
+    """Motion of the rig in steps.
 
-    Its yaw obeys commanded rates, from the next step on. Once another simulator or an autopilot says where it is
-    (`follow`), it goes there instead, and stays where it was last said to be.
+    Commanded yaw rates take effect in the next step. After the first pose of another simulator or an autopilot (`follow`),
+    the rig moves to the newest such pose instead, and stays there.
+
+    Parameters:
+        motion: trajectory, initial yaw and limits of the scenario.
     """
 
     def __init__(self, motion: RigMotion):
@@ -132,16 +135,21 @@ class RigDynamics:
         self.motion: PlannedMotion | FollowedMotion = self._plan
 
     def command(self, yaw_rate: float, time: float) -> None:
-        """Aim at a yaw rate in rad/s, counter-clockwise, given at `time` s."""
+        """Set the target of the yaw rate.
+
+        Parameters:
+            yaw_rate (rad/s): counter-clockwise.
+            time (s): simulated time of the command.
+        """
         self._planned_rate = None
         self._command, self._commanded = yaw_rate, time
 
     def follow(self, state: VehicleState) -> None:
-        """Be where another simulator or an autopilot has the rig."""
+        """Set the pose given by another simulator or an autopilot."""
         self._followed = state
 
     def step(self, begin: float, end: float) -> PlannedMotion | FollowedMotion:
-        """How the rig moves from `begin` to `end` s."""
+        """The motion in the interval from `begin` to `end` (s)."""
         if self._followed is None:
             self.motion = self._plan = PlannedMotion(self._plan.path, self._turn(begin))
         else:

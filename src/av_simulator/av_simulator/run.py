@@ -1,9 +1,9 @@
-"""A world from beginning to end, as fast as it can be had: for files, notebooks and training.
+"""Simulation of a world as fast as possible: for files, notebooks and training.
 
-for step in steps(open_world('fog_woodland', seed=3), duration=10.0):
-step.sound          # (samples, microphones) float32, from step.begin to step.end
-step.images       # [(view, image), ...] taken in that time
-step.truth          # [TruthSample, ...]
+>>> for step in steps(open_world('fog_woodland', seed=3), duration=10.0):
+...     step.sound     # (samples, microphones) float32, from step.begin to step.end
+...     step.images    # [(view, image), ...] within that interval
+...     step.truth     # [TruthSample, ...]
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ BLOCKS_PER_SECOND = 30
 
 @dataclass(frozen=True)
 class Bearing:
-    """Direction of a target in the rig's body frame.
+    """Direction and distance of a target in the rig's body frame.
 
     Parameters:
-        azimuth (rad): counter-clockwise from ahead.
-        elevation (rad): upwards.
-        distance (m): from the origin of the body.
+        azimuth (rad): counter-clockwise from the x axis.
+        elevation (rad): upwards from the x-y plane.
+        distance (m): distance from the origin of the body frame.
     """
 
     azimuth: float
@@ -43,10 +43,10 @@ class Bearing:
 
 @dataclass(frozen=True)
 class TruthSample:
-    """The true state of everything at one time.
+    """The true states of rig and targets at one time.
 
     Parameters:
-        time (s): of the states.
+        time (s): time of the states.
         rig: state of the rig.
         targets: state of each target.
     """
@@ -57,7 +57,7 @@ class TruthSample:
 
     @property
     def bearings(self) -> list[Bearing]:
-        """Directions from the body's origin to each target, in the body's frame."""
+        """Direction and distance of each target in the rig's body frame."""
         away = [(target.position - self.rig.position) @ self.rig.rotation for target in self.targets]
         angles = [direction_to_angles(vector) for vector in away]
         return [Bearing(float(azimuth), float(elevation), float(np.linalg.norm(vector)))
@@ -66,12 +66,12 @@ class TruthSample:
 
 @dataclass(frozen=True)
 class Step:
-    """What happened between two times.
+    """Output of one simulation step.
 
     Parameters:
-        begin, end (s): of the step.
-        sound: (samples, microphones) float32, 1 = full scale.
-        images: views taken within the step, with their images.
+        begin, end (s): interval of the step.
+        sound ((samples, microphones), float32): samples, full scale 1.
+        images: views within the step, with their images.
         truth: true states within the step.
     """
 
@@ -84,7 +84,14 @@ class Step:
 
 def open_world(scenario: str | Path | Scenario, rig: str | Path = 'rig', seed: int | None = None,
                sample_rate: int = 48_000) -> World:
-    """A world of a scenario (a shipped name, a file, or one made in Python). Raises ConfigError or OSError."""
+    """The world of a scenario. Raises ConfigError or OSError for unreadable files.
+
+    Parameters:
+        scenario: name of a shipped scenario, path of a file, or a Scenario.
+        rig: name or path of the rig's description.
+        seed: seed, None for the scenario's.
+        sample_rate (Hz): sample rate of the microphones.
+    """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(find_config(str(scenario), 'scenarios'))
     return World(scenario, load_rig(find_config(str(rig))), seed, sample_rate)
@@ -92,10 +99,17 @@ def open_world(scenario: str | Path | Scenario, rig: str | Path = 'rig', seed: i
 
 def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = 100.0,
           everything: bool = False, renderer: str = 'auto') -> Iterator[Step]:
-    """Run a world for `duration` s (the scenario's by default) in thirtieths of a second.
+    """Simulate a world in steps of 1/30 s.
 
-    image_rate: images a second, 0 for none.  everything: with segmentation and thermal image. Turn the rig between
-    steps by `world.dynamics.command(yaw_rate, world.time)`.
+    Between steps, `world.dynamics.command(yaw_rate, world.time)` turns the rig.
+
+    Parameters:
+        world: the world, at its beginning.
+        duration (s): simulated time, None for the scenario's.
+        image_rate (Hz): rate of the images, 0 for none.
+        truth_rate (Hz): rate of the true states.
+        everything: whether segmentation and thermal image are rendered.
+        renderer: kind of renderer, see `RendererFactory.make`.
     """
     duration = world.scenario.duration if duration is None else duration
     camera = world.renderer(renderer, everything=everything) if image_rate else None
@@ -112,13 +126,13 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
 
 
 def truth_samples(world: World, at: list[float]) -> list[TruthSample]:
-    """The truth at times within the world's newest step."""
+    """The true states of a world at times `at` (s) within its newest step."""
     targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
     return [TruthSample(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
 
 
 def times(begin: float, end: float, rate: float) -> list[float]:
-    """Multiples of 1/rate in (begin, end], none for a rate of 0."""
+    """Multiples of 1/rate in the interval (begin, end] (s), none for a rate (Hz) of 0."""
     if not rate:
         return []
     first, last = int(begin * rate + 1e-6) + 1, int(end * rate + 1e-6)

@@ -37,15 +37,15 @@ Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 @dataclass(frozen=True)
 class Target:
-    """A drone. It emits the signal of its profile, or `signal` if there is one.
+    """A drone.
 
     Parameters:
-        trajectory: where it flies.
-        name: for figures.
-        size (m): from rotor tip to rotor tip.
-        drone: name of a profile in config/drones.
-        signal: what it emits instead of the profile.
-        gain_db (dB): on its signal.
+        trajectory: path of the drone.
+        name: name in figures.
+        size (m): distance between opposite rotor tips.
+        drone: name of an acoustic profile in config/drones.
+        signal: emitted signal, None for that of the profile.
+        gain_db (dB): gain of the signal.
     """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
@@ -67,14 +67,14 @@ class Target:
 
 @dataclass(frozen=True)
 class RigMotion:
-    """Motion of the rig without commands; from the first command on its yaw follows these.
+    """Motion of the rig. After the first command, the yaw follows commands.
 
     Parameters:
-        trajectory: where it moves.
-        yaw_deg (deg): at the beginning, counter-clockwise from east.
-        yaw_rate_deg (deg/s): until the first command.
-        max_yaw_rate_deg (deg/s): limit of commanded rates.
-        max_yaw_acceleration_deg (deg/s^2): limit of their change.
+        trajectory: path of the rig.
+        yaw_deg (deg): initial yaw, counter-clockwise from east.
+        yaw_rate_deg (deg/s): yaw rate until the first command.
+        max_yaw_rate_deg (deg/s): limit of the yaw rate.
+        max_yaw_acceleration_deg (deg/s^2): limit of the yaw acceleration.
     """
 
     trajectory: Trajectory = field(default_factory=lambda: Static((0.0, 0.0, 1.5)))
@@ -86,15 +86,15 @@ class RigMotion:
 
 @dataclass(frozen=True)
 class Smoke:
-    """A cloud of smoke or a bank of fog that drifts and spreads. As it spreads it thins: its mass stays the same.
+    """A cloud of smoke or fog that drifts and grows. Its mass is constant, so that it thins as it grows.
 
     Parameters:
-        position (m, ENU): centre at the beginning.
-        density (1/m): extinction in the centre at the beginning.
-        radius (m): standard deviation at the beginning.
-        growth (m/s): of the radius.
-        velocity (m/s, ENU): of the drift.
-        begin, end (s): when it exists.
+        position (m, ENU): initial centre.
+        density (1/m): initial extinction coefficient at the centre.
+        radius (m): initial standard deviation.
+        growth (m/s): rate of growth of the radius.
+        velocity (m/s, ENU): velocity of the drift.
+        begin, end (s): interval in which the cloud exists.
     """
 
     position: Vector
@@ -106,7 +106,7 @@ class Smoke:
     end: float = bounded(1e9, above=0.0)
 
     def at(self, time: float) -> Cloud | None:
-        """The cloud at a time in s, None where there is none."""
+        """The cloud at a time (s), None outside its interval."""
         if not self.begin <= time <= self.end:
             return None
         age = time - self.begin
@@ -120,15 +120,15 @@ class Weather:
     """Air and light. Profiles are a number, or a list of [time, value].
 
     Parameters:
-        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): of the air.
-        fog (1/m): extinction; an object keeps exp(-fog * distance) of its contrast.
-        fog_layer_m (m): height over which fog thins to 1/e, None for even fog.
-        smoke: clouds.
+        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): state of the air.
+        fog (1/m): extinction coefficient; the transmission is exp(-fog * distance).
+        fog_layer_m (m): height over which fog thins to 1/e, None for uniform fog.
+        smoke: clouds of smoke or fog.
         rain_mm_h (mm/h): rain.
-        daylight: 1 at noon, 0.005 at night.
-        exposure: of the camera, 1 being right at noon.
+        daylight: illumination, 1 at noon, 0.005 at night.
+        exposure: gain of the camera; 1 is correct at noon.
         absorption: whether air absorbs sound (ISO 9613-1).
-        attenuation: how sound falls with distance.
+        attenuation: attenuation of sound with distance.
     """
 
     temperature_c: float = bounded(15.0, low=-40.0, high=55.0)
@@ -144,7 +144,7 @@ class Weather:
     attenuation: Attenuation = field(default_factory=Attenuation)
 
     def atmosphere(self, time: float) -> Atmosphere:
-        """The air at a time in s, as light finds it."""
+        """Optical properties of the air at a time (s)."""
         clouds = (smoke.at(time) for smoke in self.smoke)
         return Atmosphere(float(self.fog(time)), self.fog_layer_m, float(self.rain_mm_h(time)),
                           tuple(cloud for cloud in clouds if cloud is not None))
@@ -155,8 +155,8 @@ class Faults:
     """Faults of the sensors and the network.
 
     Parameters:
-        clock_ppm (ppm): by which the microphones' clock is fast.
-        lost_datagrams (0 to 1): share of datagrams that are not sent.
+        clock_ppm (ppm): deviation of the microphones' sample rate; positive for a fast clock.
+        lost_datagrams (0 to 1): fraction of datagrams that are not sent.
     """
 
     clock_ppm: float = bounded(0.0, low=-1000.0, high=1000.0)
@@ -168,17 +168,17 @@ class Scenario:
     """One reproducible run: the same scenario and seed give the same world.
 
     Parameters:
-        name, description: for logs and figures.
-        targets: one or more.
-        duration (s): of the run.
-        seed: of everything random.
-        rig: motion without commands.
+        name, description: texts for logs and figures.
+        targets: one or more drones.
+        duration (s): duration of the run.
+        seed: seed of all random numbers.
+        rig: motion of the rig.
         weather: air and light.
-        scene: what images show.
-        obstacles: in images and in sound.
-        ground, room, reverberation: in sound only.
-        noise: at the microphones.
-        faults: of sensors and network.
+        scene: visible surroundings.
+        obstacles: obstacles that are visible and affect sound.
+        ground, room, reverberation: surroundings that affect sound only.
+        noise: noise at the microphones.
+        faults: faults of sensors and network.
     """
 
     name: str
@@ -198,8 +198,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         if not self.targets:
-            raise ValueError('targets: none, at least one expected')
-        _ = self.surroundings   # raises what does not go together
+            raise ValueError('targets: none, expected at least one')
+        _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)
         trajectories = {'rig': self.rig.trajectory} | {f'targets[{k}]': each.trajectory for k, each in enumerate(self.targets)}
@@ -207,14 +207,14 @@ class Scenario:
             speed = np.linalg.norm(velocity(trajectory, times), axis=1)
             if speed.max() > fastest:
                 raise ValueError(f'{key}.trajectory: {speed.max():.0f} m/s at {times[speed.argmax()]:.1f} s, '
-                                 f'at most {fastest:.0f} m/s expected ({FASTEST} of the speed of sound)')
+                                 f'expected at most {fastest:.0f} m/s ({FASTEST} of the speed of sound)')
 
     @property
     def surroundings(self) -> Surroundings:
-        """What sound meets. Raises ValueError for a ground inside of a room."""
+        """The surroundings that affect sound. Raises ValueError for a ground in addition to a room."""
         return Surroundings(self.ground, self.obstacles, self.room, self.reverberation)
 
 
 def load_scenario(path: str | Path) -> Scenario:
-    """Read a scenario's file. Raises ConfigError or OSError that name file, key and value."""
+    """The scenario in a YAML file. Raises ConfigError or OSError with file, key and value."""
     return load(Scenario, path)

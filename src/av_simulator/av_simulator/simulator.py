@@ -1,4 +1,4 @@
-"""A world on the wire: paced to real time, sent as RFlySim sends, turned by commands."""
+"""Real-time simulation over UDP: RFlySim's datagrams are sent, and commands to the rig are received."""
 
 from __future__ import annotations
 
@@ -35,36 +35,36 @@ RIG_ID = 1
 
 
 class Clock(Protocol):
-    """What paces a simulator: the module `time`, or a clock of a test."""
+    """Source of time of a simulator: the module `time`, or a simulated clock in tests."""
 
     def monotonic(self) -> float:
-        """Seconds, never backwards."""
+        """Monotonic time (s)."""
 
     def time(self) -> float:
-        """Unix time in s."""
+        """Unix time (s)."""
 
     def sleep(self, seconds: float, /) -> None:
-        """Let time pass."""
+        """Wait for a number of seconds."""
 
 
 @dataclass(frozen=True)
 class WireOptions:
-    """What is sent where, and in which layout.
+    """Addresses, rates and formats of the datagrams.
 
     Parameters:
-        host: receiver of all streams but the time sync.
+        host: receiver of all streams except the time synchronisation, which is multicast.
         ports: UDP ports of the streams.
         sample_format: `s16le` or `f32le`.
-        audio_header: put this project's header before the sound, so that loss is known exactly.
-        image_frame_ids: send RFlySim's new image header instead of the old one.
-        short_truth: send RFlySim's short layout of truth.
-        block_rate (Hz): audio datagrams.
-        image_rate (Hz): images, 0 for none.
-        truth_rate (Hz): truth and IMU.
-        jpeg_quality (0 to 100): of the images.
-        depth: send the depth of every image on the next port.
-        renderer: see `RendererFactory.make`.
-        speed: of real time.
+        audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
+        image_frame_ids: whether RFlySim's new image header is sent instead of the old one.
+        short_truth: whether RFlySim's short layout of true states is sent.
+        block_rate (Hz): rate of audio datagrams.
+        image_rate (Hz): rate of images, 0 for none.
+        truth_rate (Hz): rate of true states and inertial measurements.
+        jpeg_quality (0 to 100): quality of the images.
+        depth: whether the depth of every image is sent to the next port.
+        renderer: kind of renderer, see `RendererFactory.make`.
+        speed: factor of real time.
     """
 
     host: str = '127.0.0.1'
@@ -84,16 +84,17 @@ class WireOptions:
 
 @dataclass
 class SimulatorCounts:
-    """What was sent, and what went wrong.
+    """Counts of sent and received data, and of errors.
 
     Parameters:
-        audio_frames, images, commands: sent and received.
-        images_skipped: for lack of time.
-        malformed_commands: datagrams on the control port that are no command.
-        late_blocks: sound later than LATE.
+        audio_frames, images: data sent.
+        images_skipped: images omitted for lack of time.
+        commands: commands received.
+        malformed_commands: invalid datagrams on the control port.
+        late_blocks: audio blocks later than LATE.
         resynchronised: shifts of the schedule.
-        unsent: datagrams that the system refused.
-        lost_on_purpose: by `faults.lost_datagrams`.
+        unsent: datagrams that the operating system refused.
+        lost_on_purpose: datagrams omitted by `faults.lost_datagrams`.
     """
 
     audio_frames: int = 0
@@ -108,17 +109,17 @@ class SimulatorCounts:
 
 
 class Simulator:
-    """Runs a world in real time. `run` returns after the duration or when `stop` is called from any thread.
+    """Runs a world in real time. `run` returns after the duration or when any thread calls `stop`.
 
     Parameters:
-        world: what is simulated.
-        options: what is sent where.
-        clock: what paces it.
-        send: takes each datagram and its address (host, port); by default a UDP socket.
+        world: the simulated world.
+        options: addresses, rates and formats.
+        clock: source of time.
+        send: function of a datagram and its address (host, port); None for a UDP socket.
     """
 
-    LATE = 0.1         # s behind real time from which a block counts as late
-    MOST_LATE = 1.0    # s behind real time after which the schedule is shifted
+    LATE = 0.1         # s, delay from which a block counts as late
+    MOST_LATE = 1.0    # s, delay after which the schedule is shifted
 
     def __init__(self, world: World, options: WireOptions = WireOptions(), clock: Clock = time,
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
@@ -136,7 +137,7 @@ class Simulator:
         self._control.setblocking(False)
         self._stopped = False
         self._renderer: RenderProcess | None = None
-        self._start = math.nan    # monotonic time at which the world begins, once it has
+        self._start = math.nan    # s, monotonic time of the world's beginning, NaN before
         self._start_ms = 0
         self._sequence = 0
         self._lossy = np.random.default_rng([world.seed, 16])
@@ -147,14 +148,16 @@ class Simulator:
         self._stopped = True
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Close the sockets."""
         self._socket.close()
         self._control.close()
 
     def run(self, duration: float, begin: float | None = None) -> None:
-        """Simulate `duration` seconds from the Unix time `begin` on, or until stopped.
+        """Simulate until the end of the duration or a call of `stop`. Raises exceptions of the renderer.
 
-        Raises what keeps the camera from working.
+        Parameters:
+            duration (s): simulated time.
+            begin (s): Unix time of the start, None for now.
         """
         self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
@@ -175,7 +178,7 @@ class Simulator:
         begin = self.world.time
         sound = self.world.advance(samples)
         end = self.world.time
-        if math.isnan(self._start):    # what takes its time the first time is ready now
+        if math.isnan(self._start):    # start after the first step, which is slower than the others
             self._start, self._start_ms = self._wait_for_begin()
         for due, send in self._schedule(begin, end):
             if not self._wait_until(due):
@@ -186,13 +189,13 @@ class Simulator:
             self._watch_lag(end)
 
     def _wait_for_begin(self) -> tuple[float, int]:
-        """Monotonic time in s and Unix time in ms at which the world begins."""
+        """Monotonic time (s) and Unix time (ms) of the world's beginning."""
         while self._begin is not None and (remaining := self._begin - self._clock.time()) > 0 and not self._stopped:
             self._clock.sleep(min(remaining, 0.1))
         return self._clock.monotonic(), int(1e3 * self._clock.time())
 
     def _schedule(self, begin: float, end: float) -> list[tuple[float, Callable[[float], None]]]:
-        """What is to be sent at which time in (begin, end], in order."""
+        """Times in (begin, end] and the functions to call at them, in order."""
         options = self.options
         moments = times(begin, end, options.truth_rate)
         targets = [self.world.target_states(number, moments) for number in range(len(self.world.scenario.targets))]
@@ -203,7 +206,7 @@ class Simulator:
         return sorted(events, key=lambda event: event[0])
 
     def _wait_until(self, moment: float) -> bool:
-        """Sleep until the world's time is `moment`, sending images as they get ready; False when stopped meanwhile."""
+        """Sleep until the simulated time `moment` (s) and send completed images meanwhile; False if stopped."""
         while True:
             left = max(-self._lag(moment), 0.0)
             if self._renderer is not None and self._renderer.busy:
@@ -214,7 +217,7 @@ class Simulator:
                 return not self._stopped
 
     def _lag(self, moment: float) -> float:
-        """Seconds by which the world's time is behind the wall's."""
+        """Delay (s) of the simulated time `moment` (s) relative to real time."""
         return self._clock.monotonic() - self._start - moment / self.options.speed
 
     def _watch_lag(self, moment: float) -> None:
@@ -222,13 +225,12 @@ class Simulator:
         if lag > self.LATE:
             self.counts.late_blocks += 1
             if self.counts.late_blocks == 1:
-                log.warning('fell %.0f ms behind real time at %.1f s', 1e3 * lag, moment)
+                log.warning('%.0f ms behind real time at %.1f s', 1e3 * lag, moment)
         if lag > self.MOST_LATE:
             self._start += lag
             self.counts.resynchronised += 1
             if self.counts.resynchronised in (1, 10, 100, 1000):
-                log.warning('%.1f s behind real time: schedule shifted, %d times until now', lag,
-                            self.counts.resynchronised)
+                log.warning('%.1f s behind real time: schedule shifted %d times so far', lag, self.counts.resynchronised)
 
     def _take_commands(self) -> None:
         while True:
@@ -283,7 +285,7 @@ class Simulator:
                    TIME_SYNC_GROUP)
 
     def _request_image(self, moment: float) -> None:
-        if self._lag(moment) > self.LATE:    # sound cannot wait, an image can be left out
+        if self._lag(moment) > self.LATE:    # sound has priority over images
             self.counts.images_skipped += 1
             return
         view = self.world.view(round(moment * self.options.image_rate), moment)

@@ -1,4 +1,4 @@
-"""Paths through the world: positions (k, 3) in metres ENU at any times (k,) in seconds, before zero as well."""
+"""Trajectories: functions from times (s, (k,)), which may be negative, to positions (m, (k, 3)) in ENU."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Static:
-    """Stays where it is."""
+    """A constant position."""
 
     position: Vector
 
@@ -32,9 +32,9 @@ class Line:
     """A straight line at constant velocity.
 
     Parameters:
-        position (m, ENU): at `time`.
-        velocity (m/s, ENU): constant.
-        time (s): when it is at `position`.
+        position (m, ENU): position at `time`.
+        velocity (m/s, ENU): velocity.
+        time (s): time of `position`.
     """
 
     position: Vector
@@ -49,15 +49,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Circle:
-    """A circle whose radius and height may swing.
+    """A circle with optional oscillations of radius and height.
 
     Parameters:
-        center (m, ENU): x, y, z.
-        radius (m): mean.
-        period (s): of a turn, counter-clockwise unless negative.
-        start_deg (deg): at time 0, counter-clockwise from east.
-        radius_swing (m), radius_period (s): sine of the radius.
-        height_swing (m), height_period (s): sine of the height.
+        center (m, ENU): centre.
+        radius (m): mean radius.
+        period (s): time for one turn, counter-clockwise; negative for clockwise.
+        start_deg (deg): angle at time 0, counter-clockwise from east.
+        radius_swing (m), radius_period (s): amplitude and period of the radius' oscillation.
+        height_swing (m), height_period (s): amplitude and period of the height's oscillation.
     """
 
     center: Vector
@@ -71,9 +71,9 @@ class Circle:
 
     def __post_init__(self) -> None:
         if self.period == 0.0:
-            raise ValueError('period: 0 s, a time other than 0 expected')
+            raise ValueError('period: 0 s, expected a time other than 0')
         if self.radius_swing >= self.radius:
-            raise ValueError(f'radius_swing: {self.radius_swing} m, less than the radius {self.radius} expected')
+            raise ValueError(f'radius_swing: {self.radius_swing} m, expected less than the radius {self.radius} m')
 
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""
@@ -89,12 +89,12 @@ class FigureEight:
     """A lemniscate of Gerono.
 
     Parameters:
-        center (m, ENU): x, y, z.
-        length (m): along `heading_deg`.
-        width (m): across.
-        period (s): of one round.
-        heading_deg (deg): counter-clockwise from east.
-        phase_deg (deg): at time 0.
+        center (m, ENU): centre.
+        length (m): extent along `heading_deg`.
+        width (m): extent perpendicular to it.
+        period (s): time for one round.
+        heading_deg (deg): direction of the long axis, counter-clockwise from east.
+        phase_deg (deg): phase at time 0.
     """
 
     center: Vector
@@ -115,16 +115,16 @@ class FigureEight:
 
 @dataclass(frozen=True)
 class Waypoints:
-    """Smoothly through points [time, x, y, z]: a cubic spline that starts and ends at rest and waits there."""
+    """A cubic spline through points [time (s), x, y, z (m)], at rest before the first and after the last point."""
 
     points: tuple[tuple[float, float, float, float], ...]
 
     def __post_init__(self) -> None:
         if len(self.points) < 2:
-            raise ValueError(f'points: {len(self.points)} of them, at least 2 expected')
+            raise ValueError(f'points: {len(self.points)} points, expected at least 2')
         table = np.array(self.points)
         if not (np.diff(table[:, 0]) > 0).all():
-            raise ValueError(f'points: times {table[:, 0].tolist()} must rise')
+            raise ValueError(f'points: times are {table[:, 0].tolist()}, expected increasing times')
 
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""
@@ -139,15 +139,15 @@ class Waypoints:
 
 @dataclass(frozen=True)
 class Steps:
-    """A circle in steps, as a loudspeaker is carried around a tripod.
+    """A circle in steps, such as that of a loudspeaker carried around a tripod.
 
     Parameters:
-        center (m, ENU): x, y, z.
-        radius (m): of the circle.
-        step_deg (deg): of one step.
-        dwell (s): at rest.
-        move (s): from one place to the next.
-        start_deg (deg): first place.
+        center (m, ENU): centre.
+        radius (m): radius of the circle.
+        step_deg (deg): angle of one step.
+        dwell (s): time at rest at each position.
+        move (s): time from one position to the next.
+        start_deg (deg): angle of the first position, counter-clockwise from east.
     """
 
     center: Vector
@@ -172,10 +172,10 @@ class RandomFlight:
     """A smooth random flight inside a box.
 
     Parameters:
-        center (m, ENU): of the box.
+        center (m, ENU): centre of the box.
         extent (m): half extents of the box.
-        period (s): of changes, roughly.
-        seed: of the flight.
+        period (s): approximate time scale of the motion.
+        seed: seed of the flight.
     """
 
     center: Vector
@@ -191,7 +191,7 @@ class RandomFlight:
 
     @cached_property
     def _terms(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Amplitudes in m, rates in rad/s and phases in rad (4, 3) of the sines along each axis."""
+        """Amplitudes (m), angular frequencies (rad/s) and phases (rad) of the sines along each axis, each (4, 3)."""
         random = np.random.default_rng(self.seed)
         amplitude = random.random((4, 3))
         return (amplitude / amplitude.sum(axis=0) * np.array(self.extent),
@@ -205,12 +205,24 @@ Position = Callable[[ArrayLike], NDArray]
 
 
 def velocity(position: Position, times: ArrayLike, step: float = 1e-3) -> NDArray:
-    """Velocities (k, 3) in m/s along a path, by central differences."""
+    """Velocities (m/s, (k, 3)) along a trajectory, by central differences.
+
+    Parameters:
+        position: the trajectory.
+        times (s, (k,)): times.
+        step (s): step of the differences.
+    """
     t = np.atleast_1d(np.asarray(times, float))
     return (position(t + step) - position(t - step)) / (2 * step)
 
 
 def acceleration(position: Position, times: ArrayLike, step: float = 5e-3) -> NDArray:
-    """Accelerations (k, 3) in m/s^2 along a path, by central differences."""
+    """Accelerations (m/s^2, (k, 3)) along a trajectory, by central differences.
+
+    Parameters:
+        position: the trajectory.
+        times (s, (k,)): times.
+        step (s): step of the differences.
+    """
     t = np.atleast_1d(np.asarray(times, float))
     return (position(t + step) - 2 * position(t) + position(t - step)) / step**2

@@ -1,4 +1,4 @@
-"""A scenario that runs: sound, views and true states, in fixed steps, without sockets and without a wall clock."""
+"""Simulation of a scenario in fixed steps: sound, views and true states, without sockets and wall clock."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.obstacles import Obstacle
 from av_simulator.trajectories import Position, Static, acceleration, velocity
 
-INSTANT = 160   # samples between the instants at which the microphones' positions are known
+INSTANT = 160   # samples between the instants at which the microphones' positions are computed
 
 
 class World:
-    """One rig and its targets. `advance` moves on by one step; states and views are available within that step.
+    """One rig and its targets. `advance` simulates one step; states and views are available within that step.
 
-    Raises ValueError or OSError for recordings and arrays that cannot be read.
+    Raises ValueError or OSError for unreadable recordings and arrays.
 
     Parameters:
-        scenario: what happens.
+        scenario: targets, weather, surroundings and noise.
         rig: microphones and camera.
-        seed: instead of the scenario's.
-        sample_rate (Hz): of the microphones.
+        seed: seed, None for the scenario's.
+        sample_rate (Hz): sample rate of the microphones.
     """
 
     def __init__(self, scenario: Scenario, rig: Rig, seed: int | None = None, sample_rate: int = 48_000):
@@ -57,30 +57,30 @@ class World:
 
     @property
     def time(self) -> float:
-        """End of the newest step in s."""
+        """End of the newest step (s)."""
         return self._samples / self.sample_rate
 
     @property
     def renderer_factory(self) -> RendererFactory:
-        """What makes renderers of this world, also in another process."""
+        """Factory of renderers for this world, which may be used in another process."""
         drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
         return RendererFactory(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
                      tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
                      self.scenario.weather.temperature_c)
 
     def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
-        """What makes images of this world's views, to be used by the calling thread; see `RendererFactory.make`."""
+        """A renderer for this world's views, which only the calling thread may use; see `RendererFactory.make`."""
         return self.renderer_factory.make(kind, samples, everything)
 
     def solids(self) -> list[Solid]:
-        """All that stands in the scene and can hide a drone."""
+        """All solids of the scene that can occlude a drone."""
         return [*self.scenario.scene.solids(np.random.default_rng([self.seed, 11])),
                 *(_seen(obstacle) for obstacle in self.scenario.obstacles)]
 
     def advance(self, samples: int) -> NDArray:
-        """Move on by a number of samples, a multiple of INSTANT; the sound of the microphones meanwhile, (samples, m)."""
+        """Simulate a number of samples, a multiple of INSTANT; returns the sound (samples, microphones), full scale 1."""
         if samples <= 0 or samples % INSTANT:
-            raise ValueError(f'samples: {samples}, a positive multiple of {INSTANT} expected')
+            raise ValueError(f'samples is {samples}, expected a positive multiple of {INSTANT}')
         end = (self._samples + samples) / self.sample_rate
         motion = self.dynamics.step(self.time, end)
         positions, rotations = motion.poses(np.linspace(self.time, end, samples // INSTANT + 1))
@@ -89,15 +89,20 @@ class World:
         return self._sound.render(samples, microphones)
 
     def rig_state(self, time: float) -> VehicleState:
-        """The rig's state at a time within the newest step."""
+        """The rig's state at a time (s) within the newest step."""
         return self.dynamics.motion.state(time)
 
     def target_state(self, number: int, time: float) -> VehicleState:
-        """State of one target at a time."""
+        """State of the target with an index at a time (s)."""
         return self.target_states(number, [time])[0]
 
     def target_states(self, number: int, times: ArrayLike) -> list[VehicleState]:
-        """States of one target at times (k,): it flies forward, tilted as its acceleration needs."""
+        """States of one target. Its x axis points along the flight, its z axis along the thrust.
+
+        Parameters:
+            number: index of the target.
+            times (s, (k,)): times.
+        """
         path, t, step = self.scenario.targets[number].trajectory, np.asarray(times, float), 2e-3
         before, rotations, after = np.split(_flight_attitudes(path, np.concatenate([t - step, t, t + step])), 3)
         turned = np.einsum('kji,kjl->kil', before, after)
@@ -108,11 +113,16 @@ class World:
         return [VehicleState(*row) for row in rows]
 
     def view(self, index: int, time: float) -> View:
-        """What the camera has before it at a time within the newest step."""
+        """The camera's view.
+
+        Parameters:
+            index: number of the image.
+            time (s): time within the newest step.
+        """
         state, camera, weather = self.rig_state(time), self.rig.camera, self.scenario.weather
         rotation = state.rotation @ camera.optical_to_body
         drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
-        # What stands still far away moves against the camera's turn.
+        # Distant stationary objects move in the image opposite to the camera's rotation.
         turn = rotation.T @ state.rotation @ state.rate_flu
         motion = (-camera.model.fx * turn[1], camera.model.fy * turn[0])
         return View(index, time, state.position + state.rotation @ np.array(camera.mount.position), rotation,
@@ -127,7 +137,7 @@ class World:
                      np.mod(2 * np.pi * turns * time * sides, 2 * np.pi))
 
     def _rotor_rpm(self, number: int, times: NDArray) -> NDArray:
-        """Rotor speeds (k, 8) at times (k,), 0 for what has no rotors."""
+        """Rotor speeds (1/min, (k, 8)) at times (s, (k,)), 0 for signals without rotors."""
         rpm, signal = np.zeros((len(times), 8)), self._sources[number].signal
         if isinstance(signal, RotorSignal):
             rotors = np.array(signal.rotor_hz)[:8]
@@ -147,13 +157,19 @@ def with_recording(scenario: Scenario, file: str | Path) -> Scenario:
 
 
 def standing_at(scenario: Scenario, x: float, y: float, z: float, yaw_deg: float) -> Scenario:
-    """The scenario with the rig at another place (m, ENU) and yaw (deg)."""
+    """The scenario with the rig at another position.
+
+    Parameters:
+        scenario: the scenario.
+        x, y, z (m): position of the rig in ENU.
+        yaw_deg (deg): yaw of the rig, counter-clockwise from east.
+    """
     rig = dataclasses.replace(scenario.rig, trajectory=Static((x, y, z)), yaw_deg=yaw_deg)
     return dataclasses.replace(scenario, rig=rig)
 
 
 def _source(target: Target) -> Source:
-    """What a target sounds like, with rotors that turn faster when it climbs or brakes. Raises ConfigError."""
+    """The sound source of a target, whose rotor speeds depend on its acceleration. Raises ConfigError."""
     signal, directivity = target.signal, None
     if signal is None:
         profile = load_profile(find_config(target.drone, 'drones'))
@@ -164,7 +180,7 @@ def _source(target: Target) -> Source:
 
 
 def _noise(noise: Noise, rig: Rig) -> Noise:
-    """The noise, with the rig's own microphones beside its rotors."""
+    """The noise, with the positions of the rig's microphones for the ego-noise of its rotors."""
     if noise.ego_rotors is None:
         return noise
     microphones = rig.array.positions.tolist()
@@ -172,13 +188,13 @@ def _noise(noise: Noise, rig: Rig) -> Noise:
 
 
 def _seen(obstacle: Obstacle) -> Solid:
-    """The visible shape of an obstacle of sound: whiteboards are white, thick boxes grey, trunks brown."""
+    """The visible solid of an acoustic obstacle: thin boxes (whiteboards) are white, thick ones grey, trunks brown."""
     if isinstance(obstacle, Box):
         colour = (0.93, 0.93, 0.91) if min(obstacle.size[:2]) < 0.12 else (0.55, 0.54, 0.52)
         return Solid('box', _vector(obstacle.center), _vector([length / 2 for length in obstacle.size]), colour,
                      np.deg2rad(obstacle.yaw_deg))
     if not isinstance(obstacle, Trunk):
-        raise TypeError(f'obstacle: {obstacle!r}, a Box or a Trunk expected')
+        raise TypeError(f'obstacle: {obstacle!r}, expected a Box or a Trunk')
     half = (obstacle.top - obstacle.bottom) / 2
     return Solid('cylinder', _vector([*obstacle.center, obstacle.bottom + half]), (obstacle.radius, obstacle.radius, half),
                  (0.42, 0.36, 0.30))
@@ -190,13 +206,13 @@ def _vector(values: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _rotor_speed(path: Position, times: ArrayLike) -> NDArray:
-    """Rotor speed relative to hover (k, 1): thrust rises with its square and carries weight and acceleration."""
+    """Rotor speeds (k, 1) relative to hovering: their square is proportional to the thrust for weight and acceleration."""
     thrust = np.linalg.norm(acceleration(path, times) + np.array([0.0, 0.0, GRAVITY]), axis=1)
     return np.sqrt(thrust / GRAVITY)[:, np.newaxis].clip(0.5, 1.5)
 
 
 def _flight_attitudes(path: Position, times: NDArray) -> NDArray:
-    """Rotations (k, 3, 3) from FLU to ENU: x along the flight, z along the thrust."""
+    """Rotation matrices (k, 3, 3) from FLU to ENU: x along the flight, z along the thrust."""
     ahead = velocity(path, times)
     moving = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.05
     heading = np.where(moving, np.arctan2(ahead[:, 1], ahead[:, 0]), 0.0)

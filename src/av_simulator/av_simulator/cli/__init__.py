@@ -1,1 +1,1 @@
-"""Programs for `ros2 run av_sim_bridge`."""
+"""Programs for `ros2 run av_simulator NAME`."""

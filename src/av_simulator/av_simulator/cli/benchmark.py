@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator benchmark [SCENARIO ...]`: what a second of simulated sound and an image cost on this machine."""
+"""`ros2 run av_simulator benchmark [SCENARIO ...]`: processing time of a second of sound and of an image on this machine."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from av_simulator.world import World
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print a table; 0, or 2 for a scenario that cannot be had."""
+    """Print a table. Returns the exit code: 0, or 2 for an unreadable scenario."""
     parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
-    parser.add_argument('scenarios', nargs='*', help='names or files (default: all shipped ones)')
-    parser.add_argument('--seconds', type=float, default=4.0, help='of sound in each (default: %(default)s)')
-    parser.add_argument('--images', type=int, default=30, help='of each scenario (default: %(default)s)')
+    parser.add_argument('scenarios', nargs='*', help='names of shipped scenarios, or files (default: all shipped ones)')
+    parser.add_argument('--seconds', type=float, default=4.0, help='duration of sound for each scenario (default: %(default)s)')
+    parser.add_argument('--images', type=int, default=30, help='number of images for each scenario (default: %(default)s)')
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     print(f'{"scenario":20s} {"sound: work per s":>18s} {"image: work":>14s} {"alone":>12s}')
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _sound(world: World, seconds: float) -> float:
-    """Processor seconds for one second of sound, after the first one."""
+    """Processor time (s) for one second of sound, after a second of warm-up."""
     block = world.sample_rate // BLOCKS_PER_SECOND
 
     def advance() -> None:
@@ -49,28 +49,28 @@ def _sound(world: World, seconds: float) -> float:
 
 
 def _image(world: World, count: int) -> tuple[float, float]:
-    """Processor and wall seconds for one image with the first drone in the middle, JPEG included."""
+    """Processor and wall time (s) for one image with the first drone in the middle, including JPEG compression."""
     renderer = world.renderer()
-    # Turn to the drone: the most expensive case, since its visible part is measured, too.
+    # Turn the rig to the drone: the most expensive case, since its visible part is computed, too.
     rig = world.rig_state(world.time)
     east, north, _ = world.scenario.targets[0].trajectory(world.time)[0] - rig.position
     half = np.arctan2(north, east) / 2
     world.dynamics.follow(dataclasses.replace(rig, attitude_wxyz=np.array([np.cos(half), 0.0, 0.0, np.sin(half)])))
-    for _ in range(2):    # to get there, and to be at rest there
+    for _ in range(2):    # one block to turn, one to come to rest
         world.advance(world.sample_rate // BLOCKS_PER_SECOND)
     view = world.view(0, world.time)
 
-    def see() -> None:
+    def render() -> None:
         cv2.imencode('.jpg', renderer.render(view).bgr)
 
-    _measured(see, 3)
-    cost = _measured(see, count)
+    _measured(render, 3)
+    cost = _measured(render, count)
     renderer.close()
     return cost
 
 
 def _measured(work: Callable[[], None], times: int) -> tuple[float, float]:
-    """Processor and wall seconds of one call."""
+    """Processor and wall time (s) of one call."""
     processor, wall = time.process_time(), time.perf_counter()
     for _ in range(times):
         work()

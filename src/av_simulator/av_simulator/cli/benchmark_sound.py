@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator benchmark_sound`: figures of the simulated sound against formulas and other simulators."""
+"""`ros2 run av_simulator benchmark_sound`: comparison of the simulated sound with formulas and other simulators."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ SECTIONS = {
     'fly_by': figures.fly_by, 'moving_rig': figures.moving_rig, 'air': figures.air, 'room': figures.room,
     'speed': figures.speed, 'peers': figures.peers_fly_by,
 }
-PEERS = {'pyroomacoustics': '0.10.1', 'acoular': '26.8', 'pyroadacoustics': '1.1.0'}    # versions that were compared with
+PEERS = {'pyroomacoustics': '0.10.1', 'acoular': '26.8', 'pyroadacoustics': '1.1.0'}    # versions used for the comparison
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Print every figure with its limit; 0 when all limits are kept, 1 else."""
+    """Print every figure with its limit. Returns the exit code: 0 if all limits are met, else 1."""
     parser = argparse.ArgumentParser(prog='benchmark_sound', description=__doc__)
-    parser.add_argument('sections', nargs='*', metavar='section', help=f'of {", ".join(SECTIONS)} (default: all)')
+    parser.add_argument('sections', nargs='*', metavar='section', help=f'one or more of {", ".join(SECTIONS)} (default: all)')
     wanted = parser.parse_args(arguments).sections or list(SECTIONS)
     if unknown := [name for name in wanted if name not in SECTIONS]:
         parser.error(f'section is {unknown[0]!r}, expected one of {", ".join(SECTIONS)}')
     missing = [peer for peer in PEERS if importlib.util.find_spec(peer) is None]
     if missing:
         wanted_versions = ' '.join(f'{peer}=={PEERS[peer]}' for peer in missing)
-        print(f'Not installed, and left out: {", ".join(missing)} (pip install {wanted_versions})')
+        print(f'Omitted, since not installed: {", ".join(missing)} (pip install {wanted_versions})')
     held = True
     for name in wanted:
         print(f'\n{name}: {SECTIONS[name].__doc__}')

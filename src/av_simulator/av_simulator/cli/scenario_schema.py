@@ -9,5 +9,5 @@ from av_simulator.scenario import Scenario
 
 
 def main() -> None:
-    """Run the program."""
+    """Print the schema."""
     print(json.dumps(schema(Scenario), indent=1))

@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator simulate SCENARIO --out DIR`: a scenario as sound, video, truth and bag, faster than real time."""
+"""`ros2 run av_simulator simulate SCENARIO --out DIR`: write a scenario as WAV, video, CSV and bag, as fast as possible."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from av_simulator.world import World, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog='simulate', description=__doc__)
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
-    parser.add_argument('--out', type=Path, required=True, help='folder for the results; made if needed')
-    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's)")
-    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
+    parser.add_argument('--out', type=Path, required=True, help='folder for the results; created if needed')
+    parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's)")
+    parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
     parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')
-    parser.add_argument('--everything', action='store_true', help='frames with depth, segmentation and temperatures')
-    parser.add_argument('--bag', action='store_true', help='also a rosbag2 (mcap) with the topics of the rig')
+    parser.add_argument('--everything', action='store_true', help='also write PNGs of depth, segmentation and temperature')
+    parser.add_argument('--bag', action='store_true', help="also write a rosbag2 (mcap) with the rig's topics")
     parser.add_argument('--preview', action='store_true', help='write only an overview figure of the scenario')
     return parser.parse_args(arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Write the files; 0 when done, 2 where something is wrong with scenario or folder, 130 when interrupted."""
+    """Write the files. Returns the exit code: 0, 2 for an invalid scenario or folder, 130 after an interrupt."""
     options = parse(arguments)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -56,13 +56,13 @@ def main(arguments: list[str] | None = None) -> int:
         print(f'simulate: {error}', file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f'\nsimulate: interrupted; what was done is in {options.out}', file=sys.stderr)
+        print(f'\nsimulate: interrupted; the results so far are in {options.out}', file=sys.stderr)
         return 130
     return 0
 
 
 def _preview(world: World, options: argparse.Namespace) -> None:
-    from av_simulator.offline.preview import preview  # brings matplotlib, which takes a second
+    from av_simulator.offline.preview import preview  # imports matplotlib, which takes a second
     preview(world, options.duration or world.scenario.duration, options.out / 'preview.png')
     print(f'wrote {options.out / "preview.png"}')
 
@@ -71,7 +71,7 @@ def _simulate(world: World, options: argparse.Namespace) -> None:
     duration = options.duration or world.scenario.duration
     recorders: list[Any] = [FileRecorder(options.out, world, options.image_rate, options.everything)]
     if options.bag:
-        from av_simulator.offline.bag import BagRecorder  # needs ROS, the rest does not
+        from av_simulator.offline.bag import BagRecorder  # needs ROS, other outputs do not
         recorders.append(BagRecorder(options.out / 'bag', world))
     began = shown = time.monotonic()
     try:

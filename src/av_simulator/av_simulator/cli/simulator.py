@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator simulator SCENARIO`: fly a scenario in real time and send it as RFlySim sends."""
+"""`ros2 run av_simulator simulator SCENARIO`: simulate a scenario in real time and send RFlySim's datagrams."""
 
 from __future__ import annotations
 
@@ -18,35 +18,39 @@ from av_simulator.world import World, standing_at, with_recording
 
 
 def parse(arguments: list[str] | None = None) -> argparse.Namespace:
-    """The command line."""
+    """Parse the command line."""
     parser = argparse.ArgumentParser(prog='simulator', description=__doc__)
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
-    parser.add_argument('--host', default='127.0.0.1', help='where to send to (default: %(default)s)')
+    parser.add_argument('--host', default='127.0.0.1', help='receiver of the datagrams (default: %(default)s)')
     parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
-    parser.add_argument('--duration', type=positive, help="seconds (default: the scenario's; inf: until stopped)")
-    parser.add_argument('--seed', type=seed, help="instead of the scenario's")
+    parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
+    parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
-    parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le')
-    parser.add_argument('--audio-header', action='store_true', help='number the sound datagrams; RFlySim does not')
-    parser.add_argument('--image-header', choices=['old', 'new'], default='old', help="which of RFlySim's headers")
-    parser.add_argument('--truth-layout', choices=['long', 'short'], default='long', help="which of RFlySim's layouts")
+    parser.add_argument('--sample-format', choices=['s16le', 'f32le'], default='s16le',
+                        help='format of the audio samples (default: %(default)s)')
+    parser.add_argument('--audio-header', action='store_true',
+                        help='send audio datagrams with number and time; RFlySim does not')
+    parser.add_argument('--image-header', choices=['old', 'new'], default='old',
+                        help="RFlySim's image header (default: %(default)s)")
+    parser.add_argument('--truth-layout', choices=['long', 'short'], default='long',
+                        help="RFlySim's layout of true states (default: %(default)s)")
     parser.add_argument('--image-rate', type=not_negative, default=15.0,
                         help='images a second, 0 for none (default: %(default)s)')
-    parser.add_argument('--depth', action='store_true', help='send depth, too, as the next image sensor')
+    parser.add_argument('--depth', action='store_true', help='also send depth images, as the next image sensor')
     parser.add_argument('--renderer', choices=['auto', 'scene', 'flat'], default='auto',
-                        help='3D scene, flat shapes (cheaper), or what this machine can do')
-    parser.add_argument('--speed', type=positive, default=1.0, help='of real time (default: %(default)s)')
-    parser.add_argument('--begin', type=float, help='Unix time to begin at, so that several rigs share one world')
+                        help='scene: 3D scene; flat: flat shapes, cheaper; auto: scene if OpenGL is available')
+    parser.add_argument('--speed', type=positive, default=1.0, help='factor of real time (default: %(default)s)')
+    parser.add_argument('--begin', type=float, help='Unix time of the start, so that several rigs share one world')
     parser.add_argument('--at', type=float, nargs=4, metavar=('X', 'Y', 'Z', 'YAW_DEG'),
-                        help="where this rig stands, instead of the scenario's")
-    # A launch file that runs this as a node adds --ros-args; nothing here is configured that way.
+                        help="position (m) and yaw of this rig, instead of the scenario's")
+    # A launch file that runs this program as a node adds --ros-args, which is ignored.
     return parser.parse_args(_without_ros_arguments(sys.argv[1:] if arguments is None else arguments))
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run until the duration is over or a signal comes; 0 then, 2 where the scenario cannot be had."""
+    """Run until the end of the duration or a signal. Returns the exit code: 0, 1 without images, 2 for a bad scenario."""
     logging.basicConfig(level=logging.INFO, format='[%(name)s] %(message)s', stream=sys.stderr)
     log = logging.getLogger('simulator')
     options = parse(arguments)
@@ -70,7 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
     log.info('%s: %s', scenario.name, scenario.description)
     try:
         simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)
-    except (RuntimeError, TimeoutError) as error:    # of the camera
+    except (RuntimeError, TimeoutError) as error:    # from the renderer
         log.error('%s', error)
         return 1
     finally:

@@ -1,1 +1,1 @@
-"""Simulations as files: sound, video, truth, bags and previews."""
+"""Output of simulations to files: sound, video, true states, bags and previews."""

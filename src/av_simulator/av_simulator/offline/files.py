@@ -1,4 +1,4 @@
-"""Sound as WAV, images as video and frames, truth as CSV."""
+"""Output of a simulation to files: sound as WAV, images as video and PNG, true states as CSV."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ _BOX = ['min_x', 'min_y', 'max_x', 'max_y', 'visible_fraction', 'transmission', 
 
 
 class FileRecorder:
-    """Writes each step of a world into a folder.
+    """Writes the steps of a world to a folder.
 
-    `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and elevation in the
-    rig's frame), `boxes.csv` (one row for each target of each image, px). With `everything` also
-    `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
+    The files are `sound.wav` (float, all microphones), `video.mp4`, `truth.csv` (m, rad, s, world ENU; azimuth and
+    elevation in the body frame) and `boxes.csv` (px, one row for each target of each image). With `everything` there are
+    also `frames/NNNNNN_{rgb,depth,segmentation,thermal}.png`: depth in mm (65535: sky, or farther), segmentation in target
     ids, thermal in hundredths of a kelvin.
 
     Parameters:
-        folder: made if needed.
-        world: gives rig, targets and sample rate.
-        image_rate (Hz): of the video, 0 for none.
-        everything: write frames with all layers.
+        folder: folder of the files, created if needed.
+        world: the simulated world, for rig, targets and sample rate.
+        image_rate (Hz): rate of the video, 0 for none.
+        everything: whether the PNGs of all layers are written.
     """
 
     def __init__(self, folder: Path, world: World, image_rate: float, everything: bool = False):
@@ -86,7 +86,7 @@ class FileRecorder:
 
 
 def _undate(wav: Path) -> None:
-    """Clear the date that libsndfile writes into a float file's PEAK chunk: the same run is to give the same bytes."""
+    """Clear the date in the PEAK chunk of libsndfile's float files, so that the same run gives the same bytes."""
     with wav.open('r+b') as file:
         chunk = file.read(512).find(b'PEAK')
         if chunk >= 0:

@@ -1,4 +1,4 @@
-"""An overview figure of a scenario, to look at before a long run: images, trajectories, visibility and spectrogram."""
+"""Overview figure of a scenario, for a check before a long run: images, trajectories, visibility and spectrogram."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ FRAMES = 8
 
 
 def preview(world: World, duration: float, file: Path) -> None:
-    """Write a figure of the first `duration` s: images, top view, azimuth and transmission, spectrogram of one microphone."""
+    """Write a figure: images, top view, azimuth and transmission, and the spectrogram of one microphone.
+
+    Parameters:
+        world: the world at its beginning; it is advanced by `duration`.
+        duration (s): simulated time.
+        file: path of the figure.
+    """
     every = duration / FRAMES
     sound, frames, truth, shown = [], [], [], 0
     for step in steps(world, duration, image_rate=1.0 / every, truth_rate=10.0):
@@ -64,7 +70,7 @@ def _sight(axes: Axes, scenario: Scenario, truth: list) -> None:
     for number, target in enumerate(scenario.targets):
         azimuth = np.rad2deg(np.unwrap([sample.bearings[number].azimuth for sample in truth]))
         axes.plot(time, azimuth, label=f'azimuth of {target.name}')
-    axes.set(title='azimuth from the rig, and what the air leaves', xlabel='s', ylabel='deg')
+    axes.set(title='azimuth from the rig, and transmission of the air', xlabel='s', ylabel='deg')
     axes.legend(loc='upper left', fontsize=8)
     share = axes.twinx()
     for number in range(len(scenario.targets)):
@@ -80,6 +86,12 @@ def _spectrogram(axes: Axes, sound: np.ndarray, rate: int) -> None:
 
 
 def preview_scenario(scenario: str | Scenario, file: Path, seed: int | None = None) -> None:
-    """Write a figure of a whole scenario."""
+    """Write a figure of a whole scenario.
+
+    Parameters:
+        scenario: name of a shipped scenario, path of a file, or a Scenario.
+        file: path of the figure.
+        seed: seed, None for the scenario's.
+    """
     world = open_world(scenario, seed=seed)
     preview(world, world.scenario.duration, file)

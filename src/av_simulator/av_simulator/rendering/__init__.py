@@ -1,1 +1,1 @@
-"""What a camera sees: scenes, weather, and the renderers that make images, depth and truth of them."""
+"""Rendering: scenes, weather, and renderers of images, depth and true bounding boxes."""

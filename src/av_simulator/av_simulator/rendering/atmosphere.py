@@ -1,4 +1,4 @@
-"""What the air takes from an image: fog, fog that thins with height, clouds of smoke, rain."""
+"""Extinction of light in the air: uniform fog, fog that thins with height, clouds of smoke, rain."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
 
-_LAYERED_FROM = 1e-4   # slope of a ray from which on the thinning of fog along it counts
+_LAYERED_FROM = 1e-4   # 1/m, slope over layer height of a ray below which the fog along it counts as uniform
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,9 @@ class Cloud:
     """A Gaussian cloud of smoke or fog at one instant.
 
     Parameters:
-        centre (m, ENU): (3,).
-        radius (m): standard deviation.
-        density (1/m): extinction at the centre.
+        centre (m, (3,)): centre in ENU.
+        radius (m): standard deviation of the density.
+        density (1/m): extinction coefficient at the centre.
     """
 
     centre: NDArray
@@ -27,7 +27,13 @@ class Cloud:
     density: float
 
     def optical_depth(self, origin: NDArray, directions: NDArray, distance: NDArray) -> NDArray:
-        """Integral of the extinction along rays (n, 3) from origin to distances (n,)."""
+        """Integral (n,) of the extinction coefficient along rays.
+
+        Parameters:
+            origin (m, (3,)): common origin of the rays in ENU.
+            directions ((n, 3)): unit vectors in ENU.
+            distance (m, (n,)): lengths of the rays.
+        """
         away = (self.centre - origin).astype(directions.dtype)
         closest = directions @ away
         offset2 = np.maximum(away @ away - closest**2, 0.0)
@@ -42,13 +48,13 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Atmosphere:
-    """The air at one instant: light from a distance d keeps exp(-optical depth) of its contrast (Beer-Lambert).
+    """The air at one instant. The transmission of a path is exp(-optical depth) (Beer-Lambert).
 
     Parameters:
-        fog (1/m): extinction at the ground.
-        layer_m (m): height over which it falls to 1/e, None for even fog.
-        rain_mm_h (mm/h): rain of R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
-        clouds: of smoke or fog.
+        fog (1/m): extinction coefficient of fog at the ground.
+        layer_m (m): height over which it falls to 1/e, None for uniform fog.
+        rain_mm_h (mm/h): rain; R mm/h adds 1.076 R^0.67 dB/km (Carbonneau and Wisely 1998).
+        clouds: clouds of smoke or fog.
     """
 
     fog: float = 0.0
@@ -58,16 +64,22 @@ class Atmosphere:
 
     @property
     def even(self) -> bool:
-        """Whether the extinction is the same everywhere."""
+        """Whether the extinction coefficient is uniform."""
         return not self.clouds and (self.layer_m is None or self.fog == 0.0)
 
     @property
     def rain_extinction(self) -> float:
-        """Of the rain alone, in 1/m."""
+        """Extinction coefficient (1/m) of the rain alone."""
         return 1.076 * self.rain_mm_h**0.67 * math.log(10.0) / 10.0 / 1000.0
 
     def optical_depth(self, origin: ArrayLike, directions: ArrayLike, distance: ArrayLike) -> NDArray:
-        """Optical depths (n,) along unit vectors (n, 3) from a point (3,) in ENU to distances (n,) in m, in their precision."""
+        """Optical depths (n,) of rays, in the precision of `directions`.
+
+        Parameters:
+            origin (m, (3,)): common origin of the rays in ENU.
+            directions ((n, 3)): unit vectors in ENU.
+            distance (m, (n,)): lengths of the rays.
+        """
         origin, directions = np.asarray(origin), np.asarray(directions)
         distance = np.asarray(distance, directions.dtype)
         if self.layer_m is None:
@@ -85,7 +97,7 @@ class Atmosphere:
         return depth.astype(directions.dtype, copy=False)
 
     def transmission(self, origin: ArrayLike, point: ArrayLike) -> float:
-        """Share of contrast that is left between two points (3,) in ENU."""
+        """Transmission (0 to 1) of the path between two points (m, (3,)) in ENU."""
         away = np.asarray(point, float) - origin
         distance = np.linalg.norm(away)
         if distance == 0.0:

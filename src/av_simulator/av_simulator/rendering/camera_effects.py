@@ -1,4 +1,4 @@
-"""What the camera itself does to an image: light and exposure, motion blur, rain before the lens, noise."""
+"""Effects of the camera on an image: exposure, motion blur, rain in front of the lens, noise."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from av_simulator.rendering.view import View
 
-SHUTTER_S = 1.0 / 100.0     # at the most; less light is made up for by gain
+SHUTTER_S = 1.0 / 100.0     # exposure time; the camera compensates for less light by gain
 LONGEST_BLUR_PX = 50.0
-READ_NOISE = 1.5            # grey levels at an exposure of 1
-SHOT_NOISE = 0.12           # of the square root of the grey level, at an exposure of 1
+READ_NOISE = 1.5            # standard deviation in grey levels at an exposure of 1
+SHOT_NOISE = 0.12           # standard deviation over the square root of the grey level, at an exposure of 1
 _DROP_LENGTH_PX, _DROPS_PER_MM_H = 22.0, 12.0
 
 
@@ -21,26 +21,31 @@ class CameraEffects:
     """Effects of one camera on images (height, width, 3) uint8.
 
     Parameters:
-        width, height (px): of the images.
-        seed: of noise and rain.
+        width, height (px): size of the images.
+        seed: seed of noise and rain.
     """
 
     def __init__(self, width: int, height: int, seed: int):
         self._seed = seed
         random = np.random.default_rng([seed, 13])
-        # Noise is drawn once and used again, moved: new noise would cost more than the image.
+        # The noise is drawn once and shifted at random for each image: drawing it again would cost more than rendering.
         self._noise = random.standard_normal((2 * height, 2 * width)).astype(np.float32)
         self._shape = (height, width)
 
     def apply(self, bgr: NDArray, view: View) -> NDArray:
-        """The image as the camera delivers it."""
+        """The image with all effects.
+
+        Parameters:
+            bgr ((height, width, 3), uint8): rendered image, including the effect of the air.
+            view: light, exposure, motion and rain of the image.
+        """
         bgr = motion_blurred(bgr, view.image_motion)
         if view.atmosphere.rain_mm_h > 0.0:
             bgr = self._rained(bgr, view)
         light = view.daylight * view.exposure
         if light != 1.0:
             gain: Any = (light,) * 4
-            bgr = cv2.multiply(bgr, gain, dtype=cv2.CV_16S)    # beyond white until the noise is in
+            bgr = cv2.multiply(bgr, gain, dtype=cv2.CV_16S)    # values above white are clipped after the noise
         return self._noisy(bgr, view)
 
     def _noisy(self, bgr: NDArray, view: View) -> NDArray:
@@ -48,7 +53,7 @@ class CameraEffects:
         height, width = self._shape
         row, column = random.integers(height), random.integers(width)
         noise = self._noise[row:row + height, column:column + width]
-        # Less light and more gain, more noise: both parts grow with the square root of the gain.
+        # Both parts of the noise grow with the square root of the gain.
         gain = np.sqrt(max(view.exposure, 1.0))
         level = (gain * np.sqrt(READ_NOISE**2 + SHOT_NOISE**2 * np.arange(256))).astype(np.float32)
         spread = cv2.LUT(cv2.convertScaleAbs(cv2.extractChannel(bgr, 1)), level)
@@ -69,7 +74,13 @@ class CameraEffects:
 
 
 def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: float = SHUTTER_S) -> NDArray:
-    """The image smeared along the motion (px/s) of what is in its middle while the shutter was open."""
+    """The image with motion blur, of at most LONGEST_BLUR_PX.
+
+    Parameters:
+        bgr ((height, width, 3), uint8): image.
+        image_motion (px/s, (2,)): motion of stationary objects in the middle of the image, x and y.
+        shutter_s (s): exposure time.
+    """
     x, y = np.multiply(image_motion, shutter_s)
     if np.hypot(x, y) < 1.0:
         return bgr
@@ -82,6 +93,6 @@ def motion_blurred(bgr: NDArray, image_motion: tuple[float, float], shutter_s: f
 
 
 def contrast_left(view: View) -> float:
-    """Share of contrast that light and exposure leave for a detector: less in the dark and where the image burns out."""
+    """Factor (0 to 1) on the contrast of an image that is too dark or overexposed."""
     light = view.daylight * view.exposure
     return float(min(1.0, light / 0.3, (2.0 / light) ** 2 if light > 2.0 else 1.0))

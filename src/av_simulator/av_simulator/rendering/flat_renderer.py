@@ -1,4 +1,4 @@
-"""Images of flat shapes drawn with OpenCV, for machines without OpenGL: sky, ground, solids and drones in even fog."""
+"""Images of flat shapes drawn with OpenCV, for machines without OpenGL: sky, ground, solids and drones in uniform fog."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from av_common.camera import PinholeCamera
 from av_simulator.rendering.scenes import Scene, Solid
 from av_simulator.rendering.view import Drone, RenderedImage, TruthBox, View, appearance, oracle_box, rotor_hubs
 
-# Colours are blue, green, red in 0..255.
+# Colours are blue, green, red from 0 to 255.
 _ZENITH, _HORIZON = np.array([200.0, 160.0, 110.0]), np.array([225.0, 215.0, 205.0])
 _GROUND = np.array([60.0, 95.0, 85.0])
 _DRONE, _ROTOR = np.array([40.0, 38.0, 36.0]), np.array([70.0, 68.0, 66.0])
 _FOG = np.array([205.0, 205.0, 203.0])
 _SKY_DISTANCE = 1500.0
-_COARSE = 2            # sky and ground are smooth: drawn at half the resolution
-_NOISES = 8
-_SUBPIXEL = 4          # bits
+_COARSE = 2            # sky and ground are smooth and therefore drawn at half the resolution
+_NOISES = 8            # number of noise images, which are used in turn
+_SUBPIXEL = 4          # fractional bits of OpenCV's coordinates
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
 class FlatRenderer:
-    """Draws what one camera sees of one scene. The same seed and view give the same image.
+    """Renderer of flat shapes for one camera and one scene. The same seed and view give the same image.
 
     Parameters:
         camera: pinhole model of the camera.
-        scene: what stands in the scene, and its ground and sky.
-        seed: of texture and noise.
-        obstacles: solids beside those of the scene.
-        noise (grey levels): standard deviation of the sensor's noise.
+        scene: solids, ground and sky.
+        seed: seed of scene, texture and noise.
+        obstacles: solids in addition to those of the scene.
+        noise (grey levels): standard deviation of the sensor noise.
     """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, seed: int, obstacles: Sequence[Solid] = (),
@@ -77,10 +77,10 @@ class FlatRenderer:
         return RenderedImage(bgr, boxes, truth)
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: this renderer holds no resources."""
 
     def _visible_share(self, view: View, drone: Drone, nearer: list[Solid]) -> float:
-        """Share of the drone's pixels that no nearer solid covers."""
+        """Fraction of the drone's pixels that are not covered by nearer solids."""
         if not nearer:
             return 1.0
         mask = np.zeros((self._camera.height, self._camera.width), np.uint8)
@@ -114,7 +114,7 @@ class FlatRenderer:
         return [(float(distance[n]), self._solids[n]) for n in np.flatnonzero(depth > 0.5 * distance)]
 
     def _draw_solid(self, image: NDArray, view: View, solid: Solid, colour: tuple[float, ...]) -> None:
-        """The outline of its box, or for round ones an ellipse or a triangle of that size."""
+        """Draw the outline of a solid's box; for ellipsoids and cones, an ellipse or a triangle of that size."""
         c, s = np.cos(solid.yaw), np.sin(solid.yaw)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         corners = view.to_optical(_CORNERS * solid.half_size @ turn.T + solid.centre)
@@ -140,7 +140,7 @@ class FlatRenderer:
         scale = self._camera.fx * drone.size / optical[0, 2]
         if not (-scale < body[0] < self._camera.width + scale and -scale < body[1] < self._camera.height + scale):
             return
-        # Seen from the side, a rotor's disc is as flat as its axis is perpendicular to the line of sight.
+        # The aspect ratio of a rotor's disc is the cosine of the angle between its axis and the line of sight.
         flat = abs(float(drone.rotation[:, 2] @ (drone.position - view.position)))
         flat /= float(np.linalg.norm(drone.position - view.position))
         for hub in hubs:
@@ -152,11 +152,11 @@ class FlatRenderer:
 
 
 def _fogged(colour: NDArray, clear: float) -> tuple[float, ...]:
-    """A colour seen through fog that leaves the share `clear` of it."""
+    """A colour behind fog of the transmission `clear`."""
     clear = min(float(clear), 1.0)
     return tuple(float(value) for value in _FOG + clear * (colour - _FOG))
 
 
 def _fixed(values: NDArray | list[float]) -> tuple[int, ...]:
-    """Pixels as OpenCV's fixed-point integers, kept within their range."""
+    """Pixels as OpenCV's fixed-point integers, limited to their range."""
     return tuple(int(np.clip(value, -2e4, 2e4) * (1 << _SUBPIXEL)) for value in values)

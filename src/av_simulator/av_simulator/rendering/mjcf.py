@@ -1,4 +1,4 @@
-"""A scene as a MuJoCo model: static solids, and drones that are moved from outside."""
+"""MuJoCo model (MJCF) of a scene: static solids, and drones whose poses are set for each image."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from scipy.ndimage import gaussian_filter
 from av_simulator.rendering.scenes import Solid
 from av_simulator.rendering.view import BODY_SIZE, ROTOR_RADIUS, rotor_places
 
-DRONE_GROUP = 1          # geoms of drone k are of group 1 + k, so that each can be drawn alone
-MOST_DRONES = 5          # MuJoCo has six groups
+DRONE_GROUP = 1          # geoms of drone k have group 1 + k, so that each drone can be drawn alone
+MOST_DRONES = 5          # MuJoCo has six groups of geoms
 _GROUNDS = {             # base colour, contrast, repetitions over the ground plane
     'forest': ((0.30, 0.27, 0.17), 0.30, 60), 'grass': ((0.36, 0.42, 0.20), 0.20, 60),
     'concrete': ((0.55, 0.55, 0.54), 0.08, 20), 'asphalt': ((0.30, 0.30, 0.31), 0.10, 20),
 }
-_PLANE = 300.0           # half side of the ground in m
+_PLANE = 300.0           # m, half the side of the ground plane
 
 
 def drone_body(number: int) -> str:
@@ -34,12 +34,20 @@ def rotor_joint(number: int, rotor: int) -> str:
 
 def build(solids: Sequence[Solid], ground: str, sky: bool, drones: Sequence[tuple[float, int]], size: tuple[int, int],
           fovy_deg: float, samples: int, seed: int) -> tuple[str, dict[str, bytes]]:
-    """XML and assets of a model. drones: size in m and number of rotors of each.  size: width and height of images.
+    """XML and assets of the model of a scene. Raises ValueError for more than MOST_DRONES drones.
 
-    Raises ValueError for more drones than can be distinguished.
+    Parameters:
+        solids: static solids.
+        ground: name of the ground's texture.
+        sky: whether there is a sky; else the light is that of a hall.
+        drones: size (m) and number of rotors of each drone.
+        size (px): width and height of the images.
+        fovy_deg (deg): vertical field of view.
+        samples: samples per pixel for antialiasing, 0 for none.
+        seed: seed of the textures.
     """
     if len(drones) > MOST_DRONES:
-        raise ValueError(f'targets: {len(drones)} of them, at most {MOST_DRONES} can be rendered')
+        raise ValueError(f'targets: {len(drones)} drones, expected at most {MOST_DRONES} for rendering')
     root = ET.Element('mujoco')
     _settings(root, size, fovy_deg, samples, sky)
     asset, world = _add(root, 'asset'), _add(root, 'worldbody')
@@ -68,7 +76,7 @@ def _settings(root: ET.Element, size: tuple[int, int], fovy_deg: float, samples:
     visual = _add(root, 'visual')
     _add(visual, 'global', offwidth=str(size[0]), offheight=str(size[1]), fovy=str(fovy_deg))
     _add(visual, 'quality', shadowsize='0', offsamples=str(samples), numslices='10', numstacks='7', numquads='1')
-    lamps = '0 0 0' if sky else '0.5 0.5 0.48'    # indoors, light comes from everywhere
+    lamps = '0 0 0' if sky else '0.5 0.5 0.48'    # diffuse light indoors
     _add(visual, 'headlight', ambient='0.45 0.45 0.45', diffuse=lamps, specular='0 0 0')
     _add(visual, 'map', znear='0.001', zfar='50')
     _add(root, 'statistic', extent='100', center='0 0 0')
@@ -88,14 +96,14 @@ def _surfaces(asset: ET.Element, sky: bool, random: np.random.Generator) -> dict
 
 
 def _grain(colour: NDArray, contrast: float, random: np.random.Generator) -> NDArray:
-    """A texture (256, 256, 3) of irregular patches that repeats without a seam."""
+    """A texture (256, 256, 3) of irregular patches that can be tiled without visible edges."""
     patches = sum(gaussian_filter(random.standard_normal((256, 256)), sigma, mode='wrap') * sigma for sigma in (1, 4, 12))
     image = colour[::-1] * (1.0 + contrast * patches / patches.std())[..., np.newaxis]
     return (image.clip(0.0, 1.0) * 255).astype(np.uint8)
 
 
 def _facade() -> NDArray:
-    """Rows of dark windows in a light wall."""
+    """A texture (256, 256, 3) of dark windows in a light wall."""
     image = np.full((256, 256, 3), 235, np.uint8)
     for y in range(20, 240, 58):
         for x in range(14, 250, 48):
@@ -107,7 +115,7 @@ def _solid(asset: ET.Element, world: ET.Element, name: str, solid: Solid) -> Non
     shape = {'type': solid.shape, 'size': _text(solid.half_size)}
     if solid.shape == 'cylinder':
         shape['size'] = _text([solid.half_size[0], solid.half_size[2]])
-    elif solid.shape == 'cone':   # a mesh cannot be scaled where it is used: each cone brings its own
+    elif solid.shape == 'cone':   # a mesh cannot be scaled by a geom, so that each cone needs its own
         angle = np.arange(9) * 2 * np.pi / 9
         rim = np.column_stack([np.cos(angle), np.sin(angle), -np.ones(9)])
         _add(asset, 'mesh', name=name, vertex=_text(np.vstack([rim, [0.0, 0.0, 1.0]]) * solid.half_size))

@@ -1,4 +1,4 @@
-"""Images rendered in a process of their own: in one process with the sound, both would wait for the interpreter."""
+"""Rendering in a separate process: in one process with the sound, both would compete for the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.renderer_factory import RendererFactory
 from av_simulator.rendering.view import View
 
-MOST_WAITING = 2       # views; more would only add delay
-PATIENCE = 60.0        # s that the first image may take: a slow machine loads libraries and compiles shaders meanwhile
+MOST_WAITING = 2       # maximum number of requested views; more would only add delay
+PATIENCE = 60.0        # s, limit for the first image, which includes loading of libraries and compilation of shaders
 FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
@@ -27,10 +27,10 @@ class CameraFrame:
     """One rendered view, encoded for the wire.
 
     Parameters:
-        view: what was rendered.
-        jpeg: the image.
-        boxes: the visual oracle's report.
-        depth: depth (mm) as PNG of 16 bit; empty without.
+        view: the view that was rendered.
+        jpeg: the image as JPEG.
+        boxes: report of the visual oracle.
+        depth: depth (mm) as 16-bit PNG, empty if not requested.
     """
 
     view: View
@@ -40,19 +40,19 @@ class CameraFrame:
 
 
 class RenderProcess:
-    """Renders views in another process and returns them in order as they become ready. To be used by one thread.
+    """Renders views in another process and returns the frames in order. Must be used by one thread only.
 
     Parameters:
-        factory: makes the renderer in that process.
-        kind: of renderer, see `RendererFactory.make`.
-        jpeg_quality (0 to 100): of the images.
-        first: view with which the renderer is warmed up; no frame is returned of it.
-        depth: whether every frame has depth.
+        factory: creates the renderer in that process.
+        kind: kind of renderer, see `RendererFactory.make`.
+        jpeg_quality (0 to 100): quality of the images.
+        first: view for the warm-up of the renderer, whose frame is discarded.
+        depth: whether every frame includes depth.
     """
 
     def __init__(self, factory: RendererFactory, kind: str, jpeg_quality: int, first: View, depth: bool = False) -> None:
         self._waiting, self._opened = 0, False
-        context = multiprocessing.get_context('spawn')    # a fork would take threads' locks along
+        context = multiprocessing.get_context('spawn')    # a fork would copy locks held by other threads
         self._connection, other = context.Pipe()
         self._process = context.Process(target=_work, args=(other, factory, kind, jpeg_quality, first, depth),
                                         name='camera', daemon=True)
@@ -60,7 +60,10 @@ class RenderProcess:
         other.close()
 
     def open(self, keep_waiting: Callable[[], bool]) -> None:
-        """Wait until the renderer is ready. Raises what keeps it from working, TimeoutError after a minute."""
+        """Wait until the renderer is ready, or until `keep_waiting` returns False.
+
+        Raises the renderer's exception, RuntimeError if the process ends, and TimeoutError after PATIENCE.
+        """
         for _ in range(int(PATIENCE / 0.05)):
             if self._connection.poll(0.05):
                 self._receive()
@@ -72,11 +75,11 @@ class RenderProcess:
 
     @property
     def busy(self) -> bool:
-        """Whether a frame is on its way."""
+        """Whether a requested frame is outstanding."""
         return self._waiting > 0
 
     def request(self, view: View) -> bool:
-        """Request a frame; False where too many are waited for already."""
+        """Request a frame; False if MOST_WAITING frames are outstanding."""
         if self._waiting >= MOST_WAITING:
             return False
         self._connection.send(view)
@@ -84,7 +87,7 @@ class RenderProcess:
         return True
 
     def ready(self, timeout: float = 0.0) -> list[CameraFrame]:
-        """Shots that are done; with a timeout in s, waits for the first one. Raises what keeps the camera from working."""
+        """Completed frames; waits up to `timeout` (s) for the first one. Raises the renderer's exception."""
         frames = []
         while self._waiting and self._connection.poll(timeout):
             frames.append(self._receive())
@@ -93,7 +96,7 @@ class RenderProcess:
         return frames
 
     def close(self) -> list[CameraFrame]:
-        """End the process; the frames that were still on their way."""
+        """End the process and return the outstanding frames."""
         frames = []
         try:
             while self._opened and self._waiting and (done := self.ready(timeout=5.0)):
@@ -107,7 +110,7 @@ class RenderProcess:
         return frames
 
     def _receive(self) -> CameraFrame:
-        """The next result of the process; its first one, of the warm-up, holds nothing."""
+        """The next result of the process; the first one, of the warm-up, is None."""
         try:
             result = self._connection.recv()
         except EOFError:
@@ -121,17 +124,17 @@ class RenderProcess:
 
 
 def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_quality: int, first: View, depth: bool) -> None:
-    """Body of the process: render the views that come until the connection is closed."""
-    for number in (signal.SIGINT, signal.SIGTERM):    # may go to the whole group; the simulator says when it ends
+    """Main function of the process: render views from the connection until it is closed."""
+    for number in (signal.SIGINT, signal.SIGTERM):    # sent to the whole process group; the simulator ends this process
         signal.signal(number, signal.SIG_IGN)
     logging.basicConfig(format='[%(name)s] %(message)s', stream=sys.stderr)
-    # Images are small; the other cores belong to the rig, and threads of Mesa's renderer cost a quarter more work.
+    # Images are small: one core suffices, and threads of Mesa's renderer would need 25 % more processor time.
     cv2.setNumThreads(1)
     os.environ.setdefault('LP_NUM_THREADS', '0')
     try:
         renderer = factory.make(kind)
         if renderer.render(first).depth is None and depth:
-            raise RuntimeError('camera: depth needs the 3D scene, which this renderer does not have')
+            raise RuntimeError('camera: depth requires the renderer `scene`')
         connection.send(None)
         while True:
             view = connection.recv()
@@ -141,5 +144,5 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
             connection.send(CameraFrame(view, jpeg, image.boxes, png))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
-    except Exception as error:    # noqa: BLE001 (whatever it is, the simulator has to know)
+    except Exception as error:    # noqa: BLE001 (every exception is raised again in the simulator)
         connection.send(error)

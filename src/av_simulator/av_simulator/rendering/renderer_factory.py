@@ -1,4 +1,4 @@
-"""All that a renderer has to know beforehand, as plain data that can be handed to another process."""
+"""Configuration of a renderer as plain data, which can be sent to another process."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ RENAMED_RENDERERS = {'painter': 'flat'}
 
 @dataclass(frozen=True)
 class RendererFactory:
-    """Makes renderers of one camera in one scene.
+    """Creates renderers for one camera in one scene.
 
     Parameters:
         camera: pinhole model of the camera.
-        scene: what stands in the scene, and its ground and sky.
+        scene: solids, ground and sky.
         drones: size (m) and number of rotors of each drone.
-        obstacles: solids beside those of the scene.
-        seed: of everything random in the scene.
+        obstacles: solids in addition to those of the scene.
+        seed: seed of all random properties of the scene.
         air_c (deg C): temperature of the air, for thermal images.
     """
 
@@ -38,19 +38,19 @@ class RendererFactory:
     air_c: float
 
     def make(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
-        """A renderer, to be used by the calling thread.
+        """A new renderer, which only the calling thread may use.
+
+        Raises ValueError for an unknown kind, RuntimeError if `scene` does not work on this machine.
 
         Parameters:
-            kind: `scene` (3D, MuJoCo), `flat` (OpenCV, needs no OpenGL), or `auto`: `scene` where it works.
-            samples: samples a pixel, against jagged edges; 0 for none beside the pixel's own.
-            everything: whether segmentation and thermal image are made of every view.
-
-        Raises ValueError for another kind, RuntimeError where `scene` does not work on this machine.
+            kind: `scene` (3D, MuJoCo), `flat` (OpenCV, without OpenGL), or `auto` (`scene` if it works, else `flat`).
+            samples: samples per pixel for antialiasing, 0 for none.
+            everything: whether segmentation and thermal image are rendered for every view.
         """
         if kind in RENAMED_RENDERERS:
             raise ValueError(f'renderer: {kind!r} is now named {RENAMED_RENDERERS[kind]!r}')
         if kind not in RENDERERS:
-            raise ValueError(f'renderer: {kind!r}, one of {", ".join(RENDERERS)} expected')
+            raise ValueError(f'renderer: {kind!r}, expected one of {", ".join(RENDERERS)}')
         if kind != 'flat':
             try:
                 return SceneRenderer(self.camera, self.scene, list(self.drones), self.seed, list(self.obstacles),
@@ -58,5 +58,5 @@ class RendererFactory:
             except RuntimeError as error:
                 if kind == 'scene':
                     raise
-                log.warning('flat images instead of the 3D scene: %s', error)
+                log.warning('using flat images instead of the 3D scene: %s', error)
         return FlatRenderer(self.camera, self.scene, self.seed, self.obstacles)

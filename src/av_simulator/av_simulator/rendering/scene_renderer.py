@@ -1,4 +1,4 @@
-"""Images, depth and segmentation of a 3D scene, rendered by MuJoCo without a screen, seen through the air."""
+"""Offscreen rendering of a 3D scene by MuJoCo: images through the air, depth, segmentation and temperature."""
 
 from __future__ import annotations
 
@@ -32,27 +32,27 @@ from av_simulator.rendering.view import (
 
 # MuJoCo looks along -z with y up, the optical frame along z with y down.
 _OPTICAL_TO_MUJOCO = np.diag([1.0, -1.0, -1.0])
-AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # of thick fog by day: blue, green, red
-HORIZON = 1000.0
+AIRLIGHT = np.array([205.0, 205.0, 203.0], np.float32)    # colour of thick fog by day: blue, green, red
+HORIZON = 1000.0                # m, depth beyond which a pixel belongs to the sky
 Window = tuple[slice, slice]    # rows and columns of an image
 _ALL = (slice(None), slice(None))
-SKY_DISTANCE = 3000.0                                     # m, over which fog lies before the sky
+SKY_DISTANCE = 3000.0                                     # m, length of the path through fog to the sky
 
 
 class SceneRenderer:
-    """Renders what one camera sees of one scene. To be used by the thread that made it, as OpenGL demands.
+    """Renderer for one camera and one scene. OpenGL requires that only the thread that created it uses it.
 
-    Raises RuntimeError where there is no way to render without a screen.
+    Raises RuntimeError if offscreen rendering is not available.
 
     Parameters:
         camera: pinhole model with distortion.
-        scene: what stands in the scene, and its ground and sky.
+        scene: solids, ground and sky.
         drones: size (m) and number of rotors of each drone.
-        seed: of everything random in the scene.
-        obstacles: solids beside those of the scene.
+        seed: seed of all random properties of the scene.
+        obstacles: solids in addition to those of the scene.
         air_c (deg C): temperature of the air, for thermal images.
-        samples: samples a pixel, against jagged edges.
-        everything: whether segmentation and thermal image are made of every view.
+        samples: samples per pixel for antialiasing, 0 for none.
+        everything: whether segmentation and thermal image are rendered for every view.
     """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
@@ -88,12 +88,12 @@ class SceneRenderer:
         self._all_groups = np.array([1] * 6)
 
     def close(self) -> None:
-        """Give the OpenGL context back."""
+        """Release the OpenGL context."""
         self._target.free()
         self._context.free()
 
     def render(self, view: View) -> RenderedImage:
-        """The image of one view, with depth, the oracle's boxes and the truth."""
+        """The image of one view, with depth, the oracle's boxes and the true boxes."""
         self._place(view)
         zbuffer = np.empty((self._lens.whole.height, self._lens.whole.width), np.float32)
         rgb = self._draw(self._lens.whole, zbuffer)
@@ -127,9 +127,13 @@ class SceneRenderer:
 
     def _draw(self, crop: Crop, zbuffer: NDArray | None = None, groups: NDArray | None = None,
               identities: bool = False) -> NDArray:
-        """Colours, or identities as colours, of a part of the rendered image, top row first.
+        """A part of the rendered image, top row first.
 
-        zbuffer (height, width) float32: receives the depth buffer, bottom row first.
+        Parameters:
+            crop: part of the image.
+            zbuffer ((height, width), float32): array for the depth buffer, bottom row first; None for none.
+            groups: 1 for each of the six groups of geoms that is drawn, else 0; None for all.
+            identities: whether the colours are the numbers of the geoms.
         """
         mujoco = self._mujoco
         self._options.geomgroup[:] = self._all_groups if groups is None else groups
@@ -146,7 +150,7 @@ class SceneRenderer:
         return rgb[::-1]
 
     def _narrow(self, eye: Any, crop: Crop) -> None:
-        """Let an eye's frustum be that of a part of the image, pixel by pixel."""
+        """Set a camera's frustum to a part of the image at the same resolution."""
         width, height = self._lens.size
         pixel = (eye.frustum_top - eye.frustum_bottom) / height
         eye.frustum_center += pixel * (crop.left + crop.width / 2 - width / 2)
@@ -154,7 +158,7 @@ class SceneRenderer:
         eye.frustum_top -= pixel * crop.top
 
     def _identities(self, window: Window, groups: NDArray | None = None) -> NDArray:
-        """Number of the thing at each pixel of a window of the image, -1 for the sky."""
+        """Number of the geom at each pixel of a window of the image, -1 for the sky."""
         places, crop = self._lens.places(window)
         rgb = self._draw(crop, groups=groups, identities=True)
         red, green, blue = np.moveaxis(rgb[places[..., 1], places[..., 0]].astype(np.int32), -1, 0)
@@ -177,7 +181,7 @@ class SceneRenderer:
         covered = self._identities(window, alone) >= 0
         visible = covered
         nearest = view.to_optical(drone.position[np.newaxis])[0, 2] - 0.6 * drone.size
-        if depth[window].min() < nearest:    # something may stand before it
+        if depth[window].min() < nearest:    # possibly occluded
             visible = self._owner[self._identities(window)] == drone.target_id
         if not visible.any():
             return hidden
@@ -189,7 +193,7 @@ class SceneRenderer:
 
     @cached_property
     def _owner(self) -> NDArray:
-        """Target id of each geom, 0 of all else and, as the last one, of the sky."""
+        """Target id of each geom, 0 for other objects; the last element is for the sky."""
         groups = np.array([*self._model.geom_group, 0], np.int32)
         return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET_ID, 0)
 
@@ -200,15 +204,15 @@ class SceneRenderer:
         return np.append(warmth, 0.0)
 
     def _to_metres(self, zbuffer: NDArray) -> NDArray:
-        """Metres along the optical axis, inf where nothing is."""
+        """Depth (m) along the optical axis, inf for the sky."""
         near = self._model.vis.map.znear * self._model.stat.extent
         far = self._model.vis.map.zfar * self._model.stat.extent
         depth = near / (1.0 - zbuffer * np.float32(1.0 - near / far))
-        depth[depth > HORIZON] = np.inf    # the sky is a box far behind everything
+        depth[depth > HORIZON] = np.inf    # MuJoCo renders the sky as a distant box
         return depth
 
     def _optical_depth(self, view: View, depth: NDArray) -> NDArray:
-        """Optical depth of the air before each pixel's thing."""
+        """Optical depth of the air between the camera and the object at each pixel."""
         distance = np.where(np.isfinite(depth), depth * self._lens.stretch, np.float32(SKY_DISTANCE))
         if view.atmosphere.even:
             return distance * np.float32(view.atmosphere.fog + view.atmosphere.rain_extinction)
@@ -222,7 +226,7 @@ class SceneRenderer:
 
 @dataclass(frozen=True)
 class Crop:
-    """A part of the rendered image, in its pixels."""
+    """A part of the rendered image: left and top edge, width and height (px)."""
 
     left: int
     top: int
@@ -231,7 +235,7 @@ class Crop:
 
 
 class _Lens:
-    """The pinhole image that has to be rendered so that the distorted camera's one can be cut out of it."""
+    """Mapping from the rendered image of an ideal pinhole camera to the image of the distorted camera."""
 
     def __init__(self, camera: PinholeCamera):
         columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
@@ -255,21 +259,21 @@ class _Lens:
         return Crop(0, 0, *self.size)
 
     def places(self, window: Window) -> tuple[NDArray, Crop]:
-        """Where the pixels of a window lie in the rendered image: column and row (h, w, 2) in a part of it."""
+        """Columns and rows (h, w, 2) of the pixels of a window within a part of the rendered image, and that part."""
         places = self._nearest[0][window]
         low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
         width, height = (high - low + 1).tolist()
         return places - low, Crop(int(low[0]), int(low[1]), width, height)
 
     def bend(self, image: NDArray, nearest: bool = False) -> NDArray:
-        """The camera's image out of the rendered one."""
+        """The distorted camera's image of a rendered image; `nearest` disables interpolation."""
         interpolation = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        maps: Any = self._nearest if nearest else self._map    # OpenCV's types do not know that the second one may be None
+        maps: Any = self._nearest if nearest else self._map    # OpenCV's type stubs do not allow None as the second map
         return cv2.remap(np.ascontiguousarray(image), maps[0], maps[1], interpolation)
 
 
 def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
-    """The image behind air: I = J t + A (1 - t) with t = exp(-optical depth) (Koschmieder)."""
+    """The image through air: I = J t + A (1 - t) with t = exp(-optical depth) (Koschmieder)."""
     if not optical_depth.any():
         return bgr
     clear = cv2.exp(-np.minimum(optical_depth, np.float32(50.0)))
@@ -277,7 +281,7 @@ def _veiled(bgr: NDArray, optical_depth: NDArray) -> NDArray:
 
 
 def _import_mujoco() -> ModuleType:
-    """MuJoCo with a way to render without a screen: EGL, else OSMesa. Raises RuntimeError saying what to install."""
+    """MuJoCo with offscreen rendering by EGL, else OSMesa. Raises RuntimeError with the packages to install."""
     if 'MUJOCO_GL' not in os.environ:
         for backend, library in (('egl', 'EGL'), ('osmesa', 'OSMesa')):
             if ctypes.util.find_library(library):

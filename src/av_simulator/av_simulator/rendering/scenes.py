@@ -1,4 +1,4 @@
-"""What stands around: each kind of scene as a list of plain solids, drawn from a seed."""
+"""Kinds of scenes. Each is a list of simple solids, generated from a seed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_common.config_reader import bounded
 
-Colour = tuple[float, float, float]   # red, green, blue, 0..1
+Colour = tuple[float, float, float]   # red, green, blue, 0 to 1
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,12 @@ class Solid:
 
     Parameters:
         shape: `box`, `cylinder` (upright), `ellipsoid` or `cone` (upright).
-        centre (m, ENU): x, y, z.
-        half_size (m): half extents along its own axes.
+        centre (m, (3,)): centre in ENU.
+        half_size (m, (3,)): half extents along the body's axes.
         colour (0 to 1): red, green, blue.
-        yaw (rad): turn about the vertical.
+        yaw (rad): rotation about the vertical, counter-clockwise.
         surface: name of a texture, '' for none.
-        warmer_k (K): temperature above that of the air.
+        warmer_k (K): temperature difference from the air.
     """
 
     shape: str
@@ -38,17 +38,17 @@ class Solid:
 
 
 class Scene(Protocol):
-    """A kind of scene. `ground` is the texture of the ground plane, `sky` whether there is one."""
+    """A kind of scene. `ground` is the name of the ground's texture; `sky` tells whether the scene is outdoors."""
 
     ground: str
     sky: bool
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
-        """All that stands there."""
+        """All solids of the scene."""
 
 
 def _scattered(random: np.random.Generator, count: int, nearest: float, farthest: float) -> NDArray:
-    """Places (count, 2) spread evenly over a ring around the origin."""
+    """Positions (m, (count, 2)), uniformly distributed over a ring around the origin."""
     radius = np.sqrt(random.uniform(nearest**2, farthest**2, count))
     angle = random.uniform(0.0, 2 * np.pi, count)
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
@@ -77,7 +77,14 @@ def _trees(random: np.random.Generator, count: int, nearest: float, farthest: fl
 
 @dataclass(frozen=True)
 class Woodland:
-    """A clearing among trees: `trees` of them between `clearing` and `extent` m from the origin."""
+    """A clearing in a forest.
+
+    Parameters:
+        trees: number of trees.
+        clearing (m): smallest distance of a tree from the origin.
+        extent (m): largest distance of a tree from the origin.
+        conifers (0 to 1): share of conifers.
+    """
 
     trees: int = bounded(80, low=0, high=1000)
     clearing: float = bounded(16.0, low=0.0)
@@ -89,7 +96,7 @@ class Woodland:
 
     def __post_init__(self) -> None:
         if self.extent <= self.clearing:
-            raise ValueError(f'extent: {self.extent} m, more than the clearing of {self.clearing} m expected')
+            raise ValueError(f'extent: {self.extent} m, expected more than the clearing of {self.clearing} m')
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
         """Trees, bushes and rocks."""
@@ -104,7 +111,7 @@ class Woodland:
 
 @dataclass(frozen=True)
 class Field:
-    """Open grassland with a fence, hay bales and a line of trees far away."""
+    """Open grassland with a fence, hay bales and distant trees, of the radius `extent` (m)."""
 
     extent: float = bounded(120.0, above=20.0)
 
@@ -112,7 +119,7 @@ class Field:
     sky = True
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
-        """Trees at the edge, bales, fence posts."""
+        """Trees at the edge, hay bales, fence posts."""
         yield from _trees(random, 40, 0.7 * self.extent, self.extent, 0.3)
         for x, y in _scattered(random, 8, 20.0, 60.0):
             yield Solid('cylinder', (x, y, 0.6), (0.7, 0.7, 0.6), (0.72, 0.62, 0.35))
@@ -122,7 +129,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Indoors:
-    """A hall of `size` m (x, y, z) about the origin, with walls, a ceiling and lamps. Columns are the scenario's obstacles."""
+    """A hall of `size` (m, (x, y, z)) around the origin, with walls, ceiling and lamps. Columns are obstacles of scenarios."""
 
     size: tuple[float, float, float] = (14.0, 10.0, 4.0)
 
@@ -131,7 +138,7 @@ class Indoors:
 
     def __post_init__(self) -> None:
         if min(self.size) <= 1.0:
-            raise ValueError(f'size: {list(self.size)} m, more than 1 m each expected')
+            raise ValueError(f'size: {list(self.size)} m, expected more than 1 m each')
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
         """Four walls, a ceiling, tables and lamps."""
@@ -151,7 +158,7 @@ class Indoors:
 
 @dataclass(frozen=True)
 class UrbanEdge:
-    """A row of buildings on one side, a street with lamps and cars, open land on the other."""
+    """The edge of a town: a row of `buildings` to the north, a street with lamps and cars, open land to the south."""
 
     buildings: int = bounded(7, low=1, high=60)
 
@@ -159,7 +166,7 @@ class UrbanEdge:
     sky = True
 
     def solids(self, random: np.random.Generator) -> Iterator[Solid]:
-        """Buildings to the north, the street before them, trees to the south."""
+        """Buildings, the street in front of them, lamps, cars and trees."""
         yield Solid('box', (0.0, 20.0, 0.01), (80.0, 4.0, 0.01), (0.30, 0.30, 0.31), surface='asphalt', warmer_k=2.0)
         for number in range(self.buildings):
             width, height = random.uniform(5.0, 8.0), random.uniform(4.0, 10.0)

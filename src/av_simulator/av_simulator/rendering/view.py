@@ -1,4 +1,4 @@
-"""One instant before a camera, the image made of it, and the truth about what is in it."""
+"""Input and output of renderers: the camera's view at one instant, the image, and the true boxes of the targets."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.atmosphere import Atmosphere
 from av_simulator.rendering.visibility import score
 
-FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, which is the rig
-ROTOR_RADIUS = 0.15    # of a drone of size 1
-BODY_SIZE = np.array([0.16, 0.09, 0.06])
+FIRST_TARGET_ID = 2    # RFlySim numbers vehicles from 1, and 1 is the rig
+ROTOR_RADIUS = 0.15    # relative to the size of the drone
+BODY_SIZE = np.array([0.16, 0.09, 0.06])    # half axes relative to the size of the drone
 
 
 @dataclass(frozen=True)
 class Drone:
-    """A drone in view.
+    """Pose and size of a drone.
 
     Parameters:
-        target_id: the simulator's number.
-        position (m, ENU): (3,).
-        rotation: from its body (FLU) to ENU, (3, 3).
-        size (m): from rotor tip to rotor tip.
-        rotors: how many.
-        turned (rad): angle of each rotor, (rotors,).
+        target_id: number of the vehicle in the simulator.
+        position (m, (3,)): position in ENU.
+        rotation ((3, 3)): rotation matrix from the body (FLU) to ENU.
+        size (m): distance between opposite rotor tips.
+        rotors: number of rotors.
+        turned (rad, (rotors,)): angle of each rotor.
     """
 
     target_id: int
@@ -41,18 +41,18 @@ class Drone:
 
 @dataclass(frozen=True)
 class View:
-    """What a camera images at one instant.
+    """The camera's view at one instant.
 
     Parameters:
         index: number of the image, which also seeds its noise.
-        time (s): of the instant.
-        position (m, ENU): of the camera, (3,).
-        rotation: from the optical frame to ENU, (3, 3).
+        time (s): simulated time.
+        position (m, (3,)): position of the camera in ENU.
+        rotation ((3, 3)): rotation matrix from the optical frame to ENU.
         atmosphere: the air.
-        drones: in the scene.
-        daylight: 1 at noon, 0.005 at night.
-        exposure: gain of the image, 1 being right at noon.
-        image_motion (px/s): of stationary things in the middle of the image, (2,).
+        drones: drones in the scene.
+        daylight: illumination, 1 at noon, 0.005 at night.
+        exposure: gain of the image; 1 is correct at noon.
+        image_motion (px/s, (2,)): motion of stationary objects in the middle of the image, x and y.
     """
 
     index: int
@@ -66,7 +66,7 @@ class View:
     image_motion: tuple[float, float] = (0.0, 0.0)
 
     def to_optical(self, points: NDArray) -> NDArray:
-        """World points (n, 3) in the optical frame."""
+        """Points (m, (n, 3)) in ENU, transformed to the optical frame."""
         return (np.asarray(points) - self.position) @ self.rotation
 
 
@@ -75,11 +75,11 @@ class TruthBox:
     """The true appearance of a target.
 
     Parameters:
-        target_id: the simulator's number.
-        box (px): min_x, min_y, max_x, max_y of its visible pixels, None where there are none.
-        visible_fraction: visible pixels over those it would cover without occluders.
-        transmission: share of its contrast that the air leaves.
-        distance (m): from the camera.
+        target_id: number of the vehicle in the simulator.
+        box (px): min_x, min_y, max_x, max_y of the visible pixels, None without visible pixels.
+        visible_fraction (0 to 1): number of visible pixels over that without occlusion.
+        transmission (0 to 1): transmission of the air between camera and target.
+        distance (m): distance from the camera.
     """
 
     target_id: int
@@ -91,15 +91,15 @@ class TruthBox:
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """A rendered view. Layers that the renderer does not make are None.
+    """A rendered view. Layers that the renderer does not support are None.
 
     Parameters:
-        bgr: (height, width, 3) uint8.
-        boxes: the visual oracle's report.
-        truth: one entry for each drone.
-        depth (m): along the optical axis, inf for the sky, (height, width) float32.
-        segmentation: target ids, 0 for all else, (height, width) int32.
-        thermal (deg C): apparent temperature, (height, width) float32.
+        bgr ((height, width, 3), uint8): image.
+        boxes: report of the visual oracle.
+        truth: true box of each drone.
+        depth (m, (height, width), float32): distance along the optical axis, inf for the sky.
+        segmentation ((height, width), int32): target ids, 0 for other objects.
+        thermal (deg C, (height, width), float32): apparent temperature.
     """
 
     bgr: NDArray
@@ -111,36 +111,36 @@ class RenderedImage:
 
     @property
     def depth_mm(self) -> NDArray | None:
-        """The depth as (height, width) uint16 in mm, 65535 for the sky and what is farther than 65.5 m."""
+        """Depth (mm, (height, width), uint16), 65535 for the sky and distances above 65.5 m."""
         if self.depth is None:
             return None
         return np.where(self.depth < 65.535, 1000.0 * self.depth, 65_535.0).astype(np.uint16)
 
 
 class Renderer(Protocol):
-    """Makes images of views."""
+    """A renderer of images."""
 
     def render(self, view: View) -> RenderedImage:
         """The image of one view; the same view gives the same image."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release all resources."""
 
 
 def rotor_places(count: int) -> NDArray:
-    """Hubs (count, 3) of a drone of size 1 in its body's frame, alternating sides from the front left on."""
+    """Positions (count, 3) of the rotor hubs in the body frame (FLU) of a drone of size 1, counter-clockwise."""
     angle = np.pi / count + 2 * np.pi * np.arange(count) / count
     radius = 0.5 - ROTOR_RADIUS
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(count, 0.06)])
 
 
 def rotor_hubs(drone: Drone) -> NDArray:
-    """Hubs (rotors, 3) of the rotors in ENU."""
+    """Positions (m, (rotors, 3)) of the rotor hubs in ENU."""
     return drone.position + drone.size * rotor_places(drone.rotors) @ drone.rotation.T
 
 
 def outline(drone: Drone) -> NDArray:
-    """Points (n, 3) in ENU whose projections span the drone: the rims of its rotors and its feet."""
+    """Points (m, (n, 3)) in ENU whose projections enclose the drone: the rims of its rotors and its feet."""
     angle = np.arange(8) * np.pi / 4
     rim = ROTOR_RADIUS * drone.size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)]) @ drone.rotation.T
     feet = drone.position + drone.size * np.array([[0.1, 0.1, -0.12], [-0.1, -0.1, -0.12]]) @ drone.rotation.T
@@ -149,12 +149,12 @@ def outline(drone: Drone) -> NDArray:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Where a drone's outline falls in the image.
+    """Projection of a drone's outline into the image.
 
     Parameters:
-        box (px): min_x, min_y, max_x, max_y, cut at the edges of the image.
-        width_px (px): before the cut.
-        in_view: share of the box inside the image.
+        box (px): min_x, min_y, max_x, max_y, clipped to the image.
+        width_px (px): width before clipping.
+        in_view (0 to 1): fraction of the box inside the image.
     """
 
     box: tuple[float, float, float, float]
@@ -162,16 +162,22 @@ class Appearance:
     in_view: float
 
     def window(self, margin: int) -> tuple[slice, slice]:
-        """Rows and columns of the box and `margin` pixels around it."""
+        """Slices of the rows and columns of the box, extended by `margin` (px)."""
         min_x, min_y, max_x, max_y = self.box
         return (slice(max(int(min_y) - margin, 0), int(max_y) + margin + 1),
                 slice(max(int(min_x) - margin, 0), int(max_x) + margin + 1))
 
 
 def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | None:
-    """Where a drone appears, None where it is out of view."""
+    """Projection of a drone into the image, None if it is out of view.
+
+    Parameters:
+        camera: pinhole model of the camera.
+        view: pose of the camera.
+        drone: pose and size of the drone.
+    """
     points = view.to_optical(outline(drone))
-    # Far outside, a distortion polynomial can fold points back into the image; there the angle decides.
+    # The distortion polynomial can map points far outside back into the image: they are excluded by their angle.
     if (points[:, 2] <= 0.05).any() or np.abs(np.arctan2(points[:, 0], points[:, 2])).min() > camera.horizontal_fov_rad:
         return None
     pixels = camera.project(points)
@@ -186,9 +192,12 @@ def appearance(camera: PinholeCamera, view: View, drone: Drone) -> Appearance | 
 
 
 def oracle_box(seen: Appearance, truth: TruthBox, light: float = 1.0) -> OracleBox | None:
-    """The oracle's report of one drone in view, None where it is not credible.
+    """The oracle's box of one drone, None if its score is 0.
 
-    light: share of the contrast that the camera's exposure leaves.
+    Parameters:
+        seen: projection of the drone.
+        truth: true box, visible fraction and transmission.
+        light (0 to 1): factor of the exposure on the contrast.
     """
     value = score(seen.width_px, truth.transmission * light, truth.visible_fraction * seen.in_view)
     return OracleBox(truth.target_id, value, *(truth.box or seen.box)) if value > 0.0 else None
