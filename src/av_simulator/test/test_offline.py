@@ -115,7 +115,7 @@ def test_impossible_arguments_are_named_with_their_value(program, arguments, cap
     option, value = arguments.split()
     with pytest.raises(SystemExit, match='2'):
         program.parse(['circle', '--out', 'x', option, value] if program is simulate else ['circle', option, value])
-    assert f"argument {option}: '{value}', a" in capsys.readouterr().err
+    assert f"argument {option}: '{value}', expected a" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('program', [simulate, simulator])

@@ -277,6 +277,6 @@ def test_depth_of_the_same_instant_goes_to_the_next_port():
 def test_a_renderer_without_depth_says_so():
     world = World(SCENARIO, load_rig(find_config('rig')))
     simulator = Simulator(world, WireOptions(ports=free_ports(), depth=True, renderer='flat'))
-    with pytest.raises(RuntimeError, match='depth needs the 3D scene'):
+    with pytest.raises(RuntimeError, match='depth requires the renderer'):
         simulator.run(0.5)
     simulator.close()
