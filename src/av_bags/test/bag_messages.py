@@ -1,4 +1,4 @@
-"""Messages and bags for the tests, made by rosbags alone: nothing of what is tested makes them."""
+"""Messages and bags for the tests, made by rosbags alone, independent of the code under test."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def doa(time, azimuth, sigma=0.02, confidence=0.9, frame='microphones', window=0
 
 
 def detections(time, azimuth=None, score=0.9, frame='camera_optical_frame', label='drone'):
-    """A target of 30 pixels in the picture of a level camera that looks ahead, or none."""
+    """A target of 30 pixels in the image of a level camera that looks ahead, or no target."""
     found = []
     if azimuth is not None and abs(azimuth) < 0.6:
         column = 0.5 * (CAMERA['width'] - 1) - CAMERA['focal'] * math.tan(azimuth)
@@ -147,9 +147,9 @@ def bag(path, storage=StoragePlugin.MCAP):
 
 
 def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.0, leave_out=()):
-    """A target goes round a standing rig once in 40 s, from the front left; it is heard always and seen in front.
+    """A target circles a standing rig in 40 s, from the front left. The camera detects it in front, the microphones always.
 
-    Stamps are `offset` s off the bag's times. Returns the path.
+    Stamps differ by `offset` s from the times of recording. Returns the path.
     """
     rng = np.random.default_rng(5)
 
@@ -169,8 +169,8 @@ def flight(path, duration=20.0, storage=StoragePlugin.MCAP, prefix='', offset=0.
             write('truth/rig', time, odometry(on_stamp))
             write('truth/target', time, odometry(on_stamp, 10 * math.cos(truth), 10 * math.sin(truth), child='target'))
             if k % 5 == 0:
-                heard = azimuth_at(time - 0.25) + rng.normal(0.0, 0.02)
-                write('doa', time, doa(on_stamp - 0.25, heard))
+                measured = azimuth_at(time - 0.25) + rng.normal(0.0, 0.02)
+                write('doa', time, doa(on_stamp - 0.25, measured))
             if k % 4 == 0:
                 wrapped = math.remainder(truth, 2 * math.pi)
                 write('camera/camera_info', time, camera_info(on_stamp))

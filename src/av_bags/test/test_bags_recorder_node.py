@@ -41,7 +41,7 @@ class Rig:
     def spin_until(self, condition, seconds=20.0):
         end = time.monotonic() + seconds
         while not condition():
-            assert time.monotonic() < end, 'waited in vain'
+            assert time.monotonic() < end, 'the condition was not met in time'
             self.executor.spin_once(timeout_sec=0.02)
 
     def publish(self, publisher, messages):

@@ -196,7 +196,7 @@ def a_disk_that_stays_full(tmp_path):
 def wait_for(condition, seconds=20.0):
     end = time.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end, 'waited in vain'
+        assert time.monotonic() < end, 'the condition was not met in time'
         time.sleep(0.02)
 
 

@@ -71,7 +71,7 @@ def test_unstamped_blocks_are_placed_by_the_lower_envelope(rng):
     assert clock.to_ros(1.0) == pytest.approx(11.001, abs=1e-3)
 
 
-def test_an_unheard_sender_has_no_time():
+def test_a_sender_without_stamps_has_no_time():
     with pytest.raises(RuntimeError, match='no stamp of the sender'):
         SenderClock().to_ros(1.0)
 

@@ -75,4 +75,4 @@ def test_blocks_with_stamps_only_are_counted_and_gaps_show():
     after_gap = counter.place(1600, RATE, 101.0)
     assert after_gap == pytest.approx(RATE, abs=0.01 * RATE)
     assert counter.place(1600, RATE, 101.0 + 1600 / RATE) == after_gap + 1600
-    assert counter.place(1600, RATE, 50.0) == after_gap + 3201  # begun anew: no continuation, and never backwards
+    assert counter.place(1600, RATE, 50.0) == after_gap + 3201  # a restart: no continuation, and never backwards

@@ -7,7 +7,7 @@ from av_common.stamps import to_seconds
 from av_common.track import Source, State, Track
 from av_common.track_messages import bearing_message, state_message, track_of_bearing
 
-TRACK = Track(1234.25, State.COASTING, 'no picture', 1200.5, Source.SOUND | Source.SIGHT, -3.125, 0.25, 0.0078125, 0.015625,
+TRACK = Track(1234.25, State.COASTING, 'no image', 1200.5, Source.SOUND | Source.SIGHT, -3.125, 0.25, 0.0078125, 0.015625,
               1.0, -0.25, 1233.75, 0.25, True, -0.75, 0.5, 0.25, 0.125, 0.375, 0.625)
 
 
@@ -41,5 +41,5 @@ def test_values_that_a_newer_sender_may_add_are_understood():
 
 def test_the_state_names_missing_inputs():
     message = through_middleware(state_message(TRACK._replace(changed=-5.0), ('doa', 'odometry'), 'base_link'))
-    assert list(message.missing) == ['doa', 'odometry'] and message.reason == 'no picture'
+    assert list(message.missing) == ['doa', 'odometry'] and message.reason == 'no image'
     assert to_seconds(message.changed) == 0.0 and message.front_probability == 0.25

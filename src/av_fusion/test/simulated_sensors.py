@@ -20,9 +20,9 @@ class SimulatedSensors:
     def doa(self, time: float, azimuth: float, confidence: float = 0.9) -> DoaMeasurement:
         """Two mirror images (front and back of a left-right pair), sigma growing as 1/|cos(azimuth)|."""
         sigma = self.sound_sigma / max(abs(math.cos(azimuth)), 0.1)
-        heard = float(wrap(azimuth + self.random.normal(0.0, sigma)))
-        slope = max(abs(math.cos(heard)), LEAST_SINE)
-        return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, math.sin(heard), (slope * sigma) ** 2), confidence)
+        measured = float(wrap(azimuth + self.random.normal(0.0, sigma)))
+        slope = max(abs(math.cos(measured)), LEAST_SINE)
+        return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, math.sin(measured), (slope * sigma) ** 2), confidence)
 
     def camera(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
              detection_probability: float = 0.9) -> CameraMeasurement:

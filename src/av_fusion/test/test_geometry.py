@@ -44,7 +44,7 @@ def test_a_linear_array_measures_a_cone_about_its_axis_in_the_body(azimuth, yaw)
 
 
 def test_a_tilted_axis_counts_by_its_horizontal_part():
-    """A level source heard by an array that leans by 30 degrees comes out at its azimuth."""
+    """An array tilted by 30 degrees gives the azimuth of a level source."""
     rotation, azimuth = euler2mat(math.radians(30.0), 0.0, 0.0), 0.6
     source = rotation.T @ angles_to_direction(azimuth)
     cosine = source[1]

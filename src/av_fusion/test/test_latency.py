@@ -15,11 +15,11 @@ def curves(offset, seed=0, turned=0.0, scale=1.0, amplitude=0.5):
     """A target swinging before the camera: 10 directions a second with stamps `offset` s late, 12 detections a second."""
     random = np.random.default_rng(seed)
     path = lambda t: amplitude * np.sin(0.9 * t) + 0.3 * amplitude * np.sin(2.3 * t + 1.0)  # noqa: E731
-    heard_at, seen_at = np.arange(0.0, 40.0, 0.1), np.arange(0.0, 40.0, 1.0 / 12.0)
-    cosine = scale * np.cos(path(heard_at) - 0.5 * math.pi - turned) + random.normal(0.0, 0.01, len(heard_at))
+    measured_at, seen_at = np.arange(0.0, 40.0, 0.1), np.arange(0.0, 40.0, 1.0 / 12.0)
+    cosine = scale * np.cos(path(measured_at) - 0.5 * math.pi - turned) + random.normal(0.0, 0.01, len(measured_at))
     half = np.arccos(cosine)
     seen = path(seen_at) + random.normal(0.0, 0.005, len(seen_at))
-    return (heard_at + offset, wrap(0.5 * math.pi + half), wrap(0.5 * math.pi - half)), (seen_at, seen)
+    return (measured_at + offset, wrap(0.5 * math.pi + half), wrap(0.5 * math.pi - half)), (seen_at, seen)
 
 
 @pytest.mark.parametrize('offset', [-0.35, -0.04, 0.0, 0.012, 0.2])
@@ -38,10 +38,10 @@ def test_sigma_is_honest():
 
 def test_too_little_is_refused():
     """A target at rest, too few sightings, and one that is never seen twice tell nothing."""
-    heard, seen = curves(0.0)
+    measured, seen = curves(0.0)
     with pytest.raises(ValueError, match='hardly moves'):
         estimate_offset(*curves(0.0, amplitude=0.001))
     with pytest.raises(ValueError, match='sightings'):
-        estimate_offset(heard, (seen[0][:5], seen[1][:5]))
+        estimate_offset(measured, (seen[0][:5], seen[1][:5]))
     with pytest.raises(ValueError, match='in view'):
-        estimate_offset(heard, (seen[0][::20].repeat(3)[:60], seen[1][::20].repeat(3)[:60]))
+        estimate_offset(measured, (seen[0][::20].repeat(3)[:60], seen[1][::20].repeat(3)[:60]))

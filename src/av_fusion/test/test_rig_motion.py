@@ -26,7 +26,7 @@ def test_without_poses_the_rig_stands_still():
 
 
 def test_bad_and_late_poses_are_ignored_and_a_restart_is_accepted():
-    """NaN, repeated and reordered poses change nothing; a clock that starts anew empties the buffer."""
+    """NaN, repeated and reordered poses change nothing; a clock that restarts empties the buffer."""
     motion = RigMotion(keep_s=5.0)
     motion.add(100.0, 0.5)
     for time, yaw in ((math.nan, 0.0), (101.0, math.inf), (100.0, 2.0), (99.0, 2.0)):

@@ -1,4 +1,4 @@
-"""The pointing controller never breaks a limit, whatever it is told, and still gets there."""
+"""The pointing controller reaches its target and never exceeds a limit, for any input."""
 
 from __future__ import annotations
 

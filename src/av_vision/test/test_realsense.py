@@ -105,5 +105,5 @@ def test_no_camera_is_an_error_that_says_so():
 def wait_for(condition, limit_s=10.0):
     end = time.monotonic() + limit_s
     while not condition():
-        assert time.monotonic() < end, 'waited in vain'
+        assert time.monotonic() < end, 'the condition was not met in time'
         time.sleep(0.02)

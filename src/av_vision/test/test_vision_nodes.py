@@ -53,7 +53,7 @@ class Rig:
     def spin_until(self, condition, limit_s=120.0):
         end = time.monotonic() + limit_s
         while not condition():
-            assert time.monotonic() < end, 'waited in vain'
+            assert time.monotonic() < end, 'the condition was not met in time'
             self.executor.spin_once(timeout_sec=0.05)
 
     def close(self):
