@@ -67,7 +67,7 @@ def test_localize_names_what_does_not_fit(from_30_degrees, array_file, tmp_path)
         localize.main(['missing.wav', '--array', str(array_file)])
     with pytest.raises(SystemExit, match='choose with --channels'):
         localize.main([str(from_30_degrees), '--array', str(array_file), '--channels', '0'])
-    with pytest.raises(SystemExit, match='a channel of its own'):
+    with pytest.raises(SystemExit, match='needs a separate channel'):
         localize.main([str(from_30_degrees), '--array', str(array_file), '--channels', '0', '0'])
     with pytest.raises(SystemExit, match=r'lasts 2\.000 s, less than one window of 3 s'):
         localize.main([str(from_30_degrees), '--array', str(array_file), '--window', '3'])
