@@ -4,7 +4,7 @@
 #   docker run --rm -it --network host --device /dev/snd --device /dev/bus/usb av_rig source:=hardware
 FROM ros:jazzy-ros-base
 
-# rosdep installs with pip what Ubuntu does not package.
+# rosdep uses pip for dependencies that Ubuntu does not package.
 ENV PIP_BREAK_SYSTEM_PACKAGES=1 RMW_IMPLEMENTATION=rmw_cyclonedds_cpp
 SHELL ["/bin/bash", "-euo", "pipefail", "-c"]
 WORKDIR /av_rig

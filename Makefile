@@ -1,12 +1,12 @@
-# What one types in this project. Every target works in a clean shell, with or without an installed ROS 2.
+# Targets of this project. Each works in a clean shell, with or without an installed ROS 2.
 #
 #   make build      the ROS 2 environment and the workspace
-#   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another one
-#   make test       every test; TESTS="src/av_audio/test -k delay" for some
-#   make report     every figure and table of the paper in our numbers (QUICK=1: one run of each; SEEDS=n, DATA=folder)
+#   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario
+#   make test       all tests; TESTS="src/av_audio/test -k delay" for some
+#   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
 #   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
-#   make clean      remove what build and tests made; make distclean: the assembled ROS 2 environment, too
+#   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -32,7 +32,7 @@ test: build
 	python3 tools/ros_env/prerequisites.py
 	$(ENV) && exec python3 -m pytest $(TESTS)
 
-# The whole of it brings the README's table of measured values up to date.
+# Without QUICK, it also updates the README's table of measured values.
 report: build
 	$(ENV) && exec ros2 run av_evaluation report --data $(DATA) --seeds $(SEEDS) \
 		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
@@ -40,18 +40,18 @@ report: build
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
 
-# Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked where actionlint is installed.
+# Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked if actionlint is installed.
 lint: layers packages links
 	$(ENV) && ruff check .
 	$(ENV) && mypy
 	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
 	if command -v actionlint >/dev/null; then actionlint; fi
 
-# Which package imports which.
+# Permitted imports between packages.
 layers:
 	$(ENV) && PYTHONPATH="$$(printf '%s:' src/av_*)$${PYTHONPATH-}" lint-imports --no-logo --no-cache
 
-# package.xml and setup.py: valid, complete, and of one version.
+# Check that package.xml and setup.py are valid, complete and of one version.
 packages:
 	$(ENV) && python3 -c 'import sys; from catkin_pkg.package import parse_package as p; [p(f) for f in sys.argv[1:]]' src/*/package.xml
 	$(ENV) && python3 tools/lint/package_dependencies.py src/*

@@ -1,9 +1,9 @@
-"""A bag instead of sensors: it is played with its own clock, and the nodes behind the played stage compute the rest.
+"""Replay of a bag with its own clock. The nodes after the played stage compute the remaining topics.
 
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap                       from sound and images on
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=doa rate:=4     from directions and detections on
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=bearing         from the recorded bearings on
-ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             the monitor's table and plot alone
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap                       play sound and images
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=doa rate:=4     play directions and detections
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=bearing         play the recorded bearings
+ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             play all topics, for the monitor only
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from av_fusion.launching import (
 
 BAG_TIME = {'use_sim_time': True}
 ARGUMENTS = {
-    'bag': (None, 'the recording: mcap or sqlite3 (.db3), a file or a folder', None),
-    'only': ('raw', 'the stage that is played; what follows from it is computed', ['raw', 'doa', 'bearing', 'all']),
+    'bag': (None, 'the recording: a file or a folder, mcap or sqlite3 (.db3)', None),
+    'only': ('raw', 'the stage that is played; later stages are computed', ['raw', 'doa', 'bearing', 'all']),
     'rate': ('1.0', 'speed of the player, relative to the recording', None),
-    'start': ('0.0', 'begin this long after the start of the bag (s)', None),
-    'duration': ('0.0', 'end after this long (s of the bag); 0 plays to its end', None),
-    'remap': ('', 'topics of other names in the bag, separated by commas: odometry:=/robot/odom,doa:=/robot/doa', None),
+    'start': ('0.0', 'time after the start of the bag at which playing starts (s)', None),
+    'duration': ('0.0', 'duration of playing (s of the bag); 0 plays to its end', None),
+    'remap': ('', 'other names of topics in the bag, separated by commas: odometry:=/robot/odom,doa:=/robot/doa', None),
     'recorded_namespace': ('', 'the namespace of the recorded rig', None),
-    'audio_rate': ('0', 'sound in bare bytes without AudioInfo: samples a second', None),
-    'audio_channels': ('2', '... its number of channels', None),
-    'audio_format': ('S16LE', '... its sample format', ['S16LE', 'S32LE', 'F32LE']),
-    'model': ('', "only:=raw: a detector's ONNX file, or `shipped`; empty takes the recorded detections", None),
+    'audio_rate': ('0', 'for audio bytes without AudioInfo: sample rate (Hz)', None),
+    'audio_channels': ('2', 'for audio bytes without AudioInfo: number of channels', None),
+    'audio_format': ('S16LE', 'for audio bytes without AudioInfo: sample format', ['S16LE', 'S32LE', 'F32LE']),
+    'model': ('', "only:=raw: a detector's ONNX file, or `shipped`; empty: use the recorded detections", None),
     **RIG_ARGUMENTS,
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The player and the nodes behind the played stage, which depend on the arguments and on the bag's topics."""
+    """The player and the nodes after the played stage. They depend on the arguments and on the bag's topics."""
     return describe(ARGUMENTS, start)
 
 
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The nodes that compute what is not played, and the player, whose end is the run's. Raises MissingPackageError."""
+    """The nodes that compute topics that are not played, and the player, which ends the launch. Raises MissingPackageError."""
     require(f'bag:={arguments["bag"]}', 'av_bags')
     from av_bags import topics as names  # only where av_bags is installed
     from av_bags.reader import Bag
@@ -59,29 +59,34 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     only = arguments['only']
     pointing = rig_node(arguments, 'av_pointing', 'pointing_node', BAG_TIME)
     title = f'{arguments["bag"]}, played from {only}'
-    listening, beside = monitor_nodes(arguments, {'title': title, **BAG_TIME}), []
+    receivers, others = monitor_nodes(arguments, {'title': title, **BAG_TIME}), []
     if only == 'raw' and names.AUDIO in found:
-        listening.append(doa_node(arguments, BAG_TIME))
+        receivers.append(doa_node(arguments, BAG_TIME))
     if only == 'raw' and arguments['model']:
-        listening.append(detector_node(arguments, BAG_TIME))
+        receivers.append(detector_node(arguments, BAG_TIME))
     if only in ('raw', 'doa'):
-        listening.append(rig_node(arguments, 'av_fusion', 'fusion_node', BAG_TIME))
-        beside.append(pointing)
+        receivers.append(rig_node(arguments, 'av_fusion', 'fusion_node', BAG_TIME))
+        others.append(pointing)
     if only == 'bearing':
-        listening.append(pointing)
+        receivers.append(pointing)
     if names.FRAMES not in found:
-        beside.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig'], **BAG_TIME}))
-    listening += recorder_nodes(arguments, BAG_TIME)
-    player = player_node(arguments, [node.node_executable for node in listening])
-    return [*ends_with(player), *beside, *listening, player]
+        others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig'], **BAG_TIME}))
+    receivers += recorder_nodes(arguments, BAG_TIME)
+    player = player_node(arguments, [node.node_executable for node in receivers])
+    return [*ends_with(player), *others, *receivers, player]
 
 
-def player_node(arguments: Arguments, listeners: list[str]) -> Node:
-    """The player, which publishes the clock; it starts when the listeners are there."""
+def player_node(arguments: Arguments, receivers: list[str]) -> Node:
+    """The player, which also publishes the clock.
+
+    Parameters:
+        arguments: the launch arguments.
+        receivers: names of the nodes for which the player waits before it starts.
+    """
     texts = {name: arguments[name] for name in ('bag', 'only', 'recorded_namespace', 'audio_format')}
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
     return Node(package='av_bags', executable='player_node', name='player_node', namespace=arguments['namespace'],
                 output='screen', parameters=[{
-                    **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': listeners,
+                    **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': receivers,
                     'detections': not arguments['model']}])

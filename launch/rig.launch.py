@@ -1,4 +1,4 @@
-"""The rig: sensors or a simulator, direction of arrival, detection, fusion, pointing, and a monitor.
+"""The rig: sensors or a simulator, directions of arrival, detection, fusion, pointing, and a monitor.
 
 ros2 launch av_fusion rig.launch.py                                             the built-in simulator
 ros2 launch av_fusion rig.launch.py source:=udp                                 an external simulator such as RFlySim
@@ -37,34 +37,34 @@ ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
-    'renderer': ('', 'source:=sim: scene (3D) or flat (cheap); empty: scene where a detector processes its images',
+    'renderer': ('', 'source:=sim: scene (3D) or flat (cheaper); empty: scene with a detector, else flat',
                  ['', 'scene', 'flat']),
     'image_rate': ('10', 'source:=sim: images a second', None),
     'drone_recording': ('', 'source:=sim: a sound file that the drone emits', None),
-    'audio_header': ('true', 'source:=sim: count and date the sound datagrams; false: bare samples, as RFlySim sends',
+    'audio_header': ('true', 'source:=sim: send audio datagrams with number and time; false: samples only, as RFlySim',
                      ['true', 'false']),
-    'seed': ('', "source:=sim: another seed than the scenario's", None),
+    'seed': ('', "source:=sim: seed; empty: the scenario's", None),
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
-    'model': ('', "a detector's ONNX file, or `shipped`; empty: shipped, but with simulators their visual oracle", None),
+    'model': ('', "a detector's ONNX file, or `shipped`; empty: the visual oracle with simulators, else shipped", None),
     **RIG_ARGUMENTS,
-    'port_offset': ('0', 'source:=sim or udp: added to every UDP port, for rigs side by side; multiples of 250 up to 1750 meet '
-                    'neither DDS nor the ports that Linux lends', None),
+    'port_offset': ('0', 'source:=sim or udp: offset of every UDP port, for several rigs; multiples of 250 up to 1750 avoid '
+                    "the ports of DDS and Linux's ephemeral ports", None),
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
-    'px4': ('false', "move PX4's gimbal and body, take its pose as odometry; needs av_px4, px4_msgs: docs/guides/px4.md",
+    'px4': ('false', "move PX4's gimbal and body, use its pose as odometry; needs av_px4, px4_msgs: docs/guides/px4.md",
             ['true', 'false']),
-    'enable_pointing': ('', 'let commands move the rig from the start; empty: with simulators only, not with px4',
+    'enable_pointing': ('', 'enable motion commands from the start; empty: only with simulators and without px4',
                         ['', 'true', 'false']),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """The rig's processes, which depend on the arguments' values."""
+    """The rig's processes. They depend on the values of the arguments."""
     return describe(ARGUMENTS, start)
 
 
 def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """The processes that the arguments ask for. Raises ValueError, FileNotFoundError or MissingPackageError."""
+    """The processes selected by the arguments. Raises ValueError, FileNotFoundError or MissingPackageError."""
     try:
         duration = float(arguments['duration'])
     except ValueError as error:
@@ -105,14 +105,14 @@ def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
-                  'follow_odometry': arguments['px4'] == 'true',  # the simulated rig is where PX4 flies
+                  'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
                   **{f'{name}_port': port for name, port in ports.items()}}
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
     return [node, detector_node(arguments, {})] if arguments['model'] else [node]
 
 
 def files(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """Recordings, played at their own speed in place of microphones and camera."""
+    """The nodes that play recordings at their own speed instead of microphones and camera."""
     sensors = []
     if arguments['audio']:
         sensors.append(rig_node(arguments, 'av_audio', 'audio_node', {'source': 'file', 'file': arguments['audio']}))
@@ -123,7 +123,7 @@ def files(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def hardware(arguments: Arguments) -> list[LaunchDescriptionEntity]:
-    """Microphones and camera; which ones, the parameter file says."""
+    """The nodes of microphones and camera, which are selected in the parameter file."""
     return [rig_node(arguments, 'av_audio', 'audio_node', {'source': 'device'}),
             rig_node(arguments, 'av_vision', 'camera_node', {'source': 'device'}), detector_node(arguments, {})]
 
@@ -137,7 +137,7 @@ def px4(arguments: Arguments) -> LaunchDescriptionEntity:
 
 
 def may_move(arguments: Arguments) -> bool:
-    """Whether commands move the rig from the start: simulated rigs only, and none with an autopilot."""
+    """Whether commands move the rig from the start: by default only for simulated rigs without an autopilot."""
     if arguments['enable_pointing']:
         return arguments['enable_pointing'] == 'true'
     return arguments['source'] in ('sim', 'udp') and arguments['px4'] == 'false'

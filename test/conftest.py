@@ -1,4 +1,4 @@
-"""What the tests of the whole rig share."""
+"""Fixtures of the tests of the whole rig."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rig_process import RigProcess
 
 @pytest.fixture(autouse=True)
 def leave_nothing_running():
-    """Whatever a test started is killed when it ends."""
+    """Kill all processes that a test started when it ends."""
     yield
     while RigProcess.running:
         RigProcess.running.pop().kill()

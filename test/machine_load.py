@@ -1,4 +1,4 @@
-"""Tests of the whole rig run in real time: where the machine cannot keep up, figures of the run say nothing about the rig."""
+"""Detection of an overloaded machine, on which measured values of real-time tests say nothing about the rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the launch file as a user would, and finds what it leaves behind."""
+"""Runs the launch file as a user would, and detects processes that remain afterwards."""
 
 from __future__ import annotations
 

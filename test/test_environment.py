@@ -1,4 +1,4 @@
-"""The environment that tools/ros_env.sh leaves, installed or assembled, and what the packages say about themselves."""
+"""The environment set up by tools/ros_env.sh, installed or assembled, and the metadata of the packages."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class TestSourcing:
 
 
 class TestAssembly:
-    """tools/ros_env/assemble.py with a pip that only pretends."""
+    """tools/ros_env/assemble.py with a fake pip."""
 
     @pytest.fixture
     def assemble(self, monkeypatch, tmp_path):

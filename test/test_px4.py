@@ -50,7 +50,7 @@ def fly(monkeypatch):
 
 
 def kept_up(arrived, age):
-    """Which bearings came while nothing here was starved: young, and for half a second without a pause."""
+    """Bearings received without delays of this machine: recent, and without a gap in the last half second."""
     late = (age > 0.05) | (np.diff(arrived, prepend=arrived[0]) > 0.1)
     last_late = np.maximum.accumulate(np.where(late, arrived, -np.inf))
     return arrived - last_late > 0.5
@@ -91,7 +91,7 @@ def test_the_gimbal_follows_a_target_at_20_deg_a_second(fly, tmp_path):
 
 
 def test_the_vehicle_turns_to_tell_front_from_back(fly):
-    """Behind, in fog, heard only: in OFFBOARD the body turns, the mirror image is found out, the body faces the drone."""
+    """Behind, in fog, with sound only: in OFFBOARD the body turns, front and back are resolved, the body faces the drone."""
     rig, vehicle = fly('scenario:=behind_in_fog', options=['--pilot', '14'])
     heading = vehicle.wait(lambda state: state['nav_state'] == 14, 90.0, 'offered OFFBOARD')['heading']
     rig.wait_for(r'front +\d+ % resolved', 120.0)
@@ -107,7 +107,7 @@ def test_the_vehicle_turns_to_tell_front_from_back(fly):
 
 
 def test_without_px4_msgs_the_launch_says_what_to_install():
-    """`px4:=true` ends at once, with the package, its branch and the page that tells more."""
+    """`px4:=true` ends at once, with the package, its branch and the documentation page."""
     rig = RigProcess('px4:=true')
     assert rig.finish(timeout=60.0) != 0
     assert 'https://github.com/PX4/px4_msgs' in rig.output and 'docs/guides/px4.md' in rig.output

@@ -1,4 +1,4 @@
-"""Simulated sound and sight, fusion, pointing, guard and the fake autopilot in one process: the same every time."""
+"""Simulated sound and images, fusion, pointing, guard and the fake autopilot in one process: deterministic."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Flight:
 
 
 def fly(scenario, seconds, heading_deg, mode):
-    """The flight and its rows: time, bearing, where the gimbal looks (rad, left), yaw, followed, front and back told."""
+    """The flight and its rows: time, bearing, pan of the gimbal (rad, left), yaw, followed, front and back resolved."""
     flight = Flight(heading_deg, mode)
     run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(), pointing=flight)
     flight.world = run.world
@@ -70,12 +70,12 @@ def fly(scenario, seconds, heading_deg, mode):
 
 @pytest.mark.parametrize('period', [18.0, -18.0])
 def test_the_gimbal_follows_what_is_heard_and_seen_at_20_deg_a_second(period):
-    """The vehicle holds its heading; the drone passes before it and goes on out of sight: 2 deg from the bearing at most."""
+    """The vehicle holds its heading while the drone passes in front and leaves the field of view: at most 2 deg of error."""
     scenario = load_scenario(find_config('circle', 'scenarios'))
     path = Circle((0.0, 0.0, 3.5), 9.0, period, -math.copysign(50.0, period))
     scenario = replace(scenario, targets=(replace(scenario.targets[0], trajectory=path),))
     flight, rows, _ = fly(scenario, 6.5, 90.0, HOLD)
-    # beyond, on the microphones' axis, hearing cannot tell front from back and the bearing itself jumps
+    # later, on the microphones' axis, sound alone cannot resolve front and back, and the bearing itself jumps
     followed = rows[(np.cumsum(rows[:, 4]) > 30) & (np.abs(rows[:, 1]) < math.radians(80.0))]
     errors = np.degrees(np.abs(followed[:, 1] - followed[:, 2]))
     print(f'gimbal from the bearing: median {np.median(errors):.2f}, 95 % {np.percentile(errors, 95):.2f}, '
@@ -86,7 +86,7 @@ def test_the_gimbal_follows_what_is_heard_and_seen_at_20_deg_a_second(period):
 
 @pytest.mark.parametrize('heading_deg', [30.0, 120.0, -150.0, -60.0])
 def test_the_body_turns_until_front_is_told_from_back(heading_deg):
-    """Heard only, in OFFBOARD, from whatever side: told apart rightly, and the vehicle then faces the drone."""
+    """Sound only, in OFFBOARD, from any side: front and back are resolved correctly, and the vehicle faces the drone."""
     scenario = load_scenario(find_config('behind_in_fog', 'scenarios'))
     flight, rows, log = fly(scenario, 10.0, heading_deg, OFFBOARD)
     assert rows[-1, 5] and flight.autopilot.setpoints_in_foreign_modes == 0

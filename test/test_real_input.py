@@ -1,4 +1,4 @@
-"""`source:=file` and `drone_recording:=` on what was really recorded: a drone heard by two ears, a drone filmed outdoors."""
+"""`source:=file` and `drone_recording:=` with real recordings: a drone in binaural sound, and an outdoor video."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_real_drone_is_followed_by_ear(tmp_path):
 
 
 def test_a_real_drone_is_followed_by_eye(tmp_path):
-    """A real clip through camera_node and a real YOLO: most pictures show the drone within half a degree of its label."""
+    """A real clip through camera_node and a real YOLO: most images give the drone within half a degree of its label."""
     clip = 'V_DRONE_013'
     rig = RigProcess('source:=file', f'video:={CLIPS}/video/{clip}.mp4', f'model:={COCO}', 'classes:=airplane,bird,kite',
                      f'out:={tmp_path}', 'duration:=14')

@@ -47,7 +47,7 @@ def test_ctrl_c_ends_everything(port_offset):
 
 
 def test_a_dead_node_fails_the_launch(port_offset):
-    """When a node dies the launch ends with a code that is not 0, and says which."""
+    """When a node dies, the launch ends with a code other than 0 and names the node."""
     rig = RigProcess('duration:=60', f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     os.kill(rig.processes('lib/av_audio/doa_node')[0], signal.SIGKILL)
@@ -57,7 +57,7 @@ def test_a_dead_node_fails_the_launch(port_offset):
 
 
 def test_without_a_simulator_the_rig_says_what_is_missing(port_offset):
-    """Nobody sends: no hang, no crash; the status names what is missing."""
+    """No data arrives: no hang, no crash; the status names the missing topics."""
     rig = RigProcess('source:=udp', 'duration:=8', f'port_offset:={port_offset}')
     assert rig.finish() == 0, rig.output
     assert 'no target' in rig.output and 'no doa, detections, odometry' in rig.output
@@ -65,8 +65,8 @@ def test_without_a_simulator_the_rig_says_what_is_missing(port_offset):
 
 
 @pytest.mark.parametrize(('blocked', 'complaint'), [('audio', 'no doa'), ('image', 'no detections')])
-def test_deaf_or_blind_the_rig_goes_on(blocked, complaint, port_offset, tmp_path):
-    """With one sense missing the other carries the bearing."""
+def test_one_modality_suffices_for_a_bearing(blocked, complaint, port_offset, tmp_path):
+    """Without sound or without images, the other modality provides the bearing."""
     parameters = tmp_path / 'elsewhere.yaml'
     parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + port_offset}\n')
     rig = RigProcess('scenario:=circle', 'duration:=15', f'params:={parameters}', f'port_offset:={port_offset}')
@@ -76,7 +76,7 @@ def test_deaf_or_blind_the_rig_goes_on(blocked, complaint, port_offset, tmp_path
 
 
 def test_garbage_on_every_port_is_survived(port_offset):
-    """Random bytes, empty, short and oversized datagrams on all ports of the bridge: it goes on, and counts them."""
+    """Random bytes, empty, short and oversized datagrams on all ports of the bridge: it continues, and counts them."""
     rig = RigProcess('duration:=25', f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     chaos, sender = random.Random(4), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

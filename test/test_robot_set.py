@@ -1,4 +1,4 @@
-"""What is installed on a robot runs alone: the packages and libraries that only a desk needs are hidden."""
+"""The packages for a robot run alone: packages and libraries that only a workstation needs are hidden."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ print(json.dumps(complaints))
 
 @pytest.fixture
 def robot(tmp_path_factory, monkeypatch):
-    """The environment of a machine that has the robot's packages only."""
+    """The environment of a machine with the robot's packages only."""
     prefixes = {name: get_package_prefix(name) for name in DESK}
     if {get_package_prefix(name) for name in ROBOT} & set(prefixes.values()):
         pytest.skip('all packages share one install folder (--merge-install): none can be hidden')
@@ -79,7 +79,7 @@ def robot(tmp_path_factory, monkeypatch):
 
 
 def missing_for_microphones():
-    """What has to be installed to capture from a sound card made of software, '' when nothing."""
+    """Missing prerequisites of capturing from a virtual sound card, '' if there are none."""
     try:
         import sounddevice  # noqa: F401
     except (ImportError, OSError) as error:   # OSError: without PortAudio
@@ -89,7 +89,7 @@ def missing_for_microphones():
 
 @pytest.fixture
 def microphones(tmp_path, monkeypatch):
-    """A sound card made of software that plays noise, the same in both channels: a source straight ahead."""
+    """A virtual sound card that plays the same noise in both channels: a source straight ahead."""
     if missing_for_microphones():
         pytest.skip(f'not installed: {missing_for_microphones()}')
     for name in ('PULSE_SERVER', 'PULSE_RUNTIME_PATH', 'PULSE_STATE_PATH', 'ALSA_CONFIG_PATH', 'HOME'):
@@ -104,7 +104,7 @@ def microphones(tmp_path, monkeypatch):
 
 
 class Listener:
-    """Counts the rig's messages, from a process that hides nothing."""
+    """Counts the rig's messages, from a process without hidden packages."""
 
     def __init__(self, domain):
         self._context = rclpy.Context()
@@ -122,7 +122,7 @@ class Listener:
             self.modes[message.mode] += 1
 
     def listen(self, rig, enough, seconds=120.0):
-        """Until there are `enough` of each topic, or the rig has ended; the limit is for a machine that stands still."""
+        """Receive until there are `enough` messages of each topic, or the rig has ended; the limit is for a slow machine."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline and rig.running_now and min(self.counts[topic] for topic in TOPICS) < enough:
             self._executor.spin_once(timeout_sec=0.2)

@@ -29,11 +29,11 @@ def scene(request):
 
 @pytest.mark.parametrize('extinction', [0.03, 0.06, 0.12, 0.25])
 def test_what_is_left_of_contrast_follows_the_fog_within_a_fifth(scene, extinction):
-    picture = scene.render(View(0, 0.0, np.array([0.08, 0.0, HEIGHT]), ROTATION, Atmosphere(extinction)))
+    image = scene.render(View(0, 0.0, np.array([0.08, 0.0, HEIGHT]), ROTATION, Atmosphere(extinction)))
     columns, rows = np.meshgrid(np.arange(640), np.arange(480))
     rays = CAMERA.rays(np.stack([columns, rows], -1).reshape(-1, 2))
-    for distance in (picture.depth / rays[:, 2].reshape(480, 640), ground_distances(CAMERA, HEIGHT, ROTATION)):
-        seen = estimate(picture.bgr, distance, target_distance=6.0)
+    for distance in (image.depth / rays[:, 2].reshape(480, 640), ground_distances(CAMERA, HEIGHT, ROTATION)):
+        seen = estimate(image.bgr, distance, target_distance=6.0)
         assert seen.share == pytest.approx(np.exp(-6.0 * extinction), rel=0.2)
         # In thin fog walls brighter than the ground hide it: the share is right there, the range is rough.
         assert seen.extinction == pytest.approx(extinction, rel=0.2 if extinction >= 0.06 else 0.35)

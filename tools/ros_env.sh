@@ -29,7 +29,7 @@ _av_assembled_ros() { # assemble ROS 2 if need be, and set the shell up for it
     _av_prepend PATH "$ros/bin"
     _av_prepend LD_LIBRARY_PATH "$ros/jazzy/lib"
     _av_prepend PYTHONPATH "$ros/jazzy/rclpy"
-    # Nodes on this machine find each other and nobody else, unless the user wants it otherwise.
+    # Discovery is limited to this machine, unless the user sets it otherwise.
     export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE-LOCALHOST}
     # Measured: of 640x480 colour images at 15 Hz, Fast DDS as it comes loses two in three, Cyclone DDS none.
     export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION-rmw_cyclonedds_cpp}

@@ -30,7 +30,7 @@ def newest() -> tuple[str, str]:
 
 
 def manifest(file: Path) -> dict[str, str]:
-    """What a package.xml says about itself, by the names that setup.py has for it."""
+    """Metadata in a package.xml, by the names of setup.py's arguments."""
     root = ET.parse(file).getroot()
     maintainer = root.find('maintainer')
     found = {name: root.findtext(name) or '' for name in ('version', 'description', 'license')}
@@ -40,7 +40,7 @@ def manifest(file: Path) -> dict[str, str]:
 
 
 def setup(file: Path) -> dict[str, str]:
-    """Those arguments that a setup.py gives to setuptools as plain strings."""
+    """Arguments of `setup` in a setup.py that are string constants."""
     calls = [node for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))) if isinstance(node, ast.Call)]
     arguments = [argument for call in calls if getattr(call.func, 'id', '') == 'setup' for argument in call.keywords]
     return {argument.arg: argument.value.value for argument in arguments
@@ -48,7 +48,7 @@ def setup(file: Path) -> dict[str, str]:
 
 
 def faults(packages: list[Path]) -> Iterator[str]:
-    """Each place that says something else."""
+    """Each place whose metadata differ."""
     version, date = newest()
     wanted = {'version': version, 'maintainer': MAINTAINER, 'maintainer_email': ADDRESS, 'license': LICENSE}
     citation = (PROJECT / 'CITATION.cff').read_text(encoding='utf-8')
@@ -64,14 +64,20 @@ def faults(packages: list[Path]) -> Iterator[str]:
 
 
 def differences(file: Path, given: dict[str, str], wanted: dict[str, str]) -> Iterator[str]:
-    """Each wanted value that a file does not give."""
+    """Each expected value that a file lacks.
+
+    Parameters:
+        file: the file.
+        given: its metadata.
+        wanted: expected metadata.
+    """
     for key, value in wanted.items():
         if given.get(key) != value:
             yield f'{file}: {key} is {given.get(key)!r}, expected {value!r}'
 
 
 def main(arguments: list[str]) -> int:
-    """Print the faults; 1 when there are any."""
+    """Print the faults. Returns the exit code: 1 if there are any, else 0."""
     found = list(faults([folder for folder in map(Path, arguments) if (folder / 'package.xml').exists()]))
     print(*found, sep='\n', end='\n' if found else '')
     return int(bool(found))

@@ -1,4 +1,4 @@
-"""Every package.xml names just what its package imports: `package_dependencies.py [--write] src/*`.
+"""Check that every package.xml lists exactly the imports of its package: `package_dependencies.py [--write] src/*`.
 
 Modules found at run time only (optional libraries, entry points of launch files) are listed in `OPTIONAL` and `IMPLICIT`.
 A package's tests may not import a package that needs the tested one: such a test belongs to the other package, or to test/.
@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-# rosdep's keys of Python modules; a module that is not here is a ROS package of the same name.
+# rosdep keys of Python modules; any other module is a ROS package of the same name.
 KEYS = {
     'cv2': 'python3-opencv', 'h5py': 'python3-h5py', 'hypothesis': 'python3-hypothesis', 'jsonschema': 'python3-jsonschema',
     'matplotlib': 'python3-matplotlib', 'mcap': 'mcap-ros2-support', 'mcap_ros2': 'mcap-ros2-support',
@@ -21,22 +21,22 @@ KEYS = {
     'scipy': 'python3-scipy', 'sounddevice': 'python3-sounddevice-pip', 'soundfile': 'python3-soundfile',
     'transforms3d': 'python3-transforms3d', 'yaml': 'python3-yaml',
 }
-# Used where they are installed, or without a key: requirements.txt names them.
+# Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'lz4', 'onnx', 'pyroadacoustics', 'pyroomacoustics', 'px4_msgs',
             'zstandard', 'setuptools'}
-# What a package needs without importing it.
+# Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},
-    'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp'},  # nodes that every launch starts
-    'av_simulator': {'av_fusion'},   # which installs the configuration
+    'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp'},  # nodes that every launch file starts
+    'av_simulator': {'av_fusion'},   # av_fusion installs the configuration
 }
-# Pairs of a package and what its tests import although it needs the package.
+# Permitted pairs of a package and a module that its tests import although that module depends on the package.
 TESTED_TOGETHER: set[tuple[str, str]] = set()
 PARAMETERS = 'generate_parameter_library_py'
 
 
 def imported(files: Iterable[Path]) -> set[str]:
-    """Top-level modules that the files import, but for Python's own."""
+    """Top-level modules that the files import, except the standard library."""
     found: set[str] = set()
     for file in files:
         for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
@@ -48,18 +48,18 @@ def imported(files: Iterable[Path]) -> set[str]:
 
 
 def sources(package: Path) -> list[Path]:
-    """Modules of a package, but for those generated of *_parameters.yaml."""
+    """Modules of a package, except those generated from *_parameters.yaml."""
     return [file for file in (package / package.name).rglob('*.py') if not file.name.endswith('_parameters.py')]
 
 
 def tested(package: Path) -> set[str]:
-    """Modules that a package's tests import, but for the package itself and modules beside tests."""
+    """Modules that a package's tests import, except the package itself and modules in folders of tests."""
     local = {file.stem for file in package.parent.glob('*/test/*.py')}
     return imported((package / 'test').rglob('*.py')) - {package.name} - local
 
 
 def users(package: Path) -> set[str]:
-    """Packages beside this one that import it, directly or through others."""
+    """Packages that import this one, directly or indirectly."""
     imports = {other.name: imported(sources(other)) for other in package.parent.iterdir() if (other / 'setup.py').exists()}
     found = {package.name}
     while more := {name for name, modules in imports.items() if modules & found} - found:
@@ -68,7 +68,7 @@ def users(package: Path) -> set[str]:
 
 
 def wanted(package: Path) -> dict[str, list[str]]:
-    """Keys that a package.xml should have, by kind of dependency."""
+    """rosdep keys that a package.xml must list, by kind of dependency."""
     run = {KEYS.get(name, name) for name in imported(sources(package)) - {package.name}} | IMPLICIT.get(package.name, set())
     build = {PARAMETERS} if list(package.glob(f'{package.name}/nodes/*_parameters.yaml')) else set()
     test = {KEYS.get(name, name) for name in tested(package) - users(package)}
@@ -85,7 +85,7 @@ def write(package: Path) -> None:
 
 
 def faults(package: Path) -> Iterator[str]:
-    """What is wrong with a package.xml and with what the tests import."""
+    """Faults of a package.xml and of the imports in tests."""
     file = package / 'package.xml'
     text = file.read_text(encoding='utf-8')
     for kind, names in wanted(package).items():
@@ -98,7 +98,7 @@ def faults(package: Path) -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Check, or write with --write; 1 when a package.xml is not as it should be."""
+    """Check, or write with --write. Returns the exit code: 1 if a package.xml has faults, else 0."""
     packages = [folder for folder in map(Path, arguments) if (folder / 'setup.py').exists()]
     if '--write' in arguments:
         for package in packages:

@@ -1,4 +1,4 @@
-"""Pin what the lists *.in beside this file ask for, and what that needs, with hashes in lock.txt.
+"""Pin the packages of the lists *.in in this folder and their dependencies, with hashes, in lock.txt.
 
 Run it in the assembled environment after a change of the lists, and look at the difference before you commit it.
 """
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-ALONE = HERE / 'ros_tree.in'  # its own needs are not wanted
+ALONE = HERE / 'ros_tree.in'  # installed without its dependencies
 UNWANTED = {
     'lark-parser',  # overwrites files of its successor lark
     'coverage', 'cython', 'mpmath', 'notify2', 'pytest-cov', 'pytest-repeat', 'pytest-rerunfailures', 'sympy',  # unused
@@ -28,7 +28,7 @@ def main() -> None:
 
 
 def resolve(lists: list[Path], *options: str) -> dict[str, str]:
-    """Ask pip what it would install: from a package's name to its version and hash."""
+    """Resolve dependencies with pip: version and hash by name of the package."""
     command = [sys.executable, '-m', 'pip', 'install', '-q', '--dry-run', '--ignore-installed', '--report=-', *options]
     command += [f'--requirement={path}' for path in lists]
     report = json.loads(subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout)

@@ -1,6 +1,6 @@
-"""What environment and tests need of the system: installed by apt-get where that is allowed, else named.
+"""System packages for the environment and the tests: installed by apt-get where that is permitted, else listed.
 
-Called by assemble.py, and as a program before the tests, as a kept environment may have come to a fresh machine.
+Called by assemble.py, and as a program before the tests, since a kept environment may be used on a new machine.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class MissingError(Exception):
 
 
 def say(message: str) -> None:
-    """Tell the user, who may be reading the output of something else."""
+    """Print a message to stderr, with the name of this tool."""
     print(f'ros_env: {message}', file=sys.stderr, flush=True)
 
 
 def install_system_packages() -> None:
-    """Install what is missing, or name it; only the build tools are indispensable.
+    """Install missing packages, or list them; only the build tools are indispensable.
 
     :raises MissingError: a build tool is missing and cannot be installed.
     """
@@ -46,11 +46,11 @@ def install_system_packages() -> None:
         hint = f'sudo apt-get install {" ".join(missing())}'
         if missing_programs(BUILD_TOOLS):
             raise MissingError(f'missing: {" ".join(missing_programs(BUILD_TOOLS))}. On Debian or Ubuntu: {hint}')
-        say(f'sound, cameras, rendering or some tests will not work before you do: {hint}')
+        say(f'sound, cameras, rendering or some tests will not work without: {hint}')
 
 
 def missing() -> list[str]:
-    """Packages of which no trace is found."""
+    """Packages that are not found."""
     libraries = [package for package, library in LIBRARIES if not ctypes.util.find_library(library)]
     plugins = [package for package, pattern in PLUGINS if not any(Path('/').glob(pattern.lstrip('/')))]
     return missing_programs(BUILD_TOOLS + TEST_TOOLS) + libraries + plugins
@@ -62,12 +62,12 @@ def missing_programs(wanted: list[tuple[str, str]]) -> list[str]:
 
 
 def may_install() -> bool:
-    """Whether packages can be installed without asking anybody."""
+    """Whether packages can be installed without asking for a password."""
     return os.geteuid() == 0 and shutil.which('apt-get') is not None
 
 
 def apt_install(packages: list[str]) -> None:
-    """Install packages one by one, so that one that the distribution lacks does not cost the others."""
+    """Install packages one by one, so that a package missing in the distribution does not block the others."""
     say('updating the list of system packages')
     apt_get('update')
     for package in packages:
@@ -117,5 +117,5 @@ def suitable_python(program: str) -> str | None:
 if __name__ == '__main__':
     try:
         install_system_packages()
-    except MissingError as missing_tools:  # whoever needs them will fail and say so
+    except MissingError as missing_tools:  # the tests that need them fail with their own messages
         say(str(missing_tools))

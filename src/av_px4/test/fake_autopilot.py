@@ -1,4 +1,4 @@
-"""A vehicle that behaves as PX4 was seen to: who owns the gimbal, what is acknowledged, which mode, what is obeyed.
+"""A vehicle with the observed behaviour of PX4: control of the gimbal, acknowledgements, modes, setpoints.
 
 Angles here are PX4's: heading clockwise from north, gimbal yaw to the right, pitch up, all in rad.
 """
@@ -20,7 +20,7 @@ def wrap(angle):
 
 @dataclass
 class FakeAutopilot:
-    """One vehicle, hovering. `advance` moves it on; the other methods take what arrives and give what is answered.
+    """One hovering vehicle. `advance` simulates a step; the other methods process inputs and return the replies.
 
     obeys_any_mode: setpoints are obeyed in every mode, as PX4 1.16 does.  gimbal_input: MNT_MODE_IN is set; without it
     no gimbal command is ever acknowledged.  return_on_loss: what follows when the heartbeat ends in OFFBOARD.
@@ -81,7 +81,7 @@ class FakeAutopilot:
             self.gimbal[axis] += min(max(move, -step), step)
 
     def select_mode(self, nav_state):
-        """The pilot's switch; False where PX4 refuses it."""
+        """The pilot selects a mode; False if PX4 refuses it."""
         beats = [beat for beat in self.heartbeats if self.time - beat < 1.5]
         if nav_state == OFFBOARD and not (len(beats) > 2 and self._heartbeat_age() < 0.5 and beats[-1] - beats[0] > 1.0):
             return False
@@ -110,7 +110,7 @@ class FakeAutopilot:
             self.largest_rate = max(self.largest_rate, abs(self.wanted_rate))
 
     def command(self, number, params, source, target):
-        """The result to acknowledge, None where nothing is acknowledged."""
+        """The result to acknowledge, None for no acknowledgement."""
         self.commands.append(number)
         if target[0] not in (0, self.system) or not self.acknowledges:
             return None
@@ -154,7 +154,7 @@ class FakeAutopilot:
                 self.change_mode(RETURN, 'the external mode cannot run')
 
     def reset_heading(self, angle):
-        """The estimator finds that it was wrong by that much."""
+        """The estimator corrects its heading by an angle."""
         self.heading_error += angle
         self.resets, self.last_reset = (self.resets + 1) % 256, angle
 

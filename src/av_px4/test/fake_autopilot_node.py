@@ -78,7 +78,7 @@ class FakeNode:
         version = getattr(message, 'MESSAGE_VERSION', 0)
         return message, f'{self.prefix}/{side}/{name}' + (f'_v{version}' if version else '')
 
-    # what comes
+    # inputs
 
     def on_command(self, m):
         params = [getattr(m, f'param{k}') for k in range(1, 8)]
@@ -111,7 +111,7 @@ class FakeNode:
             self.log.append((now, now - to_seconds(m.header.stamp), self.model.time - self.tracking if self.tracking else 0.0,
                              m.azimuth, error))
 
-    # what goes
+    # outputs
 
     def timestamp(self):
         return int(1e6 * (time.time() - CLOCK_LAG))

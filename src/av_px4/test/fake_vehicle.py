@@ -1,4 +1,4 @@
-"""The fake autopilot as a process beside the test, and this package's node beside it."""
+"""The fake autopilot and this package's node as processes of a test."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FAKE = Path(__file__).with_name('fake_autopilot_node.py')
 
 
 class FakeVehicle:
-    """Starts the fake; `tell` it something, `wait` for what becomes of it."""
+    """Starts the fake autopilot; `tell` sends it orders, `wait` waits for a state."""
 
     def __init__(self, firmware='1.16', *options, domain=None):
         self.firmware = firmware

@@ -104,7 +104,7 @@ class TestRules:
 
 
 class Chance:
-    """A bench at the mercy of events: staleness, takeovers, modes, lost acknowledgements, wild targets."""
+    """A bench with random events: staleness, takeovers, modes, lost acknowledgements, jumping targets."""
 
     def __init__(self, rng, steps):
         self.bench, self.events = Bench(), rng.random((steps, 4)).tolist()

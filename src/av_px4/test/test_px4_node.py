@@ -113,7 +113,7 @@ def test_return_to_launch_takes_the_gimbal_and_it_is_claimed_again(vehicle):
 
 
 def test_a_heading_reset_does_not_turn_the_rig(vehicle):
-    """The odometry goes on where it was, though PX4's heading jumps by 40 deg."""
+    """The odometry is continuous although PX4's heading jumps by 40 deg."""
     vehicle.node()
     before = vehicle.wait(lambda state: state['odometry'] is not None)['odometry']
     assert before == pytest.approx(math.pi / 2 - vehicle.state['heading'], abs=0.01)
@@ -144,7 +144,7 @@ BENCHMARK = [sys.executable, '-m', 'av_px4.cli.benchmark', '--seconds', '1']
 
 
 def test_the_benchmark_runs_with_the_messages_of_the_tests():
-    """As docs/reference/px4.md has it. How long things take is a matter of the machine: the exit code tells, not this test."""
+    """The benchmark of docs/reference/px4.md runs. Its latencies depend on the machine and are not tested."""
     run = subprocess.run([sys.executable, px4_layouts.__file__, '1.16', *BENCHMARK], text=True, capture_output=True,
                          check=False, timeout=120)
     assert run.returncode in (0, 1) and 'gimbal' in run.stdout and 'body' in run.stdout, run.stderr

@@ -1,4 +1,4 @@
-"""What the bridge decides, without sockets, threads and a clock: stamps, oracle, vehicles, commands."""
+"""The stage without sockets, threads and wall clock: stamps, oracle, vehicles, commands."""
 
 from pathlib import Path
 

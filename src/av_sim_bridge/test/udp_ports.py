@@ -7,8 +7,8 @@ import socket
 
 from av_sim_bridge.wire.ports import Ports
 
-# DDS takes the first ports of every 250 from 7400 on (RTPS 2.3, 9.6.1.1), and Linux lends those from 32768 on to anybody.
-# The rig's own lie clear of both, and so they do moved by multiples of 250 and a little more.
+# DDS uses the first ports of every 250 from 7400 (RTPS 2.3, 9.6.1.1), and ports from 32768 are Linux's ephemeral ports.
+# The rig's ports avoid both, also with offsets of multiples of 250 and a few more.
 _OFFSETS = [250 * step + more for step in range(-35, 7) if step != 0 for more in (0, 10, 20, 30, 40)]
 
 

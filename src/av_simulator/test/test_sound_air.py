@@ -62,7 +62,7 @@ def test_curves_fall_from_one_to_nothing_between_the_radii(curve):
     (lambda: Medium(pressure_kpa=1013), 'pressure_kpa is 1013'),
     (lambda: Attenuation('cubic'), "curve is 'cubic'"),
     (lambda: Attenuation('linear', 5.0, 4.0), 'inner_m is 5.0 and outer_m 4.0'),
-    (lambda: Attenuation('table', distances_m=(2.0, 1.0), gains=(1.0, 0.0)), 'rising distances'),
+    (lambda: Attenuation('table', distances_m=(2.0, 1.0), gains=(1.0, 0.0)), 'increasing distances'),
 ])
 def test_what_no_air_has_is_named(make, message):
     with pytest.raises(ValueError, match=message):

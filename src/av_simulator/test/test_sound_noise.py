@@ -97,7 +97,7 @@ def test_ego_rotors_keep_their_delay_and_level_to_each_microphone():
 def test_ego_rotors_without_their_geometry_are_named():
     with pytest.raises(ValueError, match=r'ego rotors have shape \(1, 3\), expected \(4, 3\)'):
         EgoRotors(RotorSignal(), [[0.0, 0.0, 0.0]], PAIR)
-    with pytest.raises(ValueError, match='ego rotors name microphones'):
+    with pytest.raises(ValueError, match='ego rotors: microphones have shape'):
         hear(Noise(ego_rotors=EgoRotors(RotorSignal(rotor_hz=(90.0,)), [[0.0, 0.0, 0.0]])), 0.1)
 
 

@@ -1,1 +1,1 @@
-"""The verb `ros2 launch`, with the spelling of the one that an installed ROS 2 brings."""
+"""The verb `ros2 launch`, with the arguments of the verb in an installed ROS 2."""

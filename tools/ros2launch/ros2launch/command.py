@@ -14,17 +14,17 @@ from launch.launch_description_sources import AnyLaunchDescriptionSource
 from launch.launch_introspector import LaunchIntrospector
 from ros2cli.command import CommandExtension
 
-GRACE = 10.0  # s, for processes that are told to end
+GRACE = 10.0  # s, time for processes to end after a signal
 
 
 class LaunchCommand(CommandExtension):
     """Run a launch file."""
 
     def add_arguments(self, parser: argparse.ArgumentParser, cli_name: str) -> None:
-        """Declare what the command line understands."""
+        """Declare the arguments of the command line."""
         del cli_name
         parser.add_argument('-n', '--noninteractive', action='store_true', help='the processes have no terminal')
-        parser.add_argument('-d', '--debug', action='store_true', help='log what the launch system does')
+        parser.add_argument('-d', '--debug', action='store_true', help='log the actions of the launch system')
         parser.add_argument('-p', '--print', '--print-description', dest='describe', action='store_true',
                             help='print the launch description instead of running it')
         parser.add_argument('-s', '--show-args', '--show-arguments', dest='show_arguments', action='store_true',
@@ -34,7 +34,7 @@ class LaunchCommand(CommandExtension):
         parser.add_argument('launch_arguments', nargs='*', help="arguments of the launch file, as '<name>:=<value>'")
 
     def main(self, *, parser: argparse.ArgumentParser, args: argparse.Namespace) -> int | str:
-        """Run the launch file and return its exit code, or what was wrong with the command line."""
+        """Run the launch file and return its exit code, or an error of the command line."""
         del parser
         try:
             path, words = find_launch_file(args.package_name, args.launch_file_name, args.launch_arguments)
@@ -56,9 +56,9 @@ class LaunchCommand(CommandExtension):
 
 
 def run(service: LaunchService) -> int:
-    """Run a launch service to its end, and every process that it started; returns its exit code."""
+    """Run a launch service until it and all its processes have ended; returns its exit code."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):
-        # The service reads signals from a pipe. What Python does by itself would interrupt it anywhere, or end it at once.
+        # The service reads signals from a pipe. Python's default handlers would interrupt it anywhere, or end it at once.
         signal.signal(number, lambda *_: None)
     code = service.run()
     left = psutil.Process().children(recursive=True)
@@ -70,7 +70,7 @@ def run(service: LaunchService) -> int:
 
 
 def find_launch_file(package: str, name: str | None, words: list[str]) -> tuple[Path, list[str]]:
-    """Return the launch file that the words of the command line mean, and those of them that are its arguments.
+    """Return the path of the launch file, and the words of the command line that are its arguments.
 
     :raises ValueError: no such package or file, or several files of that name.
     """

@@ -1,4 +1,7 @@
-"""What microphones receive of moving sources: propagation, signals and noise. See docs/reference/simulated_sound.md."""
+"""Simulation of sound at microphones: moving sources, propagation, signals and noise.
+
+The models are described in docs/reference/simulated_sound.md.
+"""
 
 from av_simulator.sound.attenuation import Attenuation
 from av_simulator.sound.directivity import CardioidDirectivity, RotorDirectivity

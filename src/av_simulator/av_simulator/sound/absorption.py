@@ -13,10 +13,16 @@ _REFERENCE_KPA = 101.325
 
 def absorption_db_per_m(frequency_hz: ArrayLike, temperature_c: float = 20.0, humidity_percent: float = 50.0,
                         pressure_kpa: float = _REFERENCE_KPA) -> NDArray:
-    """Attenuation of pure tones in dB/m at frequencies of any shape; humidity is relative.
+    """Attenuation (dB/m) of pure tones, in the shape of `frequency_hz`.
 
-    The standard gives it +-10 % from 50 Hz to 10 kHz, -20 to 50 degrees Celsius and 10 to 100 % humidity.
-    Raises ValueError for values outside what the atmosphere has.
+    The standard states an accuracy of 10 % from 50 Hz to 10 kHz, -20 to 50 degrees Celsius and 10 to 100 % humidity.
+    Raises ValueError for a state of the air outside the limits below.
+
+    Parameters:
+        frequency_hz (Hz): frequencies, of any shape.
+        temperature_c (deg C): -60 to 60.
+        humidity_percent (%): relative humidity, 0 to 100.
+        pressure_kpa (kPa): 20 to 200.
     """
     if not -60.0 <= temperature_c <= 60.0:
         raise ValueError(f'temperature_c is {temperature_c}, expected degrees Celsius between -60 and 60')

@@ -1,4 +1,4 @@
-"""How loudness falls with distance: physics, the curves of game engines, or a table."""
+"""Attenuation of sound with distance: spherical spreading, the curves of game engines, or a table."""
 
 from __future__ import annotations
 
@@ -14,11 +14,18 @@ _CURVES = ('spherical', 'linear', 'logarithmic', 'inverse', 'table')
 
 @dataclass(frozen=True)
 class Attenuation:
-    """Gain against distance.
+    """Gain as a function of distance.
 
-    `spherical` is 1/r, 1 at 1 m. The next three are Unreal Engine's: 1 up to `inner_m`, 0 from `outer_m` on, and
-    between them, with s the share of the way, 1 - s (linear), -ln(s) / 2 (logarithmic) or 0.02 / s (inverse), at most
-    1. `table` runs straight between points (`distances_m`, `gains`) and is constant beyond them.
+    `spherical` is 1/r with r in m. `linear`, `logarithmic` and `inverse` are Unreal Engine's curves: 1 up to `inner_m`, 0
+    from `outer_m`, and in between 1 - s, -ln(s) / 2 or 0.02 / s, at most 1, where s rises linearly from 0 to 1. `table`
+    interpolates linearly between points and is constant beyond them. Raises ValueError for an impossible curve.
+
+    Parameters:
+        curve: `spherical`, `linear`, `logarithmic`, `inverse` or `table`.
+        inner_m (m): distance at which the three curves begin to fall.
+        outer_m (m): distance at which the three curves reach 0.
+        distances_m (m): distances of the table's points, increasing.
+        gains: gains of the table's points.
     """
 
     curve: str = 'spherical'
@@ -36,10 +43,10 @@ class Attenuation:
         pairs = len(self.distances_m)
         if self.curve == 'table' and (pairs < 2 or pairs != len(self.gains) or np.any(np.diff(self.distances_m) <= 0.0)):
             raise ValueError(f'attenuation distances_m are {list(self.distances_m)} and gains {list(self.gains)}, '
-                             'expected two or more rising distances and as many gains')
+                             'expected two or more increasing distances and the same number of gains')
 
     def __call__(self, distance: NDArray) -> NDArray:
-        """Gains at distances in m, of any shape."""
+        """Gains at distances (m) of any shape."""
         if self.curve == 'spherical':
             return 1.0 / np.maximum(distance, _NEAREST_M)
         if self.curve == 'table':

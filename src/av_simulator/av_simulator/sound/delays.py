@@ -1,4 +1,4 @@
-"""When what a microphone receives now was emitted."""
+"""Propagation delays between moving sources and microphones."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-Position = Callable[[NDArray], NDArray]  # times (k,) in s -> positions (k, 3) in m, world ENU
+Position = Callable[[NDArray], NDArray]  # times (s, (k,)) -> positions (m, (k, 3)) in ENU
 
-_INTERVAL = 80  # samples; delays are cubic in time within one, which leaves 1e-11 s at 20 m/s and 1 m
+_INTERVAL = 80  # samples in which the delay is a cubic polynomial of time; its error is 1e-11 s at 20 m/s and 1 m
 _NODES = np.array([0.0, 1.0, 2.0, 3.0]) / 3.0
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 
 
 def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed_of_sound: float) -> NDArray:
-    """Travel times in s (..., k) to `receivers` (..., k, 3) at `times` (k,).
+    """Travel times (s, (..., k)) of the sound that is received at `times`.
 
-    They are found by the secant rule on c * delay = |receiver - source(t - delay)|, which starts from a source at rest
-    and below 0.3 c ends within 1e-10 s. The distance at emission is speed_of_sound times the delay.
+    They solve c * delay = |receiver - source(t - delay)| by the secant method, starting from a stationary source; the error
+    is below 1e-10 s for speeds below 0.3 c. The distance at emission is `speed_of_sound` times the delay.
+
+    Parameters:
+        position: trajectory of the source.
+        receivers (m, (..., k, 3)): positions in ENU at the times of reception.
+        times (s, (k,)): times of reception.
+        speed_of_sound (m/s): c.
     """
     shape = receivers.shape[:-1]
 
@@ -32,7 +38,7 @@ def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed
     for _ in range(3):
         now = travel(delay)
         change = delay - earlier
-        known = np.abs(change) > 1e-13  # else the source rests or the delay is found, and the slope no longer matters
+        known = np.abs(change) > 1e-13  # else the source is stationary or the delay has converged: keep the slope
         slope = np.where(known, (now - travel_earlier) / np.where(known, change, 1.0), slope)
         earlier, travel_earlier = delay, now
         delay = delay + (now - delay) / (1.0 - np.clip(slope, -0.9, 0.9))
@@ -40,10 +46,15 @@ def retarded_delay(position: Position, receivers: NDArray, times: NDArray, speed
 
 
 class BlockGrid:
-    """The instants within a block at which delays are computed, and the cubic from them to every sample.
+    """The instants within a block at which delays are computed, and their cubic interpolation at every sample.
 
-    With microphones at rest the intervals are the same for every way to cut time into blocks. When they move, the
-    block's ends are added, because where the microphones will be after the block is not known.
+    For stationary microphones the intervals do not depend on the division of time into blocks. For moving ones they end at
+    the block's ends, because positions after the block are unknown.
+
+    Parameters:
+        start: index of the first sample of the block.
+        samples: number of samples of the block.
+        moving: whether the microphones move.
     """
 
     def __init__(self, start: int, samples: int, moving: bool):
@@ -58,14 +69,21 @@ class BlockGrid:
         self._place = (index - left[self._interval]) / width[self._interval]
 
     def to_samples(self, values: NDArray) -> NDArray:
-        """Values (..., intervals, 4) at the instants to values (..., samples)."""
+        """Values (..., samples) interpolated from values (..., intervals, 4) at the instants."""
         coefficients = np.einsum('cn,...in->c...i', _TO_COEFFICIENTS, values)
         c0, c1, c2, c3 = np.take(coefficients, self._interval, axis=-1)
         return c0 + self._place * (c1 + self._place * (c2 + self._place * c3))
 
 
 def along_block(positions: NDArray, start: int, samples: int, instants: NDArray) -> NDArray:
-    """Positions (k, m, 3) at evenly spaced instants of a block, linearly between them: (m, *instants.shape, 3)."""
+    """Positions (m, (m, *instants.shape, 3)) at instants of a block, by linear interpolation.
+
+    Parameters:
+        positions (m, (k, m, 3)): positions at k evenly spaced instants from the block's start to its end.
+        start: index of the first sample of the block.
+        samples: number of samples of the block.
+        instants (samples): instants of any shape.
+    """
     pieces = len(positions) - 1
     length = samples / pieces
     piece = np.clip(((instants - start) / length).astype(int), 0, pieces - 1)

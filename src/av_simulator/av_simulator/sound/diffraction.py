@@ -9,13 +9,19 @@ from numpy.typing import NDArray
 
 from av_simulator.sound.obstacles import Obstacle, detours
 
-_MOST_LOSS_DB = 25.0  # what scattering leaves of the best barriers (ISO 9613-2:1996, 7.4)
-_COHERENT_M = 0.5  # difference of two ways beyond which turbulence leaves their waves no common phase
-_CLEAR_NUMBER = -0.2  # Fresnel number from which an edge no longer matters
+_MOST_LOSS_DB = 25.0  # maximum loss, limited by scattering (ISO 9613-2:1996, 7.4)
+_COHERENT_M = 0.5  # m, difference of path lengths over which turbulence destroys the coherence of two waves
+_CLEAR_NUMBER = -0.2  # Fresnel number below which an edge has no effect
 
 
 def edge_loss_db(detour_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:
-    """Loss (ways, F) in dB over edges with a detour (ways,) in m, negative where the line of sight passes clear of the edge."""
+    """Loss (dB, (paths, F)) of diffraction at edges.
+
+    Parameters:
+        detour_m (m, (paths,)): extra length of the path over each edge; negative for a free line of sight.
+        frequency_hz (Hz, (F,)): frequencies.
+        speed_of_sound (m/s): speed of sound.
+    """
     fresnel = 2.0 * detour_m[:, None] * frequency_hz / speed_of_sound
     root = np.sqrt(2.0 * np.pi * np.abs(fresnel)) + 1e-9
     bend = np.where(fresnel < 0.0, np.tan(np.minimum(root, 1.5)), np.tanh(root))
@@ -25,10 +31,16 @@ def edge_loss_db(detour_m: NDArray, frequency_hz: NDArray, speed_of_sound: float
 
 def occlusion(obstacles: Iterable[Obstacle], source: NDArray, receiver: NDArray, frequency_hz: NDArray,
               speed_of_sound: float) -> NDArray:
-    """Amplitude factor (F,) of obstacles on the way from source to receiver, each (3,) in world ENU.
+    """Amplitude factor (F,) of all obstacles between source and receiver.
 
-    Ways around one obstacle that are about as long add as waves, so that a trunk thinner than the wavelength casts no
-    shadow; others add as energies. Losses of several obstacles add in dB.
+    Paths of similar length around one obstacle are added coherently, so that a trunk thinner than the wavelength casts no
+    shadow; others are added by energy. The losses (dB) of several obstacles are added.
+
+    Parameters:
+        obstacles: obstacles to consider.
+        source, receiver (m, (3,)): positions in ENU.
+        frequency_hz (Hz, (F,)): frequencies.
+        speed_of_sound (m/s): speed of sound.
     """
     factor = np.ones(len(frequency_hz))
     for obstacle in obstacles:

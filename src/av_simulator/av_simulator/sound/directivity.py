@@ -1,4 +1,4 @@
-"""How much of its signal a source sends which way."""
+"""Directivity of sources."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Unit vectors (n, 3) from the source in world ENU, frequencies (F,), time of emission in s -> amplitude factors (n, F).
+# Unit vectors (n, 3) from the source in ENU, frequencies (Hz, (F,)), time of emission (s) -> amplitude factors (n, F).
 Directivity = Callable[[NDArray, NDArray, float], NDArray]
 
 
 @dataclass(frozen=True)
 class RotorDirectivity:
-    """Rotors seen from the side and from below.
+    """Directivity of rotors with a vertical axis.
 
-    Blade tones go to the sides, in the rotors' plane, and fade by `tone_axis_db` towards the axis; broadband noise is a
-    dipole along the axis that fades by `noise_side_db` in the plane. In between, levels follow the square of the
-    angle's cosine. The two parts meet at `meet_hz`. The rotors' axis is vertical.
+    Blade tones are radiated mainly in the rotors' plane, broadband noise mainly along the axis. Between plane and axis the
+    energy follows the squared cosine of the angle. The part for tones applies below `meet_hz`, the one for noise above.
+
+    Parameters:
+        tone_axis_db (dB): level of the tones along the axis, relative to the plane.
+        noise_side_db (dB): level of the noise in the plane, relative to the axis.
+        meet_hz (Hz): frequency of the transition.
     """
 
     tone_axis_db: float = -6.0
@@ -36,7 +40,12 @@ class RotorDirectivity:
 
 @dataclass(frozen=True)
 class CardioidDirectivity:
-    """A horn: 1 ahead, `1 - 2 * share` behind, towards `axis` (3,) in world ENU at every frequency."""
+    """Cardioid directivity of a horn at every frequency: 1 ahead and |1 - 2 * share| behind.
+
+    Parameters:
+        axis ((3,)): direction of the main lobe in ENU, of any length.
+        share (0 to 1): weight of the cosine.
+    """
 
     axis: tuple[float, float, float]
     share: float = 0.5

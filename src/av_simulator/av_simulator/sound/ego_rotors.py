@@ -1,4 +1,4 @@
-"""The rig's own rotors, which turn beside the microphones."""
+"""Ego-noise: the rig's own rotors near its microphones."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from av_simulator.sound.stream import CHUNK, Stream
 
 @dataclass(frozen=True)
 class EgoRotors:
-    """The rig's own rotors. The body is rigid: every rotor keeps its distance and delay to every microphone.
+    """The rig's own rotors. The body is rigid, so that distances and delays to the microphones are constant.
 
     Parameters:
-        signal: of the whole vehicle.
-        rotors (m, body frame): hubs, (rotors, 3).
-        microphones (m, body frame): (m, 3).
+        signal: signal of the whole vehicle.
+        rotors (m, (rotors, 3)): positions of the hubs in the body frame.
+        microphones (m, (m, 3)): positions of the microphones in the body frame.
     """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
@@ -33,12 +33,21 @@ class EgoRotors:
     def __post_init__(self) -> None:
         if np.shape(self.rotors) != (len(self.signal.rotor_hz), 3):
             raise ValueError(f'ego rotors have shape {np.shape(self.rotors)}, expected ({len(self.signal.rotor_hz)}, 3), '
-                             'one for each speed in rotor_hz')
+                             'one position for each speed in rotor_hz')
 
     def stream(self, sample_rate: int, microphones: int, speed_of_sound: float, key: Sequence[int]) -> Stream:
-        """(m, CHUNK) in Pa: each rotor at 1/r, r not below 5 cm."""
+        """Pressure (Pa, (m, CHUNK)) at the microphones: each rotor with a gain of 1/r, r at least 5 cm.
+
+        Raises ValueError for a wrong number of microphone positions.
+
+        Parameters:
+            sample_rate (Hz): sample rate.
+            microphones: number of microphones.
+            speed_of_sound (m/s): speed of sound.
+            key: seed.
+        """
         if np.shape(self.microphones) != (microphones, 3):
-            raise ValueError(f'ego rotors name microphones of shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
+            raise ValueError(f'ego rotors: microphones have shape {np.shape(self.microphones)}, expected ({microphones}, 3)')
         away = np.asarray(self.rotors, float)[:, None] - np.asarray(self.microphones, float)
         distance = np.maximum(np.linalg.norm(away, axis=-1), 0.05)[..., None]  # (rotors, m, 1)
         signals = [self._signal_of(number).stream(sample_rate, [*key, number], _at_rest) for number in range(len(self.rotors))]
@@ -54,7 +63,7 @@ class EgoRotors:
         return Stream(make)
 
     def _signal_of(self, rotor: int) -> RotorSignal:
-        """One rotor alone, with its share of the vehicle's power."""
+        """The signal of one rotor, with its share of the vehicle's power."""
         share_db = 10.0 * np.log10(len(self.rotors))
         speed = None
         if (speed_of_all := self.signal.speed) is not None:

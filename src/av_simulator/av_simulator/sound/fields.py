@@ -1,4 +1,4 @@
-"""Noise at several microphones with a given spectrum and a given coherence between them (Habets, Cohen and Gannot 2008)."""
+"""Noise at several microphones with given spectrum and mutual coherence (Habets, Cohen and Gannot 2008)."""
 
 from __future__ import annotations
 
@@ -11,15 +11,22 @@ from scipy.special import j0
 
 from av_simulator.sound.stream import CHUNK, Stream, generator
 
-# Separations (m, m, 3) in m, microphone i to j, and frequencies (F,) -> coherence (F, m, m), Hermitian.
+# Vectors (m, (m, m, 3)) from microphone i to j, and frequencies (Hz, (F,)) -> Hermitian coherence matrices (F, m, m).
 Coherence = Callable[[NDArray, NDArray], NDArray]
 
 
 def field_noise(key: Sequence[int], sample_rate: int, layout: NDArray, density: Callable[[NDArray], NDArray],
                 coherence: Coherence) -> Stream:
-    """Noise (m, CHUNK) of mean power 1 at microphones `layout` (m, 3), with power spectral `density` (F,) in any unit.
+    """Noise (m, CHUNK) of mean power 1.
 
-    Pieces of two chunks with random spectra overlap by half under a sine window, which keeps the power constant.
+    Segments of two chunks with random spectra overlap by half under a sine window, which keeps the power constant.
+
+    Parameters:
+        key: seed.
+        sample_rate (Hz): sample rate.
+        layout (m, (m, 3)): positions of the microphones.
+        density: function from frequencies (Hz, (F,)) to power spectral densities (F,) in any unit.
+        coherence: coherence between the microphones.
     """
     size = 2 * CHUNK
     frequency = np.fft.rfftfreq(size, 1.0 / sample_rate)
@@ -40,12 +47,12 @@ def field_noise(key: Sequence[int], sample_rate: int, layout: NDArray, density: 
 
 
 def diffuse(speed_of_sound: float) -> Coherence:
-    """Sound from all directions alike: sin(kd) / kd (Cook et al. 1955)."""
+    """Coherence of a diffuse field, isotropic in three dimensions: sin(kd) / kd (Cook et al. 1955)."""
     return lambda apart, frequency: np.sinc(2.0 * _turns(np.linalg.norm(apart, axis=-1), frequency, speed_of_sound)) + 0j
 
 
 def horizontal(speed_of_sound: float) -> Coherence:
-    """Sound from all directions along the ground: J0(kd)."""
+    """Coherence of a field that is isotropic in the horizontal plane: J0(kd)."""
     def coherence(apart: NDArray, frequency: NDArray) -> NDArray:
         return j0(2.0 * np.pi * _turns(np.hypot(apart[..., 0], apart[..., 1]), frequency, speed_of_sound)) + 0j
 
@@ -53,10 +60,10 @@ def horizontal(speed_of_sound: float) -> Coherence:
 
 
 def corcos(velocity: Sequence[float]) -> Coherence:
-    """Turbulence carried past the microphones by a wind (x, y, z) in m/s (Corcos 1963).
+    """Coherence of turbulence that is convected past the microphones by a wind (m/s, (x, y, z)) (Corcos 1963).
 
-    It decays along and across the wind with the number of turns of phase, and arrives later downwind. Eddies travel at
-    0.7 of the wind's speed.
+    The coherence decays exponentially with the phase along and across the wind, and its phase is the delay of convection.
+    Eddies travel at 0.7 of the wind's speed.
     """
     speed = float(np.linalg.norm(velocity))
     way = np.asarray(velocity, float) / speed
@@ -71,5 +78,5 @@ def corcos(velocity: Sequence[float]) -> Coherence:
 
 
 def _turns(distance: NDArray, frequency: NDArray, speed_of_sound: float) -> NDArray:
-    """Distances (m, m) in wavelengths at frequencies (F,): (F, m, m)."""
+    """Distances (m, m) divided by the wavelengths at frequencies (F,): (F, m, m)."""
     return frequency[:, None, None] * distance / speed_of_sound

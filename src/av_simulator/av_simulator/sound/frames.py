@@ -1,4 +1,4 @@
-"""What the sources send along each ray, filtered by what happens on the way, for one frame of what is received."""
+"""Signals along each ray for one frame of reception, filtered by the frequency response of the ray."""
 
 from __future__ import annotations
 
@@ -13,13 +13,19 @@ from scipy.signal.windows import tukey
 from av_simulator.sound.interpolation import BEFORE, TAPS
 from av_simulator.sound.stream import Stream
 
-FASTEST = 0.4  # of the speed of sound, at which source and microphones may approach each other
+FASTEST = 0.4  # maximum speed of approach between source and microphones, relative to the speed of sound
 _FRAME_S = 0.02
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Signals (sources, rays, length) from emission samples `first` (sources, rays) on; only `active` ones carry sound."""
+    """Filtered signals of one frame.
+
+    Parameters:
+        signals ((sources, rays, length)): samples at the emission.
+        first ((sources, rays)): index of the first emitted sample.
+        active ((sources, rays), bool): rays that carry sound.
+    """
 
     signals: NDArray
     first: NDArray
@@ -27,7 +33,12 @@ class Frame:
 
 
 class FrameMaker:
-    """Filters by finite impulse responses, cross-faded from the previous frame's to this frame's while the frame lasts."""
+    """Filters signals by finite impulse responses, which are cross-faded between consecutive frames.
+
+    Parameters:
+        sample_rate (Hz): sample rate.
+        signals: emitted signal of each source.
+    """
 
     def __init__(self, sample_rate: int, signals: Sequence[Stream]):
         self._signals = list(signals)
@@ -38,10 +49,12 @@ class FrameMaker:
         self._before: tuple[NDArray, NDArray] | None = None
 
     def make(self, sent: NDArray, factors: NDArray | None, spread: int) -> Frame:
-        """The frame at whose beginning what was sent at samples `sent` (sources, rays) is received by the array's centre.
+        """The signals of one frame.
 
-        factors (sources, rays, F) are the responses along the rays at `frequency_hz`; without them nothing is filtered.
-        `spread` is how many samples earlier or later than the centre a microphone may receive something.
+        Parameters:
+            sent (samples, (sources, rays)): time of emission of the sound that the array's centre receives at the start.
+            factors ((sources, rays, F)): responses of the rays at `frequency_hz`, None for no filtering.
+            spread (samples): maximum difference of the delays between a microphone and the array's centre.
         """
         first = np.floor(sent).astype(int) - spread - BEFORE - 2
         length = int(self.samples * (1.0 + FASTEST)) + 2 * spread + TAPS + 4
@@ -71,7 +84,7 @@ class FrameMaker:
         return rfft(taps, size)
 
     def _read(self, number: int, begins: NDArray, length: int) -> NDArray:
-        """The signal of a source from several samples on: (len(begins), length)."""
+        """Parts (len(begins), length) of the signal of a source, which start at several samples."""
         low = int(begins.min())
         samples = self._signals[number].read(low, int(begins.max()) + length)
         return samples[(begins - low)[:, None] + np.arange(length)]

@@ -1,4 +1,4 @@
-"""Reflection of sound by the ground: its impedance, and a spherical wave above it."""
+"""Reflection of spherical waves by a ground of finite impedance."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ FLOW_RESISTIVITY = {
 
 @dataclass(frozen=True)
 class Ground:
-    """A level plane.
+    """A horizontal plane.
 
     Parameters:
-        surface: a name in FLOW_RESISTIVITY.
-        flow_resistivity (Pa s/m^2): instead of that of the surface.
-        height_m (m): z of the plane.
+        surface: name of a surface in FLOW_RESISTIVITY.
+        flow_resistivity (Pa s/m^2): effective flow resistivity, None for that of the surface.
+        height_m (m): z coordinate of the plane.
     """
 
     surface: str = 'grass'
@@ -35,10 +35,15 @@ class Ground:
             raise ValueError(f'ground flow_resistivity is {self.flow_resistivity}, expected 1e3 to 1e9 Pa s/m^2')
 
     def reflection(self, sine_grazing: NDArray, path_m: NDArray, frequency_hz: NDArray, speed_of_sound: float) -> NDArray:
-        """Complex factor (..., F) on a mirror source whose sound comes (...,) at the sine of a grazing angle over `path_m`.
+        """Spherical wave reflection coefficient Q, complex (..., F), with which a mirror source is weighted.
 
-        It is the spherical wave reflection coefficient Q (Weyl-Van der Pol; Attenborough et al. 2007, chapter 2), in
-        the sense of numpy's FFT, exp(+i omega t).
+        Source: Weyl-Van der Pol; Attenborough et al. 2007, chapter 2. The sign convention is numpy's, exp(+i omega t).
+
+        Parameters:
+            sine_grazing ((...,)): sine of the grazing angle.
+            path_m (m, (...,)): length of the reflected path.
+            frequency_hz (Hz, (F,)): frequencies.
+            speed_of_sound (m/s): speed of sound.
         """
         resistivity = self.flow_resistivity or FLOW_RESISTIVITY[self.surface]
         admittance = 1.0 / miki_impedance(frequency_hz, resistivity)
@@ -51,6 +56,11 @@ class Ground:
 
 
 def miki_impedance(frequency_hz: NDArray, flow_resistivity: float) -> NDArray:
-    """Impedance (F,) of a porous ground relative to air's (Miki 1990), in the sense exp(-i omega t)."""
+    """Impedance (F,) of a porous ground relative to that of air (Miki 1990), for the convention exp(-i omega t).
+
+    Parameters:
+        frequency_hz (Hz, (F,)): frequencies.
+        flow_resistivity (Pa s/m^2): effective flow resistivity.
+    """
     ratio = np.maximum(frequency_hz, 1e-3) / flow_resistivity
     return 1.0 + 0.070 * ratio ** -0.632 + 0.107j * ratio ** -0.632

@@ -1,4 +1,4 @@
-"""A sampled signal between its samples: windowed sinc (Laakso et al., Splitting the unit delay, 1996, section 3)."""
+"""Interpolation of sampled signals by a windowed sinc (Laakso et al., Splitting the unit delay, 1996, section 3)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 TAPS = 32
-BEFORE = TAPS // 2 - 1  # taps on samples before the one just below the wanted place
-AFTER = TAPS // 2
-_PHASES = 4096  # nearest phase: delay within 1/8192 sample
+BEFORE = TAPS // 2 - 1  # number of taps before the sample just below the interpolated place
+AFTER = TAPS // 2       # number of taps after it
+_PHASES = 4096  # number of fractional delays; the nearest one is used, with an error up to 1/8192 sample
 _KAISER_BETA = 8.0
-_PIECE = 4096  # places at a time, so that their windows stay in the processor's cache
+_PIECE = 4096  # number of places that are processed at a time, so that their windows fit into the processor's cache
 
 
 def _table() -> NDArray:
@@ -32,10 +32,15 @@ def kernels(fractions: NDArray) -> NDArray:
 
 
 def interpolate(signals: NDArray, rows: NDArray, places: NDArray) -> NDArray:
-    """Values at `places` in samples from the beginning of rows `rows` of `signals` (count, length); all arrays of one shape.
+    """Interpolated values, in the shape of `places`.
 
-    Raises ValueError unless BEFORE <= place < length - AFTER. Flat to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz
-    and -80 dB at 10 kHz.
+    The response is flat up to 20 kHz at 48 kHz; the error is -94 dB at 1 kHz and -80 dB at 10 kHz. Raises ValueError unless
+    BEFORE <= place < length - AFTER - 1.
+
+    Parameters:
+        signals ((count, length)): sampled signals.
+        rows: index of the signal for each place, in the shape of `places`.
+        places (samples): positions from the beginning of the signal, of any shape.
     """
     length = signals.shape[1]
     if places.size and not (places.min() >= BEFORE and places.max() < length - AFTER - 1):

@@ -1,4 +1,4 @@
-"""Levels: dB SPL and pascals. The unit of every signal of this package is the pascal."""
+"""Conversion of levels. All signals of this package are sound pressures in Pa."""
 
 from __future__ import annotations
 
@@ -11,5 +11,5 @@ def db_to_ratio(level_db: float) -> float:
 
 
 def spl_to_pascal(level_db_spl: float) -> float:
-    """Root mean square pressure in Pa of a sound pressure level."""
+    """Root mean square pressure (Pa) of a sound pressure level (dB)."""
     return REFERENCE_PA * db_to_ratio(level_db_spl)

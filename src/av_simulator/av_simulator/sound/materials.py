@@ -1,4 +1,4 @@
-"""Sound absorption of surfaces, by octave bands."""
+"""Sound absorption of surfaces in octave bands."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ from numpy.typing import NDArray
 
 BANDS_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0)
 
-Absorption = Sequence[float]  # share of the energy, once for all bands or for each of BANDS_HZ
+Absorption = Sequence[float]  # absorption coefficients (0 to 1, by energy): one for all bands, or one for each of BANDS_HZ
 
 
 def reflection_factor(absorption: Absorption, frequency_hz: NDArray) -> NDArray:
-    """Share of the amplitude that is reflected at each frequency: sqrt(1 - absorption), between bands on a logarithmic axis.
+    """Reflection factor of the amplitude, sqrt(1 - absorption), interpolated between bands on a logarithmic axis.
 
-    Raises ValueError for absorption outside 0 to 1 or for a wrong number of bands.
+    Raises ValueError for coefficients outside 0 to 1 or a wrong number of bands.
+
+    Parameters:
+        absorption: absorption coefficients.
+        frequency_hz (Hz): frequencies, of any shape.
     """
     values = np.atleast_1d(np.asarray(absorption, float))
     if values.shape not in ((1,), (len(BANDS_HZ),)) or values.min() < 0.0 or values.max() > 1.0:

@@ -17,9 +17,9 @@ class Medium:
     """Air at rest.
 
     Parameters:
-        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): of the air.
-        absorption: whether it absorbs (ISO 9613-1).
-        attenuation: gains of distances in m; any function will do.
+        temperature_c (deg C), humidity_percent (%), pressure_kpa (kPa): state of the air.
+        absorption: whether air absorbs sound (ISO 9613-1).
+        attenuation: function from distances (m) to gains.
     """
 
     temperature_c: float = 20.0
@@ -29,13 +29,13 @@ class Medium:
     attenuation: Attenuation = field(default_factory=Attenuation)
 
     def __post_init__(self) -> None:
-        self.absorption_db_per_m(np.zeros(1))  # raises what is wrong with the climate
+        self.absorption_db_per_m(np.zeros(1))  # raises ValueError for an impossible state of the air
 
     @property
     def speed_of_sound(self) -> float:
-        """In m/s."""
+        """Speed of sound (m/s)."""
         return speed_of_sound(self.temperature_c)
 
     def absorption_db_per_m(self, frequency_hz: NDArray) -> NDArray:
-        """Absorption of the air in dB/m at each frequency, whether or not `absorption` is on."""
+        """Absorption (dB/m) of the air at each frequency (Hz), regardless of `absorption`."""
         return absorption_db_per_m(frequency_hz, self.temperature_c, self.humidity_percent, self.pressure_kpa)

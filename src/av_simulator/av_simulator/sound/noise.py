@@ -1,4 +1,4 @@
-"""Sound that comes from no source: wind, traffic, diffuse noise, the rig's own rotors, and the microphones themselves."""
+"""Noise at the microphones: wind, traffic, diffuse noise, ego-noise of the rotors, and self-noise of the microphones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.stream import CHUNK, Stream, white_noise
 from av_simulator.sound.wander import Wander
 
-# Traffic in third octaves from 100 Hz, A-weighted (EN 1793-3), and the A-weighting of the same bands (IEC 61672-1).
+# A-weighted spectrum of traffic in third octaves from 100 Hz (EN 1793-3), and the A-weighting of these bands (IEC 61672-1).
 _TRAFFIC_DBA = (-20, -20, -18, -16, -15, -14, -13, -12, -11, -9, -8, -9, -10, -11, -13, -15, -16, -18)
 _A_WEIGHT_DB = (-19.1, -16.1, -13.4, -10.9, -8.6, -6.6, -4.8, -3.2, -1.9, -0.8, 0.0, 0.6, 1.0, 1.2, 1.3, 1.2, 1.0, 0.5)
 _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)
@@ -23,12 +23,12 @@ _THIRD_OCTAVES_HZ = 1000.0 * 2.0 ** (np.arange(-10, 8) / 3.0)
 
 @dataclass(frozen=True)
 class Snr:
-    """Power of a source over that of all noise at one microphone.
+    """Signal-to-noise ratio of one source and all noise at one microphone.
 
     Parameters:
-        ratio_db (dB): of both powers in the band.
-        distance_m (m): of the source, in the open.
-        source: its number.
+        ratio_db (dB): ratio of the powers in the band.
+        distance_m (m): distance of the source in the free field to which the ratio refers.
+        source: index of the source.
         band_hz (Hz): lower and upper end of the band.
     """
 
@@ -40,10 +40,12 @@ class Snr:
 
 @dataclass(frozen=True)
 class Wind:
-    """Wind past the microphones: `velocity` (x, y, z) in m/s, world ENU. Its noise is turbulence, not sound.
+    """Wind noise, which is turbulent pressure at the microphones. It grows with the square of the wind speed.
 
-    Pressure grows with the square of the speed; the mean `level_db_spl` is 35 dB + 40 dB lg(speed) by default, a
-    microphone behind a foam screen. Gusts change the speed by `gusts` (relative, root mean square) at rates up to 1 Hz.
+    Parameters:
+        velocity (m/s, (x, y, z)): velocity of the wind in ENU.
+        level_db_spl (dB SPL): mean level; None for 35 dB + 40 dB lg(speed), that of a microphone with a foam windscreen.
+        gusts: relative RMS variation of the speed, at frequencies up to 1 Hz.
     """
 
     velocity: Sequence[float] = (5.0, 0.0, 0.0)
@@ -52,26 +54,37 @@ class Wind:
 
     def __post_init__(self) -> None:
         if not np.linalg.norm(self.velocity) > 0.0:
-            raise ValueError(f'wind velocity is {list(self.velocity)}, expected a speed above 0 (leave wind out for calm air)')
+            raise ValueError(f'wind velocity is {list(self.velocity)}, expected a speed above 0 (omit wind for calm air)')
 
     def stream(self, sample_rate: int, layout: NDArray, key: Sequence[int]) -> Stream:
-        """(m, CHUNK) in Pa. The spectrum falls as f^(-7/3) above a tenth of the speed in Hz per m/s (inertial range)."""
+        """Pressure (Pa, (m, CHUNK)), with a spectrum that falls as f^(-7/3) above 0.1 Hz per m/s (inertial range).
+
+        Parameters:
+            sample_rate (Hz): sample rate.
+            layout (m, (m, 3)): positions of the microphones in ENU.
+            key: seed.
+        """
         speed = float(np.linalg.norm(self.velocity))
         level = spl_to_pascal(35.0 + 40.0 * np.log10(speed) if self.level_db_spl is None else self.level_db_spl)
         turbulence = field_noise([*key, 0], sample_rate, layout, lambda f: (1.0 + (10.0 * f / speed) ** 2) ** (-7.0 / 6.0),
                                  corcos(self.velocity))
         gust = Wander([*key, 1], 1.0)
-        level /= np.sqrt(1.0 + 6.0 * self.gusts**2 + 3.0 * self.gusts**4)  # mean of the speed's fourth power
+        level /= np.sqrt(1.0 + 6.0 * self.gusts**2 + 3.0 * self.gusts**4)  # mean fourth power of the relative speed
         return _swelling(turbulence, sample_rate, lambda t: level * np.maximum(1.0 + self.gusts * gust(t)[:, 0], 0.0) ** 2)
 
 
 @dataclass(frozen=True)
 class Noise:
-    """All noise; levels are at one microphone. None leaves a kind out.
+    """All noise. Levels are those at one microphone; None disables a kind of noise.
 
-    `self_noise_db_spl` is the microphones' own, white up to half the sample rate. `urban_db_spl` is traffic, from all
-    sides along the ground, that swells and fades by `urban_swing_db`. `diffuse_db_spl` is pink and comes from
-    everywhere. With `snr`, the levels only set the ratios between the kinds, and their sum is scaled.
+    Parameters:
+        self_noise_db_spl (dB SPL): self-noise of the microphones, white up to half the sample rate.
+        wind: wind noise.
+        urban_db_spl (dB SPL): traffic from all horizontal directions.
+        urban_swing_db (dB): standard deviation of the traffic's level over time.
+        diffuse_db_spl (dB SPL): diffuse pink noise.
+        ego_rotors: the rig's own rotors.
+        snr: signal-to-noise ratio to which the sum is scaled; the levels then only set the proportions.
     """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'own_rotors': 'ego_rotors'}
@@ -85,11 +98,18 @@ class Noise:
     snr: Snr | None = None
 
     def steady(self) -> Noise:
-        """The same mean levels without swells, so that a few seconds tell them."""
+        """Noise of the same mean levels without variation over time, for measurements of the level."""
         return replace(self, urban_swing_db=0.0, wind=None if self.wind is None else replace(self.wind, gusts=0.0))
 
     def stream(self, sample_rate: int, layout: NDArray, speed_of_sound: float, key: Sequence[int]) -> Stream:
-        """The noise of microphones at `layout` (m, 3), (m, CHUNK) a chunk in Pa, not yet scaled to `snr`."""
+        """Pressure (Pa, (m, CHUNK)) before the scaling to `snr`.
+
+        Parameters:
+            sample_rate (Hz): sample rate.
+            layout (m, (m, 3)): positions of the microphones in ENU.
+            speed_of_sound (m/s): speed of sound.
+            key: seed.
+        """
         kinds = []
         if self.self_noise_db_spl is not None:
             kinds.append(_scaled(white_noise([*key, 0], len(layout)), self.self_noise_db_spl))
@@ -98,7 +118,7 @@ class Noise:
         if self.urban_db_spl is not None:
             traffic = field_noise([*key, 2, 0], sample_rate, layout, _traffic_density, horizontal(speed_of_sound))
             swing, spread = Wander([*key, 2, 1], 0.2), np.log(10.0) / 20.0 * self.urban_swing_db
-            level = spl_to_pascal(self.urban_db_spl) * np.exp(-spread**2)  # the mean power of a log-normal level is 1
+            level = spl_to_pascal(self.urban_db_spl) * np.exp(-spread**2)  # normalises the mean power of the log-normal level
             kinds.append(_swelling(traffic, sample_rate, lambda t: level * np.exp(spread * swing(t)[:, 0])))
         if self.diffuse_db_spl is not None:
             pink = field_noise([*key, 3], sample_rate, layout, lambda f: 1.0 / np.maximum(f, 20.0), diffuse(speed_of_sound))
@@ -110,7 +130,7 @@ class Noise:
 
 
 def _traffic_density(frequency_hz: NDArray) -> NDArray:
-    """Power spectral density of traffic: the bands' levels over their widths, level beyond the ends."""
+    """Power spectral density of traffic: the bands' levels divided by their widths, constant beyond the ends."""
     bands_db = np.subtract(_TRAFFIC_DBA, _A_WEIGHT_DB) - 10.0 * np.log10(_THIRD_OCTAVES_HZ)
     inside = 10.0 ** (np.interp(np.log(frequency_hz), np.log(_THIRD_OCTAVES_HZ), bands_db) / 10.0)
     return inside / (1.0 + (frequency_hz / 8000.0) ** 4)
@@ -122,7 +142,7 @@ def _scaled(noise: Stream, level_db_spl: float) -> Stream:
 
 
 def _swelling(noise: Stream, sample_rate: int, level: Callable[[NDArray], NDArray]) -> Stream:
-    """Noise times a slow level, given at times (k,) in s."""
+    """Noise multiplied by a slowly varying level, a function of times (s, (k,))."""
     def make(index: int) -> NDArray:
         places = index * CHUNK + np.arange(0, CHUNK + 1, CHUNK // 16)
         swell = np.interp(np.arange(index * CHUNK, (index + 1) * CHUNK), places, level(places / sample_rate))

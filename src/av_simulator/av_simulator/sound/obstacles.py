@@ -1,4 +1,4 @@
-"""Things that stand in the way of sound, as upright prisms, and the detours around them."""
+"""Obstacles to sound, as upright prisms, and the lengths of the paths around them."""
 
 from __future__ import annotations
 
@@ -12,42 +12,39 @@ from numpy.typing import NDArray
 
 from av_simulator.sound.materials import Absorption, reflection_factor
 
-_GAP_M = 0.05  # an obstacle nearer to the ground than this lets nothing pass below
+_GAP_M = 0.05  # m, height of the bottom edge below which there is no path under an obstacle
 
 
 class Obstacle(ABC):
-    """A prism: a convex `footprint` (corners, 2) in m, counter-clockwise, from `bottom` to `top`, in world ENU.
-
-    One that `reflects` is a mirror for sound too, less the `absorption` of its faces.
-    """
+    """An upright prism in ENU, with a convex footprint, a bottom and a top. Its faces may reflect sound."""
 
     @property
     @abstractmethod
     def footprint(self) -> NDArray:
-        """Corners (n, 2) in m."""
+        """Corners (m, (n, 2)) in ENU, counter-clockwise."""
 
     @property
     @abstractmethod
     def bottom(self) -> float:
-        """Lower end in m."""
+        """Height of the lower end (m, z in ENU)."""
 
     @property
     @abstractmethod
     def top(self) -> float:
-        """Upper end in m."""
+        """Height of the upper end (m, z in ENU)."""
 
     @property
     @abstractmethod
     def absorption(self) -> Absorption:
-        """Absorption of the faces."""
+        """Absorption coefficients of the faces."""
 
     @property
     @abstractmethod
     def reflects(self) -> bool:
-        """Whether it mirrors sound."""
+        """Whether the faces reflect sound."""
 
     def faces(self) -> Iterator[Face]:
-        """The upright faces and the top."""
+        """The vertical faces and the top."""
         for here, there in zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True):
             edge = (there - here) / np.hypot(*(there - here))
             normal = np.array([edge[1], -edge[0], 0.0])
@@ -57,14 +54,14 @@ class Obstacle(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Box(Obstacle):
-    """A box; a thin one is a wall or a whiteboard.
+    """A box, such as a wall or a whiteboard.
 
     Parameters:
-        center (m, ENU): x, y, z.
-        size (m): x, y, z.
-        yaw_deg (deg): turn about the vertical.
-        absorption: of its faces, one value or one for each octave.
-        reflects: whether it mirrors sound.
+        center (m, ENU): x, y, z of the centre.
+        size (m): extents along the box's axes.
+        yaw_deg (deg): rotation about the vertical, counter-clockwise.
+        absorption: absorption coefficients of the faces, one value or one for each octave.
+        reflects: whether the faces reflect sound.
     """
 
     center: Sequence[float]
@@ -100,12 +97,12 @@ class Box(Obstacle):
 
 @dataclass(frozen=True, eq=False)
 class Trunk(Obstacle):
-    """A tree trunk or a column, as an octagon. It does not mirror.
+    """A tree trunk or a column, as an octagonal prism without reflections.
 
     Parameters:
-        center (m, ENU): x, y.
-        radius (m): of the corners.
-        top, bottom (m): z of its ends.
+        center (m, ENU): x, y of the centre.
+        radius (m): radius of the corners.
+        top, bottom (m): z of the ends.
     """
 
     center: Sequence[float]
@@ -128,12 +125,18 @@ class Trunk(Obstacle):
         return np.asarray(self.center, float) + self.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-OBSTACLES = {'box': Box, 'trunk': Trunk}  # kinds, by their names in scenarios
+OBSTACLES = {'box': Box, 'trunk': Trunk}  # classes by their names in scenarios
 
 
 @dataclass(frozen=True)
 class Face:
-    """A flat side of an obstacle: the points of the plane normal @ point = offset that belong to the obstacle."""
+    """A face of an obstacle.
+
+    Parameters:
+        normal ((3,)): outward unit normal.
+        offset (m): offset of the plane, normal @ point = offset.
+        obstacle: the obstacle to which the face belongs.
+    """
 
     normal: NDArray
     offset: float
@@ -141,11 +144,11 @@ class Face:
 
     @property
     def upright(self) -> bool:
-        """Whether it is a side and not the top."""
+        """Whether the face is vertical."""
         return self.normal[2] == 0.0
 
     def holds(self, point: NDArray) -> bool:
-        """Whether a point (3,) of the plane lies on the face."""
+        """Whether a point (m, (3,)) of the plane lies on the face."""
         here = self.obstacle.footprint
         edge = np.roll(here, -1, axis=0) - here
         inward = edge[:, 0] * (point[1] - here[:, 1]) - edge[:, 1] * (point[0] - here[:, 0])
@@ -153,11 +156,14 @@ class Face:
 
 
 def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray | None:
-    """How much longer than straight the ways around an obstacle are, in m: left, right, over and, given a gap, under it.
+    """Extra lengths (m, (3,) or (4,)) of the paths left, right, over and, given a gap, under an obstacle.
 
-    A negative number belongs to a way that is clear: the straight line passes that edge on the open side, and over the
-    edge would be longer by that much. None means that the obstacle is not between source and receiver (each (3,), world
-    ENU).
+    A negative length belongs to an edge that the straight line passes on the open side; its magnitude is the extra length of
+    the path over that edge. None if the obstacle is not between source and receiver.
+
+    Parameters:
+        obstacle: the obstacle.
+        source, receiver (m, (3,)): positions in ENU.
     """
     rise = float(receiver[2] - source[2])
     length = float(np.hypot(*(receiver - source)[:2]))
@@ -183,7 +189,7 @@ def detours(obstacle: Obstacle, source: NDArray, receiver: NDArray) -> NDArray |
 
 
 def _signed_detour(corners: NDArray, between: NDArray, length: float) -> float:
-    """Detour over the corners above the line, or minus that over the nearest one between its ends when all are below it."""
+    """Extra length over the corners above the line; minus that over the nearest corner if all are below the line."""
     above = corners[corners[:, 1] > 0.0]
     if len(above) and between[:, 1].max() > 0.0:
         return _detour(above, length)
@@ -203,7 +209,7 @@ def _part_above(polygon: NDArray, limit: float, sign: float) -> NDArray:
 
 
 def _crossing(polygon: NDArray) -> NDArray:
-    """Where the line y = 0 enters and leaves a convex polygon; where it passes outside, the nearest corner's place twice."""
+    """Coordinates x at which the line y = 0 enters and leaves a convex polygon; twice the nearest corner if it misses."""
     after = np.roll(polygon, -1, axis=0)
     cut = (polygon[:, 1] < 0.0) != (after[:, 1] < 0.0)
     if not cut.any():
@@ -213,9 +219,9 @@ def _crossing(polygon: NDArray) -> NDArray:
 
 
 def _detour(corners: NDArray, length: float) -> float:
-    """How much longer than `length` a string is, tight from (0, 0) to (length, 0) around corners (n, 2) on one side.
+    """Extra length of the shortest path from (0, 0) to (length, 0) around corners (n, 2) on one side.
 
-    The ends and the string are the outline of a convex hull.
+    The path and the straight line between its ends are the outline of a convex hull.
     """
     points = sorted([(0.0, 0.0), (length, 0.0), *map(tuple, corners.tolist())])
     outline = _chain(points) + _chain(points[::-1])

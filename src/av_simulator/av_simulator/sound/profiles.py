@@ -13,7 +13,13 @@ from av_simulator.sound.rotor import RotorSignal
 
 @dataclass(frozen=True)
 class DroneProfile:
-    """How a kind of drone sounds."""
+    """Acoustic profile of a kind of drone.
+
+    Parameters:
+        description: text for people.
+        signal: emitted signal.
+        directivity: directivity of the rotors.
+    """
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
 
@@ -23,5 +29,5 @@ class DroneProfile:
 
 
 def load_profile(file: str | Path) -> DroneProfile:
-    """Read a profile. Raises ConfigError or OSError that name file, key and value."""
+    """The profile in a YAML file. Raises ConfigError or OSError with file, key and value."""
     return load(DroneProfile, file)

@@ -1,4 +1,4 @@
-"""Sound on its way from moving sources to moving microphones along all rays."""
+"""Propagation of sound from moving sources to moving microphones along all rays."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from av_simulator.sound.surroundings import Surroundings
 
 
 class Propagation:
-    """The sum over all sources and rays.
+    """The sum of the sound of all sources along all rays.
 
-    Delays and spreading are those of each microphone at each sample; what depends on frequency (air, ground, faces,
-    edges, directivity) is computed for the array's centre at the beginning of each frame of about 20 ms.
+    Delay and spreading are computed for each microphone and sample. Frequency-dependent effects (air, ground, faces, edges,
+    directivity) are computed for the array's centre at the start of each frame of about 20 ms.
 
     Parameters:
-        sample_rate (Hz): of the microphones.
-        clock_ratio: true interval between the microphones' samples over the nominal one.
+        sample_rate (Hz): nominal sample rate of the microphones.
+        clock_ratio: true interval between samples over the nominal interval.
         sources: all sources.
-        signals: of each source.
+        signals: emitted signal of each source.
         medium: the air.
         surroundings: ground, obstacles and room.
     """
@@ -48,7 +48,13 @@ class Propagation:
         self._spread = 0
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
-        """Pressure (m, samples) in Pa during a block received at positions (k, m, 3)."""
+        """Pressure (Pa, (m, samples)) in one block.
+
+        Parameters:
+            start: index of the first sample of the block.
+            samples: number of samples.
+            positions (m, (k, m, 3)): microphones in ENU at k evenly spaced instants from the block's start to its end.
+        """
         self._begin_frames(start, samples, positions)
         grid = BlockGrid(start, samples, moving=bool(np.any(positions != positions[0])))
         receivers = along_block(positions, start, samples, grid.instants)
@@ -58,7 +64,7 @@ class Propagation:
         return received
 
     def _receive(self, number: int, grid: BlockGrid, receivers: NDArray) -> NDArray:
-        """Pressure (m, samples) of one source at receivers (m, intervals, 4, 3)."""
+        """Pressure (Pa, (m, samples)) of one source at receivers (m, (m, intervals, 4, 3))."""
         first_frame = grid.samples[0] // self._maker.samples
         frame_of = grid.samples // self._maker.samples - first_frame
         frames = [self._frames[first_frame + index] for index in range(frame_of[-1] + 1)]
@@ -78,13 +84,13 @@ class Propagation:
             values = interpolate(signals.reshape(-1, signals.shape[-1]), rows, places)
         except ValueError as error:
             when = grid.samples[0] / self._rate
-            raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of sound, '
+            raise ValueError(f'source {number} or the rig jumps, or is faster than {FASTEST} of the speed of sound, '
                              f'near {when:.2f} s') from error
         gain = db_to_ratio(self._sources[number].gain_db) * grid.to_samples(self._medium.attenuation(delay * c))
         return np.einsum('rmn,rmn->mn', gain, values)
 
     def _begin_frames(self, start: int, samples: int, positions: NDArray) -> None:
-        """Prepare the frames that begin within a block and forget those that ended before it."""
+        """Compute the frames that start within a block, and discard those that ended before it."""
         length = self._maker.samples
         self._frames = {index: frame for index, frame in self._frames.items() if (index + 1) * length > start}
         if start == 0:
@@ -94,21 +100,21 @@ class Propagation:
             microphones = along_block(positions, start, samples, np.array([float(index * length)]))[:, 0]
             self._frames[index] = self._frame(index * length * self._ratio, microphones.mean(axis=0))
 
-    def _frame(self, heard_at: float, centre: NDArray) -> Frame:
-        """What is received by the array's centre (3,) from a moment on, in samples of true time."""
+    def _frame(self, received_at: float, centre: NDArray) -> Frame:
+        """The frame that the array's centre (m, (3,)) receives from `received_at` (samples of true time)."""
         images = self._mirrors @ centre + self._shifts
         sent = np.empty((len(self._sources), len(images)))
         factors = None if self._plain else np.zeros((*sent.shape, len(self._air)), complex)
         for number, source in enumerate(self._sources):
-            now = np.array([heard_at / self._rate])
+            now = np.array([received_at / self._rate])
             delay = retarded_delay(source.position, images[:, None], now, self._medium.speed_of_sound)[:, 0]
-            sent[number] = heard_at - delay * self._rate
+            sent[number] = received_at - delay * self._rate
             if factors is not None:
                 factors[number] = self._factors(source, sent[number] / self._rate, images, centre)
         return self._maker.make(sent, factors, self._spread)
 
     def _factors(self, source: Source, sent_s: NDArray, images: NDArray, centre: NDArray) -> NDArray:
-        """Responses (rays, F) from a source, where it was at times (rays,), to the centre and its images (rays, 3)."""
+        """Responses (rays, F) from a source at times of emission (s, (rays,)) to the images (m, (rays, 3)) of the centre."""
         places = source.position(sent_s)
         ways = images - places
         distance = np.linalg.norm(ways, axis=1, keepdims=True)

@@ -1,8 +1,8 @@
-"""The ways sound takes: direct, over the ground, off the faces of obstacles and the walls of a room.
+"""Propagation paths: direct, and reflected by the ground, by faces of obstacles and by the walls of a room.
 
-A reflected ray is a straight one to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (3,), so
-that the image is mirror @ receiver + shift, and a `factor` (F,) on the amplitude at the frequencies the rays were made
-for, or None while nothing comes that way.
+A reflected ray is a straight line to a mirror image of the receiver. Every ray has `mirror` (3, 3) and `shift` (m, (3,)), so
+that the image is mirror @ receiver + shift. Its `factor` (F,) is the response of the amplitude at the frequencies for which
+the rays were made, None while the path does not exist.
 """
 
 from __future__ import annotations
@@ -21,26 +21,32 @@ from av_simulator.sound.materials import reflection_factor
 from av_simulator.sound.obstacles import Face, Obstacle
 from av_simulator.sound.surroundings import Room, Surroundings
 
-_MARGIN_M = 1.5  # an edge farther from the way than this matters below 100 Hz only
+_MARGIN_M = 1.5  # m, distance from the path beyond which an edge has an effect below 100 Hz only
 
 
 class Ray(Protocol):
-    """One way from a source to the receivers."""
+    """One path from a source to the receivers."""
 
     @property
     def mirror(self) -> NDArray:
-        """(3, 3), see above."""
+        """Linear part (3, 3) of the mirror image."""
 
     @property
     def shift(self) -> NDArray:
-        """(3,), see above."""
+        """Translation (m, (3,)) of the mirror image."""
 
     def factor(self, source: NDArray, receiver: NDArray) -> NDArray | None:
-        """(F,), real or complex, or None; source and receiver (3,) in world ENU."""
+        """Response (F,), real or complex, for source and receiver (m, (3,)) in ENU; None if the path does not exist."""
 
 
 def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: float) -> list[Ray]:
-    """The direct ray first, then all others."""
+    """All rays, of which the first one is the direct ray.
+
+    Parameters:
+        surroundings: ground, obstacles and room.
+        frequency_hz (Hz, (F,)): frequencies of the responses.
+        speed_of_sound (m/s): speed of sound.
+    """
     shade = Shade(surroundings.obstacles, frequency_hz, speed_of_sound)
     rays: list[Ray] = [DirectRay(shade)]
     ground = surroundings.ground
@@ -59,10 +65,16 @@ def rays_of(surroundings: Surroundings, frequency_hz: NDArray, speed_of_sound: f
 
 
 class Shade:
-    """What obstacles leave of sound on straight ways; those far from a way are skipped."""
+    """Attenuation of straight paths by obstacles. Obstacles far from a path are skipped.
+
+    Parameters:
+        obstacles: all obstacles.
+        frequency_hz (Hz, (F,)): frequencies of the responses.
+        speed_of_sound (m/s): speed of sound.
+    """
 
     def __init__(self, obstacles: Sequence[Obstacle], frequency_hz: NDArray, speed_of_sound: float):
-        # Nothing is received at 0 Hz, where an edge would lose nothing and the step would spread to its neighbours.
+        # An edge has no loss at 0 Hz; this step would distort the impulse response, and nothing is received at 0 Hz.
         self.frequency_hz, self.speed_of_sound = np.maximum(frequency_hz, frequency_hz[1]), speed_of_sound
         self._obstacles = list(obstacles)
         corners = [obstacle.footprint for obstacle in obstacles]
@@ -70,7 +82,12 @@ class Shade:
         self._reach = np.array([np.hypot(*(f - f.mean(axis=0)).T).max() for f in corners]) + _MARGIN_M
 
     def factor(self, start: NDArray, end: NDArray, but: Obstacle | None = None) -> NDArray:
-        """(F,) on the way from start to end, (3,) each, past all obstacles but one."""
+        """Response (F,) of a straight path.
+
+        Parameters:
+            start, end (m, (3,)): ends of the path in ENU.
+            but: obstacle that is ignored, None for none.
+        """
         along = end[:2] - start[:2]
         share = np.clip((self._center - start[:2]) @ along / max(along @ along, 1e-12), 0.0, 1.0)
         apart = self._center - start[:2] - share[:, None] * along
@@ -80,7 +97,7 @@ class Shade:
 
 
 class DirectRay:
-    """The straight way."""
+    """The direct ray."""
 
     def __init__(self, shade: Shade):
         self.mirror, self.shift = np.eye(3), np.zeros(3)
@@ -92,7 +109,7 @@ class DirectRay:
 
 
 class GroundRay:
-    """By way of the ground."""
+    """The ray reflected by the ground."""
 
     def __init__(self, ground: Ground, shade: Shade):
         self.mirror = np.diag([1.0, 1.0, -1.0])
@@ -111,13 +128,19 @@ class GroundRay:
 
 
 def ground_factor(ground: Ground, path: NDArray, shade: Shade) -> NDArray:
-    """Reflection (F,) of the ground on a path (3,) from the source to the receiver's image."""
+    """Reflection coefficient (F,) of the ground.
+
+    Parameters:
+        ground: the ground.
+        path (m, (3,)): vector from the source to the receiver's image.
+        shade: for frequencies and speed of sound.
+    """
     length = np.asarray(np.linalg.norm(path))
     return ground.reflection(np.abs(path[2]) / length, length, shade.frequency_hz, shade.speed_of_sound)
 
 
 class FaceRay:
-    """Off one face of an obstacle and, with `ground`, off the ground too."""
+    """A ray reflected by one face of an obstacle and, with `ground`, by the ground."""
 
     def __init__(self, face: Face, kept: NDArray, shade: Shade, obstacle: Obstacle, ground: Ground | None = None):
         self.mirror = np.eye(3) - 2.0 * np.outer(face.normal, face.normal)
@@ -145,7 +168,7 @@ class FaceRay:
 
 @dataclass(frozen=True)
 class WallsRay:
-    """Off walls of a room, with a loss that never changes."""
+    """A ray reflected by walls of a room, with a constant response."""
 
     mirror: NDArray
     shift: NDArray
@@ -157,12 +180,12 @@ class WallsRay:
 
 
 def _room_rays(room: Room, frequency_hz: NDArray) -> Iterator[WallsRay]:
-    """All rays with 1 to `order` reflections (Allen and Berkley 1979, but the receiver is mirrored, not the source)."""
+    """All rays with 1 to `order` reflections (Allen and Berkley 1979, with mirrored receiver instead of source)."""
     low, size = np.asarray(room.minimum, float), np.subtract(room.maximum, room.minimum)
     kept = np.array([reflection_factor(absorption, frequency_hz) for absorption in room.walls]).reshape(3, 2, -1)
     reach = range(-room.order, room.order + 1)
     for turns in product(reach, reach, reach):
-        # Along one axis, `turn` reflections give the image 2 * size * ceil(turn / 2) +- x; an odd number of them mirrors.
+        # Along one axis, `turn` reflections give the image 2 * size * ceil(turn / 2) +- x; the sign is - for an odd number.
         hits = [(abs(turn // 2), abs((turn + 1) // 2)) for turn in turns]
         if not 0 < sum(map(sum, hits)) <= room.order:
             continue

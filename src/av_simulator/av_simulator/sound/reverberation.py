@@ -1,4 +1,4 @@
-"""Late reverberation in zones."""
+"""Late reverberation in zones of the world."""
 
 from __future__ import annotations
 
@@ -17,19 +17,23 @@ from av_simulator.sound.medium import Medium
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream
 
-_PRE_DELAY_S = 0.02  # before it come the reflections that are computed one by one
-_ALIKE_M = 0.1  # over so much of the way of source or microphones the answer is alike, as a diffuse field of 1 kHz is
+_PRE_DELAY_S = 0.02  # s, start of the late reverberation; earlier reflections are computed as rays
+_ALIKE_M = 0.1  # m, correlation length of the response along the motion, that of a diffuse field at 1 kHz
 
 
 @dataclass(frozen=True)
 class ReverbZone:
-    """A box of world space that answers sound when the source or the rig is inside.
+    """A box with late reverberation, which is active if source or rig is inside.
 
-    `decay_s` is the time of 60 dB below the frequencies that air swallows. `density` is the number of separate echoes
-    in a second; `diffusion`, 0 to 1, the share of the energy that is smooth instead. `gain_db` is the energy of all
-    reverberation over that of the direct sound at 1 m; by default it follows from Sabine's formula and the zone's
-    volume. Within `edge_m` of the box the zone fades in; a partner that stays outside is received as 1/r of its distance
-    to the box.
+    If only one of them is inside, the reverberation falls as 1/r with the other's distance from the box.
+
+    Parameters:
+        minimum, maximum (m, ENU): corners of the box.
+        decay_s (s): reverberation time T60 without absorption by air.
+        gain_db (dB): energy of the reverberation over that of the direct sound at 1 m; None for Sabine's formula.
+        density (1/s): number of separate echoes.
+        diffusion (0 to 1): share of the energy in the diffuse part instead of echoes.
+        edge_m (m): distance from the box over which the reverberation fades in.
     """
 
     minimum: Sequence[float]
@@ -57,21 +61,35 @@ class ReverbZone:
         return float(np.sqrt(16.0 * np.pi * self.decay_s / (0.161 * volume)))
 
     def weight(self, sources: NDArray, listeners: NDArray) -> NDArray:
-        """Share (...,) of the sound at places (..., 3) that the zone answers."""
+        """Amplitude factor (...,) of the reverberation.
+
+        Parameters:
+            sources, listeners (m, (..., 3)): positions of source and rig in ENU.
+        """
         gaps = np.array([self._outside(sources), self._outside(listeners)])
         inside = np.clip(1.0 - gaps.min(axis=0) / self.edge_m, 0.0, 1.0)
         return inside / np.maximum(gaps.max(axis=0), 1.0)
 
     def _outside(self, places: NDArray) -> NDArray:
-        """Distance (...,) from the box, 0 inside."""
+        """Distance (m, (...,)) from the box, 0 inside."""
         return np.linalg.norm(np.maximum(np.maximum(np.subtract(self.minimum, places), places - self.maximum), 0.0), axis=-1)
 
 
 class Reverberation:
-    """The answer of all zones at microphones with a given layout (m, 3).
+    """Reverberation of all zones at the microphones.
 
-    The response of a room changes with the places of source and microphones: with one response for all places, a steady
-    tone would always come from the same direction.
+    The response changes with the positions of source and microphones: with one response for all positions, a steady tone
+    would always arrive from the same direction.
+
+    Parameters:
+        zones: zones with reverberation.
+        sample_rate (Hz): nominal sample rate of the microphones.
+        clock_ratio: true interval between samples over the nominal interval.
+        sources: all sources.
+        signals: emitted signal of each source.
+        medium: the air.
+        layout (m, (m, 3)): positions of the microphones relative to each other.
+        key: seed.
     """
 
     def __init__(self, zones: Sequence[ReverbZone], sample_rate: int, clock_ratio: float, sources: Sequence[Source],
@@ -83,7 +101,7 @@ class Reverberation:
         self._convolutions = [[MovingConvolution(answer) for answer in answers] for _ in self._sources]
 
     def render(self, start: int, samples: int, positions: NDArray) -> NDArray:
-        """Pressure (m, samples) in Pa during a block received at positions (k, m, 3)."""
+        """Pressure (Pa, (m, samples)) in one block; the parameters are those of `Propagation.render`."""
         centre = positions.mean(axis=1, keepdims=True)
         grid = BlockGrid(start, samples, moving=bool(np.any(centre != centre[0])))
         listener = along_block(centre, start, samples, grid.instants)[0]
@@ -106,10 +124,16 @@ class Reverberation:
 
 @dataclass(frozen=True)
 class Answer:
-    """A zone's answer in parts of `block` samples, each a mixture of two that follows the place, coordinates (d,) in m.
+    """A zone's impulse response in parts. Each part is a mixture of two responses that depends on the place (m, (d,)).
 
-    spectra: (m, parts, 2, frequencies); turns, phases: of a random plane wave for each part (parts, d), (parts,), whose sine
-    and cosine are the two shares (random Fourier features, Rahimi and Recht 2007: alike over _ALIKE_M, Gaussian).
+    The weights are cosine and sine of a random plane wave for each part (random Fourier features, Rahimi and Recht 2007),
+    which gives a Gaussian correlation with the length _ALIKE_M.
+
+    Parameters:
+        spectra ((m, parts, 2, frequencies)): spectra of the parts of both responses.
+        turns (rad/m, (parts, d)): wave vector of each part.
+        phases (rad, (parts,)): phase of each part.
+        block (samples): length of a part.
     """
 
     spectra: NDArray
@@ -119,7 +143,16 @@ class Answer:
 
     @classmethod
     def of(cls, zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, block: int, key: Sequence[int]) -> Answer:
-        """For a source and microphones with a given layout (m, 3): d is 3 (1 + m)."""
+        """The response of a zone, with d = 3 (1 + m) coordinates of source and m microphones.
+
+        Parameters:
+            zone: the zone.
+            sample_rate (Hz): sample rate.
+            medium: the air.
+            layout (m, (m, 3)): positions of the microphones relative to each other.
+            block (samples): length of a part.
+            key: seed.
+        """
         both = np.stack([impulse_response(zone, sample_rate, medium, layout, [*key, way]) for way in range(2)], axis=1)
         random = np.random.default_rng([*key, 2])
         parts = -(-both.shape[2] // block)
@@ -128,21 +161,26 @@ class Answer:
 
     @classmethod
     def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
-        """Of two responses (m, 2, length)."""
+        """Divide two responses (m, 2, length) into parts; the other parameters are those of the class."""
         padded = np.pad(both, ((0, 0), (0, 0), (0, len(turns) * block - both.shape[2])))
         parts = np.moveaxis(padded.reshape(*both.shape[:2], len(turns), block), 1, 2)
         return cls(rfft(parts, 4 * block).astype(np.complex64), turns, phases, block)
 
     def shares(self, place: NDArray) -> NDArray[np.float32]:
-        """How much of both is received (parts, 2) of each part; the squares sum to 1."""
+        """Weights (parts, 2) of both responses at a place (m, (d,)); the squares of each pair sum to 1."""
         angles = self.turns @ place + self.phases
         return np.stack([np.cos(angles), np.sin(angles)], axis=1).astype(np.float32)
 
 
 def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout: NDArray, key: Sequence[int]) -> NDArray:
-    """The zone's answer (m, length) to a pulse.
+    """Impulse response (m, length) of a zone: decaying diffuse noise and echoes, plane waves from random directions.
 
-    It is diffuse noise plus echoes, which are plane waves from random directions; both decay.
+    Parameters:
+        zone: the zone.
+        sample_rate (Hz): sample rate.
+        medium: the air.
+        layout (m, (m, 3)): positions of the microphones relative to each other.
+        key: seed.
     """
     length = int(1.1 * zone.decay_s * sample_rate)
     smooth = field_noise([*key, 0], sample_rate, layout, np.ones_like, diffuse(medium.speed_of_sound)).read(0, length)
@@ -164,7 +202,7 @@ def impulse_response(zone: ReverbZone, sample_rate: int, medium: Medium, layout:
 
 
 def _decaying(signal: NDArray, decay_s: float, sample_rate: int, medium: Medium) -> NDArray:
-    """The signal (m, length) decaying by 60 dB in `decay_s`, and faster where the air absorbs (both rates add)."""
+    """The signal (m, length) with a decay of 60 dB in `decay_s`, plus the absorption of air at each frequency."""
     size = 2 ** round(np.log2(0.02 * sample_rate))
     hop, length = size // 2, signal.shape[1]
     rate_db = 60.0 / decay_s + medium.speed_of_sound * medium.absorption_db_per_m(np.fft.rfftfreq(size, 1.0 / sample_rate))
@@ -179,24 +217,24 @@ def _decaying(signal: NDArray, decay_s: float, sample_rate: int, medium: Medium)
 
 
 class MovingConvolution:
-    """Convolution with an answer that changes with the place, in equal parts (Stockham 1966), later by two blocks.
+    """Partitioned convolution (Stockham 1966) with a response that depends on the place, with a delay of two blocks.
 
-    The sound of each block meets the answer of its own place; between blocks it passes linearly from one to the next.
+    The sound of each block is convolved with the response at its place, with linear cross-fades between blocks.
     """
 
     def __init__(self, answer: Answer):
         self._answer, self._block = answer, answer.block
         outputs, parts, _, frequencies = answer.spectra.shape
         self._each = np.arange(parts)
-        self._heard = np.zeros((parts, frequencies), np.complex64)  # ring of the last blocks' spectra, older ones further on
-        self._shares = np.zeros((parts, parts, 2), np.float32)  # and theirs of each part
+        self._inputs = np.zeros((parts, frequencies), np.complex64)  # ring of the last blocks' spectra, newest first
+        self._shares = np.zeros((parts, parts, 2), np.float32)  # weights of each part at the places of these blocks
         self._filled = self._newest = 0
         rising = (np.arange(self._block) + 0.5) / self._block
         self._window = np.concatenate([rising, rising[::-1]])
         self._input, self._output = np.zeros(2 * self._block), np.zeros((outputs, 3 * self._block))
 
     def process(self, samples: NDArray, places: NDArray) -> NDArray:
-        """The next samples (n,), sent at places (d, n), to the next output (m, n)."""
+        """The next output (m, n) for input samples (n,) at places (m, (d, n))."""
         output, done = np.empty((len(self._output), len(samples))), 0
         while done < len(samples):
             taken = min(self._block - self._filled, len(samples) - done)
@@ -211,11 +249,11 @@ class MovingConvolution:
         return output
 
     def _turn(self) -> None:
-        self._newest = (self._newest or len(self._heard)) - 1
-        self._heard[self._newest] = rfft(self._input * self._window, 4 * self._block)
+        self._newest = (self._newest or len(self._inputs)) - 1
+        self._inputs[self._newest] = rfft(self._input * self._window, 4 * self._block)
         self._shares[self._newest] = self._answer.shares(self._place)
-        order = (self._newest + self._each) % len(self._heard)
-        mixed = self._shares[order, self._each][..., None] * self._heard[order][:, None]
+        order = (self._newest + self._each) % len(self._inputs)
+        mixed = self._shares[order, self._each][..., None] * self._inputs[order][:, None]
         answer = irfft((self._answer.spectra * mixed).sum(axis=(1, 2)), 4 * self._block)
         self._output = np.pad(self._output[:, self._block:], ((0, 0), (0, self._block)))
         self._output += answer[:, :3 * self._block]

@@ -1,4 +1,4 @@
-"""The signal of a multirotor: harmonics of each rotor's blade passing, and the broadband noise of its blades."""
+"""The signal of a multirotor: harmonics of each rotor's blade passing frequency, and broadband noise of the blades."""
 
 from __future__ import annotations
 
@@ -15,22 +15,23 @@ from av_simulator.sound.levels import db_to_ratio, spl_to_pascal
 from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, filtered, white_noise
 from av_simulator.sound.wander import Wander
 
-_TABLE = 8192  # points of one turn of a rotor
-_MILESTONE = 256  # every so many chunks the turns are remembered for good
-_STEPS = 128  # steps a chunk in which the rotors' speeds are integrated
-_FASTEST = 1.6  # greatest speed relative to rotor_hz for which no harmonic is folded at half the sample rate
+_TABLE = 8192  # points of a waveform table, for one revolution of a rotor
+_MILESTONE = 256  # interval (chunks) of the rotor angles that are kept permanently
+_STEPS = 128  # steps of the integration of the rotor speeds in a chunk
+_FASTEST = 1.6  # maximum speed relative to rotor_hz without aliasing of harmonics
 
 _GRAVITY = 9.80665
-_DRAG_PER_M = 0.017  # deceleration over speed squared: a tilt of 35 degrees at 20 m/s
-_STEP_S = 0.1  # of the differences that give velocity and acceleration: what a flight controller follows
+_DRAG_PER_M = 0.017  # 1/m, deceleration over speed squared: a tilt of 35 degrees at 20 m/s
+_STEP_S = 0.1  # s, step of the differences for velocity and acceleration, the time scale of a flight controller
 
-Speed = Callable[[NDArray], NDArray]  # times (k,) -> speeds relative to hovering (k, rotors) or (k, 1)
+Speed = Callable[[NDArray], NDArray]  # times (s, (k,)) -> speeds relative to hovering, (k, rotors) or (k, 1)
 
 
 def thrust_speed(position: Position) -> Speed:
-    """Rotor speed relative to hovering for the motion of a source: thrust grows with the square of it (actuator disk theory).
+    """Rotor speed relative to hovering, for the trajectory of a source.
 
-    Thrust carries the weight, accelerates and works against drag. It is kept within 0.25 and 2.5 times the weight.
+    The thrust, proportional to the square of the speed (actuator disk theory), is the force for weight, acceleration and
+    drag. It is limited to 0.25 to 2.5 times the weight.
     """
     def speed(times: NDArray) -> NDArray:
         before, now, after = (position(times + step) for step in (-_STEP_S, 0.0, _STEP_S))
@@ -48,14 +49,23 @@ def _hover(times: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class RotorSignal:
-    """Several rotors. Levels are those of the whole vehicle at 1 m.
+    """Signal of several rotors. Levels are those of the whole vehicle at 1 m. Raises ValueError for impossible values.
 
-    A rotor repeats one waveform each turn: harmonics of the blade passing at `harmonics_db` relative to the first
-    (beyond the list they fall by `rolloff_db` each) and, from imbalance, the other multiples of its speed up to the
-    first harmonic at `imbalance_db`. Turbulence makes each rotor's speed wander by `jitter` (relative, root mean
-    square) at rates up to `jitter_hz`. `rotor_hz` is hovering; with `follow` the speeds change with the thrust that the
-    source's motion takes, or as `speed` says: relative to `rotor_hz`, at times (k,) as (k, rotors) or (k, 1). The
-    broadband part lies in `broadband_hz` and swells with the blade passing by `modulation`.
+    Parameters:
+        rotor_hz (Hz): speed of each rotor while hovering (revolutions per second).
+        blades: number of blades of a rotor.
+        tone_db_spl (dB SPL): level of the tones.
+        harmonics_db (dB): harmonics of the blade passing frequency, relative to the first.
+        rolloff_db (dB): decrease of each further harmonic.
+        harmonics: number of harmonics.
+        imbalance_db (dB): multiples of the rotor frequency below the blade passing frequency, from imbalance.
+        jitter: relative RMS variation of each rotor's speed by turbulence.
+        jitter_hz (Hz): highest frequency of this variation.
+        broadband_db_spl (dB SPL): level of the broadband noise.
+        broadband_hz (Hz): band of the broadband noise.
+        modulation: depth of the noise's amplitude modulation at the blade passing frequency.
+        follow: whether the speeds follow the thrust for the source's motion.
+        speed: speeds relative to `rotor_hz` as a function of time, None for `follow`.
     """
 
     rotor_hz: Sequence[float] = (92.0, 94.5, 90.5, 96.0)
@@ -75,12 +85,12 @@ class RotorSignal:
 
     def __post_init__(self) -> None:
         if not len(self.rotor_hz) or min(self.rotor_hz) <= 0.0:
-            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed in turns per second for each rotor')
+            raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed (Hz) for each rotor')
         if self.blades < 1:
             raise ValueError(f'blades is {self.blades}, expected 1 or more')
         low, high = self.broadband_hz
         if not 0.0 < low < high:
-            raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two rising positive frequencies')
+            raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two increasing positive frequencies')
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""
@@ -103,7 +113,7 @@ class RotorSignal:
         return Stream(make, SIGNAL_CHUNKS)
 
     def _waveforms(self, sample_rate: int, random: np.random.Generator) -> NDArray:
-        """One turn of each rotor, (rotors, _TABLE), in Pa at 1 m; the phases of the harmonics are drawn at random."""
+        """Waveforms (Pa at 1 m, (rotors, _TABLE)) of one revolution of each rotor, with random phases of the harmonics."""
         rotors = len(self.rotor_hz)
         listed = np.asarray(self.harmonics_db, float)[:self.harmonics]
         beyond = listed[-1] - self.rolloff_db * np.arange(1, self.harmonics - len(listed) + 1)
@@ -118,13 +128,13 @@ class RotorSignal:
 
 
 def _look_up(wave: NDArray, places: NDArray) -> NDArray:
-    """Values of one turn (_TABLE,) at places 0 ... _TABLE, straight between its points."""
+    """Values of a waveform table (_TABLE,) at places from 0 to _TABLE, by linear interpolation."""
     below = places.astype(int)
     return wave[below] + (places - below) * (np.roll(wave, -1)[below] - wave[below])
 
 
 class _Turns:
-    """Turns of each rotor: the integral of its speed from time zero, forwards and backwards, in any order of access."""
+    """Revolutions of each rotor: the integral of its speed from time 0, for positive and negative times in any order."""
 
     def __init__(self, signal: RotorSignal, speed: Speed, sample_rate: int, key: Sequence[int]):
         rotors = len(signal.rotor_hz)
@@ -133,14 +143,14 @@ class _Turns:
         self._at_start = {0: np.random.default_rng([*key, 3]).random(rotors)}
 
     def chunk(self, index: int) -> NDArray:
-        """Turns (rotors, CHUNK) at the samples of a chunk."""
+        """Revolutions (rotors, CHUNK) at the samples of a chunk."""
         places, speeds, turns = self._integrate(index)
         turns = turns + self._start(index)
         spline = CubicHermiteSpline(places[::2], turns, speeds[::2])
         return spline(np.arange(CHUNK) / self._rate + places[0]).T
 
     def _integrate(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
-        """Instants (2 * _STEPS + 1,), speeds there, and turns since the first at every second one (Simpson's rule)."""
+        """Instants (2 * _STEPS + 1,), their speeds, and revolutions since the first at every second one (Simpson's rule)."""
         places = (index + np.arange(2 * _STEPS + 1) / (2 * _STEPS)) * (CHUNK / self._rate)
         speeds = self._speed(places)
         step = CHUNK / self._rate / _STEPS
@@ -161,6 +171,6 @@ class _Turns:
         return self._at_start[index]
 
     def _speed(self, times: NDArray) -> NDArray:
-        """Turns per second of each rotor at times (k,): (k, rotors)."""
+        """Speeds (Hz, (k, rotors)) of the rotors at times (s, (k,))."""
         wander = 1.0 + self._signal.jitter * self._turbulence(times)
         return np.asarray(self._signal.rotor_hz) * wander * self._speed_given(times)

@@ -1,4 +1,4 @@
-"""A thing that sounds."""
+"""Sound sources."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class Source:
     """A point that emits sound.
 
     Parameters:
-        position: world ENU positions (k, 3) in m at times (k,) in s, before time 0 as well.
+        position: trajectory, a function from times (s, (k,)), which may be negative, to positions (m, (k, 3)) in ENU.
         signal: sound pressure at 1 m.
-        gain_db (dB): on the signal.
-        directivity: gain by direction and frequency, None for all around.
+        gain_db (dB): gain of the signal.
+        directivity: gain by direction and frequency, None for an omnidirectional source.
     """
 
     position: Position

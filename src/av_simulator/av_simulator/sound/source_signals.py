@@ -1,8 +1,7 @@
 """Signals that sources emit: recordings, tones and formulas; rotors are in rotor.py.
 
-A source signal is a plain description; its method `stream(sample_rate, key, position)` makes the samples: the sound
-pressure in Pa at 1 m against time of emission, sample 0 at time 0. `key` seeds its random numbers; `position` is that of
-its source, for signals that depend on the flight.
+A source signal is a description; its method `stream` makes the samples, the sound pressure (Pa) at 1 m as a function of the
+time of emission. Sample 0 is at time 0.
 """
 
 from __future__ import annotations
@@ -24,15 +23,21 @@ from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream
 
 
 class SourceSignal(Protocol):
-    """Describes what a source emits."""
+    """Description of the signal that a source emits."""
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
-        """Sound pressure (Pa) at 1 m of one source, sample by sample."""
+        """Samples of the sound pressure (Pa) at 1 m.
+
+        Parameters:
+            sample_rate (Hz): sample rate.
+            key: seed of random numbers.
+            position: trajectory of the source, for signals that depend on its motion.
+        """
 
 
 @dataclass(frozen=True)
 class FormulaSignal:
-    """Pressure in Pa at 1 m as a function of time in s: (k,) -> (k,)."""
+    """A signal given by a function `pressure` from times (s, (k,)) to pressures at 1 m (Pa, (k,))."""
 
     pressure: Callable[[NDArray], NDArray]
 
@@ -46,8 +51,8 @@ class ToneSignal:
     """A sine of one frequency.
 
     Parameters:
-        frequency_hz (Hz): of the sine.
-        level_db_spl (dB SPL): at 1 m.
+        frequency_hz (Hz): frequency.
+        level_db_spl (dB SPL): level at 1 m.
     """
 
     frequency_hz: float = 1000.0
@@ -61,15 +66,15 @@ class ToneSignal:
 
 @dataclass(frozen=True)
 class RecordedSignal:
-    """A sound file of any format and rate that libsndfile reads.
+    """A sound file in any format of libsndfile and of any sample rate. Raises FileNotFoundError or ValueError.
 
     Parameters:
-        file: its path.
-        level_db_spl (dB SPL): of the whole file at 1 m.
-        pitch: above 1 plays it faster and higher.
-        loop: repeat it, joined by a cross-fade; without, silence follows.
-        start_s (s): when it begins.
-        channel: which one; None for the mean of all.
+        file: path of the file.
+        level_db_spl (dB SPL): mean level of the whole file at 1 m.
+        pitch: factor of speed and pitch, 0.1 to 10.
+        loop: whether the file is repeated, joined by a cross-fade; otherwise silence follows.
+        start_s (s): time of emission of the file's start.
+        channel: index of the channel, None for the mean of all channels.
         fade_s (s): length of the cross-fade.
     """
 
@@ -121,7 +126,7 @@ class RecordedSignal:
 
 
 def _join_ends(samples: NDArray, fade: int) -> NDArray:
-    """The recording shortened by `fade` samples, its end cross-faded at equal power into its beginning."""
+    """The recording shortened by `fade` samples, with an equal-power cross-fade from its end to its beginning."""
     fade = min(fade, len(samples) // 2)
     if fade == 0:
         return samples

@@ -1,4 +1,4 @@
-"""Endless signals that can be read at any sample index, in any order, with the same result."""
+"""Signals of unlimited length with random access, whose samples do not depend on the order of access."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-CHUNK = 4096
-SIGNAL_CHUNKS = 64  # kept of a signal, 5 s at 48 kHz: more than sound needs from 1.5 km
+CHUNK = 4096        # samples
+SIGNAL_CHUNKS = 64  # number of cached chunks of a signal: 5 s at 48 kHz, more than the delay over 1.5 km
 
 
 class Stream:
-    """A signal made in chunks of CHUNK samples that begin at multiples of CHUNK, before sample 0 as well.
+    """A signal computed in chunks of CHUNK samples that start at multiples of CHUNK, which may be negative.
 
-    A chunk depends on its index alone, so the samples do not depend on the order of reading.
+    A chunk depends only on its index, so that the samples do not depend on the order of access.
 
     Parameters:
-        make: samples index * CHUNK ... (index + 1) * CHUNK - 1 of an index, along the last axis.
-        kept: chunks that are kept rather than made again.
+        make: function from an index to the samples index * CHUNK ... (index + 1) * CHUNK - 1, along the last axis.
+        kept: number of cached chunks.
     """
 
     def __init__(self, make: Callable[[int], NDArray], kept: int = 4):
@@ -35,18 +35,18 @@ class Stream:
 
 
 def generator(key: Sequence[int], chunk: int) -> np.random.Generator:
-    """Random numbers that belong to one chunk of the stream named by `key`."""
+    """Random number generator for one chunk of the stream with the seed `key`."""
     return np.random.default_rng([*key, chunk + 2**40])
 
 
 def white_noise(key: Sequence[int], channels: int | None = None) -> Stream:
-    """Gaussian noise of variance 1: (CHUNK,), or (channels, CHUNK) independent between channels."""
+    """Gaussian noise of variance 1, (CHUNK,) or (channels, CHUNK) with independent channels, from the seed `key`."""
     shape = (CHUNK,) if channels is None else (channels, CHUNK)
     return Stream(lambda index: generator(key, index).standard_normal(shape))
 
 
 def filtered(source: Stream, response: NDArray) -> Stream:
-    """The stream through a finite impulse response of odd length whose middle tap is time zero."""
+    """The stream `source` filtered by a finite impulse response of odd length, whose middle tap has no delay."""
     half = len(response) // 2
 
     def make(index: int) -> NDArray:
@@ -58,7 +58,14 @@ def filtered(source: Stream, response: NDArray) -> Stream:
 
 
 def band_power(stream: Stream, sample_rate: float, band_hz: tuple[float, float], duration_s: float = 4.0) -> float:
-    """Mean power of the first seconds of a stream inside a band, averaged over channels, from the periodogram (Parseval)."""
+    """Mean power of the start of a stream within a band, averaged over channels, from the periodogram (Parseval).
+
+    Parameters:
+        stream: the stream.
+        sample_rate (Hz): sample rate.
+        band_hz (Hz): lower and upper end of the band.
+        duration_s (s): length of the evaluated start.
+    """
     samples = stream.read(0, int(duration_s * sample_rate))
     spectrum = np.abs(np.fft.rfft(samples)) ** 2
     frequencies = np.fft.rfftfreq(samples.shape[-1], 1.0 / sample_rate)

@@ -1,4 +1,4 @@
-"""What stands around source and microphones."""
+"""Surroundings of sources and microphones: ground, obstacles, room and reverberation."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from av_simulator.sound.reverberation import ReverbZone
 
 @dataclass(frozen=True)
 class Room:
-    """A box around everything, whose walls mirror sound (image sources, Allen and Berkley 1979).
+    """A box-shaped room whose walls reflect sound (image sources, Allen and Berkley 1979). Raises ValueError.
 
     Parameters:
         minimum, maximum (m, ENU): corners.
-        absorption: of all walls, one value or one for each octave.
-        wall_absorption: of the walls at the least and greatest x, y and z, instead.
-        order: reflections of a ray at most.
+        absorption: absorption coefficients of all walls, one value or one for each octave.
+        wall_absorption: absorption of each wall, in the order lower x, upper x, y, y, z, z; None for `absorption`.
+        order: maximum number of reflections of a ray.
     """
 
     minimum: Sequence[float]
@@ -50,13 +50,13 @@ class Room:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What stands around source and microphones.
+    """Surroundings of sources and microphones. Raises ValueError for a ground in addition to a room.
 
     Parameters:
-        ground: a plane.
-        obstacles: shade and mirror.
-        room: walls; its floor is its ground.
-        zones: with late reverberation.
+        ground: a plane that reflects sound.
+        obstacles: obstacles that shade and reflect sound.
+        room: walls, floor and ceiling.
+        zones: zones with late reverberation.
     """
 
     ground: Ground | None = None
@@ -66,7 +66,7 @@ class Surroundings:
 
     @property
     def open(self) -> bool:
-        """Whether sound meets nothing on its way."""
+        """Whether there is only the direct path (free field)."""
         return self.ground is None and self.room is None and not self.obstacles
 
     def __post_init__(self) -> None:

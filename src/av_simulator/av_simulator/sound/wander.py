@@ -1,4 +1,4 @@
-"""Slow random fluctuation, of rotor speeds and of noise levels."""
+"""Slow random variation of rotor speeds and of noise levels."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _TERMS = 24
 
 
 class Wander:
-    """A random process of mean 0 and variance 1, known at every instant without a history.
+    """A nearly Gaussian random process of mean 0 and variance 1, which can be evaluated at any time.
 
-    It is a sum of sines (Shinozuka 1972) and nearly Gaussian. Its rates spread from 0.04 % of `fastest_hz` to
-    `fastest_hz`, most of them low.
+    It is a sum of sines (Shinozuka 1972). Their frequencies range from 0.04 % of `fastest_hz` to `fastest_hz`, with more low
+    than high ones.
 
     Parameters:
         key: seed.
-        fastest_hz (Hz): highest rate.
-        channels: independent processes.
+        fastest_hz (Hz): highest frequency.
+        channels: number of independent processes.
     """
 
     def __init__(self, key: Sequence[int], fastest_hz: float, channels: int = 1):
@@ -28,5 +28,5 @@ class Wander:
         self._phase = random.uniform(0.0, 2 * np.pi, (_TERMS, 1, channels))
 
     def __call__(self, times: NDArray) -> NDArray:
-        """Values (k, channels) at times (k,) in s."""
+        """Values (k, channels) at times (s, (k,))."""
         return np.sqrt(2.0 / _TERMS) * np.sin(self._rate * times[:, None] + self._phase).sum(axis=0)

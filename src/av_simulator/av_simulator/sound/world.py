@@ -1,4 +1,4 @@
-"""What the microphones of a moving rig receive."""
+"""Rendering of the signals of all microphones of a moving rig."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from av_simulator.sound.surroundings import Surroundings
 class SoundWorld:
     """Renders the signal of each microphone, block by block.
 
-    The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from where the source was at t - r/c to where
-    the microphone is at t. Doppler, delays and levels follow from it. The same seed gives the same samples, however
-    time is cut into blocks; with moving microphones, blocks must be multiples of 80 samples for that.
+    The sound pressure is p(t) = g(r) s(t - r/c), where r is the distance from the source's position at t - r/c to the
+    microphone's position at t. This includes Doppler shift, delay and level. The same seed gives the same samples for any
+    size of the blocks; with moving microphones, this requires blocks of multiples of 80 samples. Raises ValueError.
 
     Parameters:
-        sample_rate (Hz): 8000 or more.
+        sample_rate (Hz): sample rate, 8000 or more.
         sources: all sources.
         medium: the air.
-        microphones: how many.
-        noise: at the microphones.
-        seed: of everything random.
-        full_scale_pa (Pa): pressure that gives a sample of 1.
+        microphones: number of microphones.
+        noise: noise at the microphones.
+        seed: seed of all random numbers.
+        full_scale_pa (Pa): pressure of a sample of 1.
         surroundings: ground, obstacles, room, reverberation.
-        clock_ppm (ppm): by which the microphones' clock is fast.
+        clock_ppm (ppm): deviation of the microphones' sample rate; positive for a fast clock.
     """
 
     def __init__(self, sample_rate: int, sources: Sequence[Source], medium: Medium | None = None, microphones: int = 2,
@@ -59,19 +59,20 @@ class SoundWorld:
 
     @property
     def next_sample(self) -> int:
-        """Index of the first sample that the next call of `render` gives."""
+        """Index of the first sample of the next call of `render`."""
         return self._next
 
     def time_of(self, sample: int) -> float:
-        """True time in s at which the microphones take a sample; sample 0 is at time 0."""
+        """True time (s) at which the sample with an index is taken; sample 0 is at time 0."""
         return sample / self._clock_rate
 
     def render(self, n: int, microphone_positions: ArrayLike) -> NDArray:
-        """The next `n` samples of all microphones, (n, m) float32, where 1 is full scale.
+        """The next samples (n, m) of all microphones, float32, full scale 1. Raises ValueError for a wrong shape.
 
-        microphone_positions (k, m, 3): world ENU in m at k >= 2 instants evenly spaced from the block's start to its
-        end inclusive; between them microphones move in straight lines (5 ms or less between instants keeps a turning
-        rig exact). Raises ValueError when the shape is wrong.
+        Parameters:
+            n: number of samples.
+            microphone_positions (m, (k, m, 3)): positions in ENU at k >= 2 evenly spaced instants from the block's start to
+                its end, inclusive. Between them the motion is linear; intervals of 5 ms are short enough for a turning rig.
         """
         positions = np.asarray(microphone_positions, float)
         if positions.ndim != 3 or positions.shape[1:] != (self._microphones, 3) or len(positions) < 2:
@@ -89,7 +90,7 @@ class SoundWorld:
         return (received.T / self._full_scale_pa).astype(np.float32)
 
     def _begin(self, layout: NDArray) -> Stream:
-        """The noise, and reverberation, of the array's geometry (m, 3); wind is that of the array as it stands now."""
+        """Create noise and reverberation for the array's geometry (m, (m, 3)); wind refers to its present orientation."""
         noise = self._noise.stream(self._rate, layout, self._medium.speed_of_sound, [self._seed, 0])
         if self._zones:
             self._reverberation = Reverberation(self._zones, self._rate, self._rate / self._clock_rate, self._sources,
@@ -102,7 +103,7 @@ class SoundWorld:
         return noise
 
     def _power_of_reference(self) -> float:
-        """In-band power at one microphone of the source that the ratio of source to noise refers to, in Pa^2."""
+        """In-band power (Pa^2) at one microphone of the source to which the signal-to-noise ratio refers."""
         snr = self._noise.snr
         if snr is None:
             return 0.0
@@ -111,6 +112,6 @@ class SoundWorld:
         power = band_power(self._signals[snr.source], self._rate, snr.band_hz)
         if power == 0.0:
             raise ValueError(f'snr source is {snr.source}, which is silent in its first seconds; '
-                             'leave snr out and state the noise in dB SPL')
+                             'omit snr and set the levels of the noise in dB SPL')
         spreading = self._medium.attenuation(np.array([snr.distance_m]))[0]
         return power * (spreading * db_to_ratio(self._sources[snr.source].gain_db)) ** 2

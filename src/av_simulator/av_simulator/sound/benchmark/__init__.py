@@ -1,1 +1,1 @@
-"""Figures of the simulated sound against formulas and against other simulators."""
+"""Comparison of the simulated sound with formulas and with other simulators."""

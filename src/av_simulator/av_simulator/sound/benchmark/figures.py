@@ -1,4 +1,4 @@
-"""What must hold for the simulated sound, measured."""
+"""Measurements of the simulated sound, with their limits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,15 @@ CLIMATES = ((20.0, 50.0), (0.0, 30.0), (35.0, 80.0), (20.0, 10.0))  # degrees Ce
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value and, where one is promised, the limit that it keeps: at most, or at least."""
+    """A measured value with optional limits.
+
+    Parameters:
+        name: description of the value.
+        value: measured value.
+        unit: unit of value and limits.
+        most: upper limit, None for none.
+        least: lower limit, None for none.
+    """
 
     name: str
     value: float
@@ -38,7 +46,7 @@ class Figure:
 
     @property
     def holds(self) -> bool:
-        """Whether the limits are kept."""
+        """Whether the limits are met."""
         return (self.most is None or self.value <= self.most) and (self.least is None or self.value >= self.least)
 
 
@@ -55,7 +63,7 @@ def fly_by() -> Iterator[Figure]:
 
 
 def moving_rig(block: int = 1600) -> Iterator[Figure]:
-    """The same tone from a source at rest, received by a rig that flies past at 10 m/s and turns at 90 degrees a second."""
+    """The same tone from a stationary source, received by a rig that flies past at 10 m/s and turns at 90 degrees a second."""
     c, samples = Medium().speed_of_sound, 2 * RATE
     source = np.array([0.0, 10.0, 1.5])
 
@@ -78,7 +86,7 @@ def moving_rig(block: int = 1600) -> Iterator[Figure]:
 
 
 def air() -> Iterator[Figure]:
-    """ISO 9613-1 as a number, against pyroadacoustics' own formula, and in rendered tones."""
+    """ISO 9613-1: coefficients against those of pyroadacoustics, and attenuation of rendered tones against the formula."""
     if _installed('pyroadacoustics'):
         import pyroadacoustics
 
@@ -109,7 +117,7 @@ def _amplitudes(signal: FormulaSignal, tones: NDArray, distance: float, medium: 
 
 
 def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
-    """A room at rest, with the image sources of pyroomacoustics."""
+    """A room with a stationary source, against the image sources of pyroomacoustics."""
     if not _installed('pyroomacoustics'):
         return
     import pyroomacoustics as pra
@@ -136,7 +144,7 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
 
 
 def _decay_s(answer: NDArray, rate: int) -> float:
-    """T60 from the fall between -5 and -25 dB of the backward integral (ISO 3382-1)."""
+    """T60 (s) from the decay of the backward integral between -5 and -25 dB (ISO 3382-1)."""
     energy = np.cumsum(answer[::-1].astype(float) ** 2)[::-1]
     left = 10 * np.log10(energy / energy[0] + 1e-30)
     first, last = int(np.argmax(left < -5)), int(np.argmax(left < -25))
@@ -144,7 +152,7 @@ def _decay_s(answer: NDArray, rate: int) -> float:
 
 
 def speed() -> Iterator[Figure]:
-    """Processor seconds for a second of two microphones at 48 kHz."""
+    """Processor time (s) for one second of two microphones at 48 kHz."""
     scene = FlyBy()
     for block in (480, 1600):
         full = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
@@ -168,7 +176,7 @@ def speed() -> Iterator[Figure]:
 
 
 def peers_fly_by() -> Iterator[Figure]:
-    """The fly-by from the other simulators, for comparison."""
+    """The fly-by rendered by other simulators, for comparison."""
     scene, short = FlyBy(), FlyBy(start=(-4.0, 10.0, 1.5), seconds=0.4)
     for package, run, of in (('pyroomacoustics', peers.with_pyroomacoustics, scene), ('acoular', peers.with_acoular, scene),
                              ('pyroadacoustics', lambda scene: peers.with_pyroadacoustics(scene, False), short)):
@@ -188,7 +196,7 @@ def _tone(scene: FlyBy, signal: FormulaSignal, medium: Medium, surroundings: Sur
 
 
 def _work(make: Callable[[], SoundWorld], block: int, repeats: int = 5) -> float:
-    """Best processor time for one second of sound, after the first block."""
+    """Minimum processor time (s) for one second of sound, after the first block."""
     world, still = make(), np.stack([PAIR, PAIR])
     world.render(block, still)
     times = []

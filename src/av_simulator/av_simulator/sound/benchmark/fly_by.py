@@ -1,4 +1,4 @@
-"""A tone that flies past a pair of microphones in a straight line, for which everything is known in closed form."""
+"""A tone that passes a pair of microphones in a straight line, with its analytic solution."""
 
 from __future__ import annotations
 
@@ -16,12 +16,20 @@ from av_simulator.sound.world import SoundWorld
 
 RATE = 48000
 PAIR = np.array([[0.0, 0.1, 1.5], [0.0, -0.1, 1.5]])
-_EDGE = RATE // 10  # samples at both ends that the analytic signal of a finite piece gets wrong
+_EDGE = RATE // 10  # samples at both ends where the Hilbert transform of a finite signal is inaccurate
 
 
 @dataclass(frozen=True)
 class FlyBy:
-    """A source at constant velocity (m/s) from `start` (m), a tone of amplitude 1 at 1 m, microphones (m, 3) at rest."""
+    """A tone of amplitude 1 at 1 m from a source at constant velocity, received by the stationary microphones PAIR.
+
+    Parameters:
+        start (m, ENU): position of the source at time 0.
+        velocity (m/s, ENU): velocity of the source.
+        tone_hz (Hz): frequency of the tone.
+        seconds (s): duration.
+        medium: the air.
+    """
 
     start: tuple[float, float, float] = (-20.0, 10.0, 1.5)
     velocity: tuple[float, float, float] = (20.0, 0.0, 0.0)
@@ -31,22 +39,22 @@ class FlyBy:
 
     @property
     def times(self) -> NDArray:
-        """Instants (n,) of the samples in s."""
+        """Times (s, (n,)) of the samples."""
         return np.arange(int(self.seconds * RATE)) / RATE
 
     def position(self, times: NDArray) -> NDArray:
-        """Positions (k, 3) of the source."""
+        """Positions (m, (k, 3)) of the source at times (s, (k,))."""
         return np.asarray(self.start) + np.multiply.outer(times, np.asarray(self.velocity))
 
     def delay(self, microphone: NDArray) -> NDArray:
-        """Travel times (n,) in s: the positive root of |m - p(t - tau)|^2 = (c tau)^2."""
+        """Travel times (s, (n,)) to a microphone (m, (3,)): the positive root of |m - p(t - tau)|^2 = (c tau)^2."""
         c, velocity = self.medium.speed_of_sound, np.asarray(self.velocity)
         away = microphone - self.position(self.times)
         approach, a = away @ velocity, c**2 - velocity @ velocity
         return (approach + np.sqrt(approach**2 + a * (away**2).sum(axis=1))) / a
 
     def doppler(self, microphone: NDArray) -> NDArray:
-        """Frequencies (n,) that a microphone receives: f / (1 - M cos), M cos taken where and when the sound was sent."""
+        """Received frequencies (Hz, (n,)) at a microphone (m, (3,)): f / (1 - M cos), with M cos at the emission."""
         sent_from = self.position(self.times - self.delay(microphone))
         towards = microphone - sent_from
         mach = towards @ np.asarray(self.velocity) / np.linalg.norm(towards, axis=1) / self.medium.speed_of_sound
@@ -59,7 +67,7 @@ class FlyBy:
         return np.exp(1j * (phase - np.pi / 2)) / (delays * self.medium.speed_of_sound)
 
     def render(self, block: int = 1600) -> NDArray:
-        """The same (n, m) from SoundWorld."""
+        """The signals (n, m) rendered by SoundWorld in blocks of `block` samples."""
         signal = FormulaSignal(lambda t: np.sin(2 * np.pi * self.tone_hz * t))
         world = SoundWorld(RATE, [Source(self.position, signal)], self.medium, noise=Noise(None))
         still = np.stack([PAIR, PAIR])
@@ -68,18 +76,23 @@ class FlyBy:
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far a rendering is from the truth."""
+    """Errors of a rendering relative to the analytic solution."""
 
-    error_db: float             # power of the difference over that of the truth
-    delay_us: float             # RMS, of the channels' own delays and of the delay between them, whichever is worse
-    frequency_hz: float         # RMS of the instantaneous frequency
-    doppler_hz: float           # greatest difference of the frequency, averaged over 20 ms, from f / (1 - M cos)
-    spreading_db: float         # greatest difference of a channel's level from 1 / r
-    level_difference_db: float  # greatest difference of the level difference between the channels
+    error_db: float             # power of the difference over that of the solution
+    delay_us: float             # RMS error, the larger of the channels' delays and the delay between them
+    frequency_hz: float         # RMS error of the instantaneous frequency
+    doppler_hz: float           # maximum error of the frequency, averaged over 20 ms, relative to f / (1 - M cos)
+    spreading_db: float         # maximum error of a channel's level relative to 1 / r
+    level_difference_db: float  # maximum error of the level difference between the channels
 
 
 def deviation(fly_by: FlyBy, rendered: NDArray) -> Deviation:
-    """Compare (n, 2) samples with the closed form; a rendering shorter than the truth is compared as far as it goes."""
+    """Errors of a rendering.
+
+    Parameters:
+        fly_by: source and tone.
+        rendered ((n, 2)): rendered samples; n may be smaller than the duration of `fly_by`.
+    """
     inner = slice(_EDGE, len(rendered) - _EDGE)
     truth = fly_by.truth()[:len(rendered)]
     received = hilbert(rendered.astype(float), axis=0)[inner]

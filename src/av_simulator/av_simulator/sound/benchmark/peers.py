@@ -1,4 +1,4 @@
-"""The same fly-by from other simulators, where they are installed; each returns samples (n, 2) and processor seconds."""
+"""The fly-by rendered by other simulators. Each function returns samples (n, 2) and the processor time (s)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from scipy.signal import oaconvolve
 
 from av_simulator.sound.benchmark.fly_by import PAIR, RATE, FlyBy
 
-_BLOCK = RATE // 50  # pyroomacoustics knows no motion: the source rests for 20 ms
+_BLOCK = RATE // 50  # pyroomacoustics has no motion: the source is stationary for 20 ms
 
 
 def with_pyroomacoustics(fly_by: FlyBy, ground: bool = False) -> tuple[NDArray, float]:
-    """What the source sends during each 20 ms is convolved with the response from its place in their middle.
+    """Render with pyroomacoustics: each 20 ms of the tone are convolved with the response of the position in their middle.
 
-    `ground` adds air absorption and a second source below a floor at z = 0, which is less work than a room would be.
+    Parameters:
+        fly_by: source and tone.
+        ground: whether air absorption and a mirror source below z = 0 are added (cheaper than a room).
     """
     import pyroomacoustics as pra
 
@@ -44,7 +46,12 @@ def with_pyroomacoustics(fly_by: FlyBy, ground: bool = False) -> tuple[NDArray, 
 
 
 def with_acoular(fly_by: FlyBy, upsampling: int = 16) -> tuple[NDArray, float]:
-    """A moving point source whose signal is upsampled and read at the nearest sample."""
+    """Render with acoular: a moving point source whose signal is upsampled and read at the nearest sample.
+
+    Parameters:
+        fly_by: source and tone.
+        upsampling: factor of the upsampling.
+    """
     import acoular
 
     samples = len(fly_by.times)
@@ -60,7 +67,12 @@ def with_acoular(fly_by: FlyBy, upsampling: int = 16) -> tuple[NDArray, float]:
 
 
 def with_pyroadacoustics(fly_by: FlyBy, ground: bool = True) -> tuple[NDArray, float]:
-    """One source over a road, sample by sample, with air absorption; its motion begins with the sound."""
+    """Render with pyroadacoustics: one source over a road, sample by sample; its motion starts with the sound.
+
+    Parameters:
+        fly_by: source and tone.
+        ground: whether the reflection of the road and air absorption are included.
+    """
     import pyroadacoustics
 
     scene = pyroadacoustics.Environment(fs=RATE, temperature=fly_by.medium.temperature_c,
