@@ -68,7 +68,7 @@ def users(package: Path) -> set[str]:
 
 
 def wanted(package: Path) -> dict[str, list[str]]:
-    """rosdep keys that a package.xml must list, by kind of dependency."""
+    """The rosdep keys that a package.xml must list, by kind of dependency."""
     run = {KEYS.get(name, name) for name in imported(sources(package)) - {package.name}} | IMPLICIT.get(package.name, set())
     build = {PARAMETERS} if list(package.glob(f'{package.name}/nodes/*_parameters.yaml')) else set()
     test = {KEYS.get(name, name) for name in tested(package) - users(package)}

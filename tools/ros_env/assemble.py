@@ -50,7 +50,7 @@ exec "{VENV}/bin/python" -c 'import sys; from ros2cli.cli import main; sys.argv[
 
 
 def main() -> int:
-    """Execute the remaining steps and report errors; returns the exit code."""
+    """Take the steps that are left, and say what went wrong; returns the exit code."""
     try:
         WHEELS.mkdir(parents=True, exist_ok=True)
         with (ROS / 'guard').open('w') as guard:
@@ -62,14 +62,14 @@ def main() -> int:
         say(str(error))
         say('what was downloaded is kept: try again')
     except KeyboardInterrupt:
-        say('interrupted: the next call continues from here')
+        say('interrupted: the next call goes on from here')
     else:
         return 0
     return 1
 
 
 def assemble() -> None:
-    """Execute the remaining steps. tools/ros_env.sh checks the last stamp."""
+    """Take the steps that are left. The last stamp is what tools/ros_env.sh looks for."""
     digest = hashlib.sha256(Path(__file__).read_bytes() + LOCK.read_bytes()).hexdigest()
     stamp = f'{digest} {PROJECT}\n'
     say(f'assembling ROS 2 Jazzy in {ROS} (what is missing of 0.4 GB is downloaded)')
@@ -83,7 +83,7 @@ def assemble() -> None:
 
 
 def once(name: str, stamp: str, step: Callable[[], None]) -> None:
-    """Execute a step unless it was completed before with the same stamp."""
+    """Take a step unless it was completed before with the same stamp."""
     done = ROS / f'{name}.stamp'
     if done.exists() and done.read_text() == stamp:
         return
@@ -93,7 +93,7 @@ def once(name: str, stamp: str, step: Callable[[], None]) -> None:
 
 
 def write(path: Path, text: str, mode: int = 0o644) -> None:
-    """Write a file atomically."""
+    """Write a file so that it is never seen half written."""
     partial = path.with_name(path.name + '.partial')
     partial.write_text(text)
     partial.chmod(mode)
@@ -117,7 +117,7 @@ def pip(*arguments: str | Path, lines: list[str]) -> None:
 
 
 def run_pip(*arguments: str | Path, **environment: str) -> None:
-    """Run the environment's pip, which prints errors only."""
+    """Run the environment's pip, which says no more than what went wrong."""
     clean = {name: value for name, value in os.environ.items() if name != 'PYTHONPATH'}
     command = [VENV / 'bin/python', '-m', 'pip', '-qq', '--disable-pip-version-check', *arguments]
     subprocess.run([str(part) for part in command], env={**clean, **environment}, check=True)
@@ -134,7 +134,7 @@ def make_venv() -> None:
 
 
 def download() -> None:
-    """Download missing wheels, and delete wheels that are damaged or belong to an earlier lock file."""
+    """Fetch the wheels that are not here yet, and throw away what is damaged or of an earlier lock file."""
     wanted = {line.split('sha256:')[1]: line for line in requirements()}
     for wheel in WHEELS.iterdir():
         if not wanted.pop(sha256(wheel), None):
