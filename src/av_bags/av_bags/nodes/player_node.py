@@ -56,9 +56,9 @@ class PlayerNode(RigNode):
         self._static_topic = found.topics.pop(names.FRAMES, None)
         self._feed = Feed(bag, found.topics, layout, start_ns, stop_ns, decode=False)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
-        self._publishers = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
+        self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
                             for name in found.topics}
-        self._clock_publisher = self.create_publisher(Clock, '/clock', 10)
+        self._clock_output = self.create_publisher(Clock, '/clock', 10)
         self._played, self._position = 0, 0.0
 
     def _wanted(self) -> list[str]:
@@ -82,7 +82,7 @@ class PlayerNode(RigNode):
     def cleanup(self) -> None:
         """Close bag and publishers."""
         self._bag.close()
-        for publisher in (*self._publishers.values(), self._clock_publisher):
+        for publisher in (*self._outputs.values(), self._clock_output):
             self.destroy_publisher(publisher)
 
     def _run(self) -> None:
@@ -112,7 +112,7 @@ class PlayerNode(RigNode):
                     break
                 if self._stopping.wait(min(due - wall, ticked + period - wall)):
                     return
-            self._publishers[record.name].publish(record.data or record.message)
+            self._outputs[record.name].publish(record.data or record.message)
             self._played += 1
             self._position = record.arrival - first
         self._publish_clock(first + self._position)
@@ -124,7 +124,7 @@ class PlayerNode(RigNode):
                                           for transform in decode(data).transforms}.values()))
 
     def _publish_clock(self, now: float) -> None:
-        self._clock_publisher.publish(Clock(clock=to_stamp(now)))
+        self._clock_output.publish(Clock(clock=to_stamp(now)))
 
     def _wait_for_subscribers(self, first: float) -> None:
         """Wait until the nodes of `wait_for` have subscribed; /clock stays at the time `first` (s) meanwhile."""
@@ -132,7 +132,7 @@ class PlayerNode(RigNode):
         deadline = time.monotonic() + self._settings.wait_timeout
         while missing and time.monotonic() < deadline and not self._stopping.wait(0.1):
             self._publish_clock(first)
-            for publisher in self._publishers.values():
+            for publisher in self._outputs.values():
                 missing -= {info.node_name for info in self.get_subscriptions_info_by_topic(publisher.topic_name)}
         if missing and not self._stopping.is_set():
             self.get_logger().warning(f'{", ".join(sorted(missing))} did not subscribe within '
