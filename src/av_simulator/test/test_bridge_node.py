@@ -64,7 +64,8 @@ def rig():
     for port, layer in ((ports.image, image), (ports.depth, depth), (ports.depth, image)):
         encoded = EncodedImage(5.0, cv2.imencode('.png', layer)[1].tobytes())
         source.sendto(encode_image(encoded)[0], ('127.0.0.1', port))
-    bridge.spin_until(lambda: bridge.received['camera/depth/image_raw'], 'depth')
+    bridge.spin_until(lambda: bridge.received['camera/depth/image_raw'] and any(
+        message.height == 48 for message in bridge.received['camera/image_raw']), 'image and depth')
     for port in dataclasses.astuple(ports):
         for size in (0, 3, 40, 168, 6000, 60_000):
             source.sendto(np.random.default_rng(size).bytes(size), ('127.0.0.1', port))
@@ -91,7 +92,7 @@ def test_everything_is_published(rig):
 
 
 def test_stamps_are_capture_times(rig):
-    """Of the system's clock, and the same for all that belongs to one image; how exact they are, test_stage.py says."""
+    """Of the system's clock, and the same for all that belongs to one image; test_bridge_stage.py tests how exact they are."""
     for name, messages in rig.fed.items():
         if name != '/diagnostics':
             stamps = [to_seconds(message.header.stamp) for message in messages]
