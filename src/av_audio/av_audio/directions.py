@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 # Within 15 degrees of the axis of a linear array a small error of the delay becomes a large error of the angle.
 END_FIRE_COSINE = float(np.cos(np.radians(15.0)))
+LEAST_SINE = 0.05  # keeps the variance of a cosine from vanishing at end-fire
 # Points at which the posterior density of an angle is evaluated, as shares of its support.
 POSTERIOR_GRID = np.linspace(0.0, 1.0, 41)
 
@@ -103,6 +104,24 @@ def within_elevations(array: MicrophoneArray, angles: Array, limits: Array) -> N
     if array.rank == 2 and np.allclose(angles[:, 0], angles[:, 1], atol=1e-6):
         kept[1] = False
     return kept
+
+
+def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float, float]:
+    """Cosine of the estimated angle to the axis of a linear array, and the variance of its error.
+
+    It is the cosine of the posterior mean of the angle. At end-fire the measured cosine has a skewed error, since no true
+    cosine lies beyond 1; the estimate has no bias there, and its variance does not vanish.
+
+    Parameters:
+        cosine: measured cosine.
+        sigma: standard deviation of its error without reflections.
+        total_sigma: standard deviation of its error with reflections.
+    """
+    if not math.isfinite(total_sigma):
+        return min(max(cosine, -1.0), 1.0), math.inf
+    angle, _ = angle_to_axis(cosine, sigma)
+    _, deviation = angle_to_axis(cosine, total_sigma)
+    return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
 
 
 def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:

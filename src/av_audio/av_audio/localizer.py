@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_audio.directions import Array, is_end_fire, to_directions, undo_delay_curve, within_elevations
+from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.narrowband import Music, Mvdr
@@ -88,7 +88,7 @@ class DoaEstimate:
         end_fire (k,): whether the angle is poorly resolved, close to the axis of a linear array.
         level_dbfs (dB): level after the band-pass filter, relative to full scale.
         q (rank,): measured projection of the direction on the array's basis, before the delay curve is undone.
-        cosine: measured cosine of the angle to the axis of a linear array, with noise slightly beyond -1..1. NaN for other
+        cosine: cosine of the estimated angle to the axis of a linear array (see `directions.cone_cosine`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
     """
@@ -217,14 +217,16 @@ class Localizer:
             variances = to_directions(self.array, q, covariance).variances
         kept = within_elevations(self.array, angles, self._elevations)
         count = int(kept.sum())
-        is_linear = self.array.rank == 1
+        cosine, cosine_variance = np.nan, np.nan
+        if self.array.rank == 1:
+            sigma, total_sigma = np.sqrt([float((slope**2 * peak.covariance)[0, 0]), float(covariance[0, 0])])
+            cosine, cosine_variance = cone_cosine(float(q[0]), sigma, total_sigma)
         return DoaEstimate(
             centre / self.sample_rate, centre, azimuth=angles[0, kept], elevation=angles[1, kept],
             azimuth_variance=variances[0, kept], elevation_variance=variances[1, kept],
             confidence=np.full(count, self._confidence(peak, window)), group=np.zeros(count, int),
             end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
-            cosine=float(q[0]) if is_linear else np.nan,
-            cosine_variance=float(covariance[0, 0]) if is_linear else np.nan)
+            cosine=cosine, cosine_variance=cosine_variance)
 
     def _without_ego_rotors(self, spectra: NDArray) -> NDArray:
         """Spectra (m, k) with zeros at the harmonics of the rig's own rotors."""

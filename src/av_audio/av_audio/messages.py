@@ -43,8 +43,8 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
               method: str) -> DoaArray:
     """The message of one analysis window.
 
-    A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of that
-    angle as measured, limited to -1..1, with the variance of its error. The two images of a planar array, one on each side
+    A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
+    estimated angle, limited to -1..1, with the variance of its error. The two images of a planar array, one on each side
     of its plane, are no such cone: the axis is zero and the cosines are NaN.
 
     Parameters:
