@@ -119,8 +119,9 @@ def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float,
     """
     if not math.isfinite(total_sigma):
         return min(max(cosine, -1.0), 1.0), math.inf
-    angle, _ = angle_to_axis(cosine, sigma)
-    _, deviation = angle_to_axis(cosine, total_sigma)
+    angle, deviation = angle_to_axis(cosine, sigma)
+    if total_sigma != sigma:
+        _, deviation = angle_to_axis(cosine, total_sigma)
     return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
 
 

@@ -16,14 +16,13 @@ from av_common.angles import wrap
 from av_common.track import State
 from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_evaluation.runs.measurement_record import MeasurementRecord
+from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
-OWN = 'ml'  # the rig's own estimator
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
 FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # methods that are given the true hemisphere
@@ -94,7 +93,7 @@ def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5)
 
 def _doa_measurements(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
     """Directions of arrival that a method uses; a bag without sound holds those of the rig's own estimator only."""
-    own = record.doa.get(OWN, [])
+    own = record.doa.get(OWN_METHOD, [])
     if method == 'sound':
         return own
     if method in BASELINES:

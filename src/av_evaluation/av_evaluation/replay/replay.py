@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ from av_audio.stage import DoaStage, make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
-from av_bags.feed import CLOCK_TOLERANCE_S, SECOND, BagRecord, Feed
+from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.reader import FOREVER, Bag
 from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
@@ -23,8 +22,9 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay.estimator_comparison import EstimatorComparison
 from av_evaluation.replay.output_queue import OutputQueue
-from av_evaluation.replay.pipeline import Pipeline, transmitted
+from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.replay.sensor_frames import SensorFrames
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
@@ -153,21 +153,13 @@ class Replay:
         name, arrival, message, data = record
         if self._out is not None and name not in (names.AUDIO, names.IMAGE):
             self._out.put(name, arrival, message, data)
-        if name == names.AUDIO and self._record is not None:
-            self._compare(message, arrival, self._record)
+        if name == names.AUDIO and self._comparison is not None:
+            self._comparison.on_audio(message, arrival)
         if name in TRUTHS:
             self._recorder.on_truth(name, message)
         elif name not in READ_AHEAD:
             self._pipeline.advance(arrival)
             self._pipeline.take(name, message, arrival)
-
-    def _compare(self, frame: Any, arrival: float, record: MeasurementRecord) -> None:
-        """Record the directions that other methods find in the same sound."""
-        for method, stage in self._compared.items():
-            with suppress(ValueError):  # noted for the rig's own method
-                for directions in stage.on_audio(frame, arrival):
-                    measurements = self._converter.doa(transmitted(directions))
-                    record.doa.setdefault(method, []).extend(measurements[:1])
 
     def _publish(self, name: str, time: float, message: Any) -> None:
         """Put what was computed to the output."""
@@ -208,7 +200,8 @@ class Replay:
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
         doa = self._doa_stage(rig)
         others = {method: self._doa_stage(rig, method=method) for method in estimators}
-        self._compared = {method: stage for method, stage in others.items() if stage is not None}
+        self._comparison = None if self._record is None else EstimatorComparison(
+            {method: stage for method, stage in others.items() if stage is not None}, self._converter, self._record)
         self._pipeline = Pipeline(doa, self._detection_stage(camera), self._fusion, pointing, self._recorder,
                                   self._converter, self._publish)
 
@@ -246,9 +239,11 @@ class Replay:
             self._note(problem)
         for problem in sorted(self._pipeline.problems):
             self._note(problem)
-        for name, count in (self._fusion.foreign_stamps if self._fusion else {}).items():
-            if count:
-                self._note(f'{count} messages of {name} left out: their stamps are more than {CLOCK_TOLERANCE_S:.0f} s off '
-                           "the bag's time")
+        if self._fusion is not None:
+            tolerance = self._fusion.settings.clock_tolerance
+            for name, count in self._fusion.foreign_stamps.items():
+                if count:
+                    self._note(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
+                               "bag's time")
         for frame in sorted(self._frames.unknown):
             self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')

@@ -11,7 +11,7 @@ from av_common.frames import attitude_of, yaw_of
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.runs.measurement_record import MeasurementRecord
+from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 
 
@@ -31,7 +31,7 @@ class RunRecorder:
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
         if self._record is not None:
-            self._record.doa.setdefault('ml', []).extend(measurements[:1])
+            self._record.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
             self.log.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,

@@ -10,6 +10,7 @@ from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.tracker_protocol import Tracker
 
+OWN_METHOD = 'ml'  # the rig's own estimator of directions
 Pose = tuple[float, float, float]  # time (s), yaw (rad), yaw rate (rad/s)
 
 
@@ -18,7 +19,7 @@ class MeasurementRecord:
     """Measurements of one run.
 
     Attributes:
-        doa: directions of arrival by estimator; 'ml' is the rig's own.
+        doa: directions of arrival by estimator; OWN_METHOD is the rig's own.
         events: poses, the rig's own directions, camera measurements, and the times (s) at which the track was asked for.
     """
 

@@ -22,6 +22,7 @@ from av_common.camera import PinholeCamera
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.replay.estimator_comparison import EstimatorComparison
 from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
@@ -32,7 +33,6 @@ from av_interfaces.msg import Bearing
 from av_vision.messages import image_message
 from av_vision.stage import DetectionStage
 
-DEFAULT_METHOD = 'ml'  # the rig's own estimator of directions
 TARGET_CLASSES = ('drone',)
 
 
@@ -66,7 +66,9 @@ class OfflineRig:
         self._converter = MeasurementConverter(rotations.get, TARGET_CLASSES, camera)
         recorder = RunRecorder(self.record)
         fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder)
-        self._estimators = {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators}
+        self._comparison = EstimatorComparison(
+            {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
+            self._converter, self.record)
         self._pipeline = Pipeline(DoaStage(array, settings, ego_noise), detection, fusion, None, recorder, self._converter,
                                   self._publish)
         self.log: RunLog = recorder.log
@@ -75,9 +77,7 @@ class OfflineRig:
         """The next samples (n, channels) of all microphones."""
         header = Header(stamp=to_stamp(first_sample / sample_rate), frame_id='microphones')
         frame = audio_frame(samples.astype(np.float32, copy=False), first_sample, sample_rate, header)
-        for method, stage in self._estimators.items():
-            for directions in stage.on_audio(frame, arrival):
-                self.record.doa.setdefault(method, []).extend(self._converter.doa(directions)[:1])
+        self._comparison.on_audio(frame, arrival)
         self._take(topics.AUDIO, frame, arrival)
 
     def on_image(self, image: NDArray[np.uint8], time: float, arrival: float) -> None:
