@@ -1,0 +1,115 @@
+"""Processes of a program started here: which belong to it, and their memory, threads and descriptors (Linux)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+MARK = 'AV_RIG_RUN'
+MIB = 1 / 1024   # per KiB
+NODE_NAME = '__node:='
+INTERPRETERS = ('python', 'bash', 'sh')
+
+
+@dataclass(frozen=True)
+class ProcessSample:
+    """What a process holds at one moment.
+
+    Attributes:
+        resident (MiB): its memory, pages shared with other processes included.
+        proportional (MiB): its memory, a page shared by n processes counted as 1/n; 0 where the kernel does not say.
+        private (MiB): memory of no other process.
+        threads: number of its threads.
+        descriptors: number of its open files, sockets and pipes.
+    """
+
+    resident: float
+    proportional: float
+    private: float
+    threads: int
+    descriptors: int
+
+
+def sample(process_id: int) -> ProcessSample | None:
+    """Measure a process, which takes about a millisecond; None where it has ended or belongs to another user."""
+    folder = Path('/proc') / str(process_id)
+    try:
+        status = _kilobytes(folder / 'status')
+        shares = _kilobytes(folder / 'smaps_rollup')
+        descriptors = sum(1 for _ in (folder / 'fd').iterdir())
+    except OSError:
+        return None
+    if 'VmRSS' not in status or 'Rss' not in shares:
+        return None   # a zombie
+    private = shares.get('Private_Clean', 0) + shares.get('Private_Dirty', 0)
+    return ProcessSample(MIB * shares['Rss'], MIB * shares.get('Pss', 0), MIB * private, status['Threads'], descriptors)
+
+
+def name_of(process_id: int) -> str:
+    """Name of the ROS node of a process, or of its program; empty where it has ended."""
+    try:
+        words = (Path('/proc') / str(process_id) / 'cmdline').read_bytes().decode(errors='replace').split('\0')
+    except OSError:
+        return ''
+    named = [word[len(NODE_NAME):] for word in words if word.startswith(NODE_NAME)]
+    programs = [Path(word).name for word in words if word and not word.startswith('-')]
+    return named[0] if named else next((name for name in programs if not name.startswith(INTERPRETERS)), ''.join(programs[:1]))
+
+
+class MarkedProcesses:
+    """A program and all processes that it starts, found by a variable in their environment even when it has ended.
+
+    Parameters:
+        command: words of the program.
+        environment: variables to set or replace.
+        output: file that takes what is printed; None for this process' own output.
+
+    Attributes:
+        process: the program itself, leader of a process group of its own.
+
+    Raises OSError where the program cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str] | None = None,
+                 output: IO[bytes] | None = None) -> None:
+        self._mark = f'{MARK}={uuid.uuid4().hex}'.encode()
+        name, _, value = self._mark.decode().partition('=')
+        self.process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
+            env={**os.environ, **(environment or {}), name: value}, start_new_session=True)
+
+    def alive(self) -> dict[int, str]:
+        """Names of the processes that run, by process id, the program itself included."""
+        found = {}
+        for folder in Path('/proc').glob('[0-9]*'):
+            try:
+                ours = self._mark in (folder / 'environ').read_bytes().split(b'\0')
+                state = (folder / 'stat').read_text().rpartition(')')[2].split()[0] if ours else 'Z'
+            except OSError:
+                continue   # ended meanwhile, or of another user
+            if state != 'Z':
+                found[int(folder.name)] = name_of(int(folder.name))
+        return found
+
+    def signal(self, number: int) -> None:
+        """Send a signal to every process that runs."""
+        for process_id in self.alive():
+            _send(process_id, number)
+
+
+def _send(process_id: int, number: int) -> None:
+    try:
+        os.kill(process_id, number)
+    except ProcessLookupError:
+        return   # ended meanwhile
+
+
+def _kilobytes(file: Path) -> dict[str, int]:
+    """Numbers of a file of lines `name: number unit`."""
+    rows = (line.split() for line in file.read_text().splitlines() if ':' in line)
+    return {row[0].rstrip(':'): int(row[1]) for row in rows if len(row) > 1 and row[1].isdigit()}

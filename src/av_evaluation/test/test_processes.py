@@ -1,0 +1,65 @@
+"""Processes are found by the mark that they inherit, and measured from outside."""
+
+import os
+import signal
+import sys
+import time
+
+import pytest
+
+from av_evaluation.processes import MarkedProcesses, name_of, sample
+
+PROGRAM = '''
+import subprocess, sys, threading, time
+kept = bytearray(b'x' * 50_000_000)
+files = [open('/dev/null') for _ in range(20)]
+for _ in range(3):
+    threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+node = [sys.executable, '-c', 'import time; time.sleep(60)', '--ros-args', '-r', '__node:=some_node']
+subprocess.Popen(node, start_new_session=True)
+print('ready', flush=True)
+time.sleep(60)
+'''
+
+
+@pytest.fixture
+def started(tmp_path):
+    with (tmp_path / 'log').open('wb') as log:
+        program = MarkedProcesses([sys.executable, '-c', PROGRAM], {'OTHER': '1'}, log)
+    deadline = time.monotonic() + 20.0
+    while (tmp_path / 'log').read_text() != 'ready\n' or 'some_node' not in program.alive().values():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    yield program
+    program.signal(signal.SIGKILL)
+    program.process.wait(10.0)
+
+
+def test_memory_threads_and_descriptors_are_measured(started):
+    own = sample(started.process.pid)
+    assert 50.0 < own.private <= own.resident < 120.0
+    assert own.private <= own.proportional <= own.resident
+    assert own.threads == 4
+    assert 23 <= own.descriptors < 30
+
+
+def test_children_are_found_and_named_even_when_their_parent_is_gone(started):
+    assert sorted(started.alive().values())[-1] == 'some_node'
+    assert len(started.alive()) == 2
+    started.process.kill()
+    started.process.wait(10.0)
+    assert list(started.alive().values()) == ['some_node']
+    started.signal(signal.SIGKILL)
+    deadline = time.monotonic() + 5.0
+    while started.alive():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_what_has_ended_has_no_name_and_no_memory():
+    ended = os.spawnl(os.P_NOWAIT, sys.executable, sys.executable, '-c', '')
+    time.sleep(1.0)
+    assert sample(ended) is None   # a zombie
+    os.waitpid(ended, 0)
+    assert sample(ended) is None
+    assert name_of(ended) == ''
