@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription, LaunchDescriptionEntity
-from launch.actions import ExecuteProcess
+from launch.actions import ExecuteProcess, LogInfo
 
 from av_fusion.launching import (
     RIG_ARGUMENTS,
@@ -33,6 +33,8 @@ from av_fusion.launching import (
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')
+HOW_TO_ENABLE = ('commands move nothing yet; enable them from the start by enable_pointing:=true, or now by: ros2 service call '
+                 "{namespace}/pointing_node/enable std_srvs/srv/SetBool '{{data: true}}'")
 ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
@@ -50,10 +52,15 @@ ARGUMENTS = {
     **RIG_ARGUMENTS,
     'port_offset': ('0', 'source:=sim or udp: offset of every UDP port, for several rigs; multiples of 250 up to 1750 avoid '
                     "the ports of DDS and Linux's ephemeral ports", None),
+    'bind_address': ('127.0.0.1', 'source:=udp: address of this machine at which a simulator on another one is received, with '
+                     'allowed_senders; 0.0.0.0: all', None),
+    'allowed_senders': ('', 'source:=udp: addresses or networks, separated by commas, from which is received; empty: this '
+                        'machine', None),
+    'control_host': ('127.0.0.1', 'source:=udp: host of the simulator to which commands are sent', None),
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
     'px4': ('false', "move PX4's gimbal and body, use its pose as odometry; needs av_px4, px4_msgs: docs/guides/px4.md",
             ['true', 'false']),
-    'enable_pointing': ('', 'enable motion commands from the start; empty: only with simulators and without px4',
+    'enable_pointing': ('', 'enable motion commands from the start; empty: only with source:=sim and without px4',
                         ['', 'true', 'false']),
 }
 
@@ -82,6 +89,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         *monitor, *sources[arguments['source']](arguments), *recorder_nodes(arguments, {})]
     if arguments['px4'] == 'true':
         processes.append(px4(arguments))
+    if not may_move(arguments):
+        processes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
     return [*ends_with(monitor[0] if monitor else None, duration), *processes]
 
 
@@ -106,7 +115,10 @@ def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
+                  'bind_address': arguments['bind_address'], 'control_host': arguments['control_host'],
                   **{f'{name}_port': port for name, port in ports.items()}}
+    if arguments['allowed_senders']:
+        parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
     return [node, detector_node(arguments, {})] if arguments['model'] else [node]
 
@@ -137,10 +149,10 @@ def px4(arguments: Arguments) -> LaunchDescriptionEntity:
 
 
 def may_move(arguments: Arguments) -> bool:
-    """Whether commands move the rig from the start: by default only for simulated rigs without an autopilot."""
+    """Whether commands move the rig from the start: by default only with the own simulator, and without an autopilot."""
     if arguments['enable_pointing']:
         return arguments['enable_pointing'] == 'true'
-    return arguments['source'] in ('sim', 'udp') and arguments['px4'] == 'false'
+    return arguments['source'] == 'sim' and arguments['px4'] == 'false'
 
 
 def title(arguments: Arguments) -> str:

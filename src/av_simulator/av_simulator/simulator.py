@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from av_sim_bridge.receiving.allowed_senders import AllowedSenders, resolve
 from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
@@ -27,6 +27,7 @@ from av_sim_bridge.wire.truth import decode_truth, encode_truth, is_truth
 from av_simulator.rendering.render_process import CameraFrame, RenderProcess
 from av_simulator.rendering.view import FIRST_TARGET_ID
 from av_simulator.run import times
+from av_simulator.sockets import ControlPort, address_towards, sending_socket
 from av_simulator.world import World
 
 log = logging.getLogger('simulator')
@@ -52,8 +53,12 @@ class WireOptions:
     """Addresses, rates and formats of the datagrams.
 
     Parameters:
-        host: receiver of all streams except the time synchronisation, which is multicast.
+        host: receiver of all streams except the time synchronisation, which is multicast. Commands are obeyed from it only.
         ports: UDP ports of the streams.
+        bind_address: address of this machine from which is sent, and at which commands arrive; empty: by which `host` is
+            reached.
+        allowed_senders: senders of commands that are obeyed (see `AllowedSenders`); empty: the bridge at `host`, which sends
+            them from the port of the rig's true state.
         sample_format: `s16le` or `f32le`.
         audio_header: whether audio datagrams have this project's header, which allows exact detection of losses.
         image_frame_ids: whether RFlySim's new image header is sent instead of the old one.
@@ -69,6 +74,8 @@ class WireOptions:
 
     host: str = '127.0.0.1'
     ports: Ports = field(default_factory=Ports)
+    bind_address: str = ''
+    allowed_senders: tuple[str, ...] = ()
     sample_format: str = 's16le'
     audio_header: bool = False
     image_frame_ids: bool = False
@@ -91,6 +98,7 @@ class SimulatorCounts:
         images_skipped: images omitted for lack of time.
         commands: commands received.
         malformed_commands: invalid datagrams on the control port.
+        refused_commands: datagrams on the control port of senders that are not allowed.
         late_blocks: audio blocks later than LATE.
         resynchronised: shifts of the schedule.
         unsent: datagrams that the operating system refused.
@@ -102,6 +110,7 @@ class SimulatorCounts:
     images_skipped: int = 0
     commands: int = 0
     malformed_commands: int = 0
+    refused_commands: int = 0
     late_blocks: int = 0
     resynchronised: int = 0
     unsent: int = 0
@@ -125,16 +134,12 @@ class Simulator:
                  send: Callable[[bytes, tuple[str, int]], object] | None = None) -> None:
         self.world, self.options, self.counts = world, options, SimulatorCounts()
         self._layout = AudioFormat(options.sample_format, world.rig.array.geometry.channels, world.sample_rate)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
+        self._host = resolve('host', options.host)
+        address = options.bind_address or address_towards(self._host)
+        bridge = f'{self._host}:{options.ports.rig_truth}'
+        self._control = ControlPort(options.ports.control, address, AllowedSenders(options.allowed_senders or [bridge]))
+        self._socket = sending_socket(address)
         self._clock, self._send_to = clock, send or self._socket.sendto
-        self._control = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._control.bind(('', options.ports.control))
-        except OSError as error:
-            raise OSError(f'control port {options.ports.control}: {error.strerror}') from error
-        self._control.setblocking(False)
         self._stopped = False
         self._renderer: RenderProcess | None = None
         self._start = math.nan    # s, monotonic time of the world's beginning, NaN before
@@ -233,11 +238,7 @@ class Simulator:
                 log.warning('%.1f s behind real time: schedule shifted %d times so far', lag, self.counts.resynchronised)
 
     def _take_commands(self) -> None:
-        while True:
-            try:
-                datagram = self._control.recv(65_535)
-            except BlockingIOError:
-                return
+        for datagram in self._control.receive():
             try:
                 if is_truth(datagram):
                     self.counts.commands += 1
@@ -247,6 +248,7 @@ class Simulator:
             except WireError as error:
                 self.counts.malformed_commands += 1
                 log.debug('%s', error)
+        self.counts.refused_commands = self._control.refusals.total
 
     def _obey(self, command: RigControl) -> None:
         self.counts.commands += 1
@@ -258,7 +260,7 @@ class Simulator:
             self.counts.lost_on_purpose += 1
             return
         try:
-            self._send_to(datagram, (host or self.options.host, port))
+            self._send_to(datagram, (host or self._host, port))
         except OSError as error:
             self.counts.unsent += 1
             if self.counts.unsent == 1:

@@ -20,6 +20,7 @@ from udp_ports import free_ports  # noqa: E402
 from av_common.stamps import to_seconds  # noqa: E402
 from av_interfaces.msg import PointingCommand  # noqa: E402
 from av_sim_bridge.wire.image import EncodedImage, encode_image  # noqa: E402
+from av_sim_bridge.wire.ports import TIME_SYNC_GROUP  # noqa: E402
 from av_simulator.config_files import find_config  # noqa: E402
 from av_simulator.run import open_world  # noqa: E402
 from av_simulator.scenario import load_scenario  # noqa: E402
@@ -66,9 +67,11 @@ def rig():
         source.sendto(encode_image(encoded)[0], ('127.0.0.1', port))
     bridge.spin_until(lambda: bridge.received['camera/depth/image_raw'] and any(
         message.height == 48 for message in bridge.received['camera/image_raw']), 'image and depth')
-    for port in dataclasses.astuple(ports):
+    source.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton('127.0.0.1'))
+    for name, port in vars(ports).items():
         for size in (0, 3, 40, 168, 6000, 60_000):
-            source.sendto(np.random.default_rng(size).bytes(size), ('127.0.0.1', port))
+            host = TIME_SYNC_GROUP if name == 'time_sync' else '127.0.0.1'
+            source.sendto(np.random.default_rng(size).bytes(size), (host, port))
     source.close()
     yield bridge
     bridge.close()
@@ -111,7 +114,7 @@ def test_the_oracle_is_marked(rig):
 
 def test_commands_turn_the_rig(rig):
     """To the commanded rate and no further; a machine that stalls for longer than a command lives lets it slow down."""
-    assert rig.sent.commands > 10
+    assert rig.sent.commands > 10 and rig.sent.refused_commands == 0
     assert max(message.twist.twist.angular.z for message in rig.fed['odometry']) == pytest.approx(0.3, abs=1e-3)
     assert max(message.angular_velocity.z for message in rig.fed['imu']) == pytest.approx(0.3, abs=1e-3)
     assert rig.fed['imu'][-20].linear_acceleration.z == pytest.approx(9.80665, abs=1e-3)

@@ -11,6 +11,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from network_hosts import OTHER, RIG, STRANGER, two_hosts
 from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
@@ -193,8 +194,16 @@ def test_the_oracle_reports_each_image_once_with_its_stamp(streams):
     assert 0 in seen and 1 in seen      # it flies into view and out of it
 
 
+def the_bridge_at(options):
+    """A socket at the port of the rig's true state, by which the simulator knows the bridge."""
+    bridge = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    bridge.bind(('127.0.0.1', options.ports.rig_truth))
+    return bridge
+
+
 def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
-    options, control = WireOptions(ports=free_ports(), image_rate=0.0), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    options = WireOptions(ports=free_ports(), image_rate=0.0)
+    control = the_bridge_at(options)
     commanded = []
 
     def command(now):
@@ -216,7 +225,8 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
 
 def test_an_autopilot_moves_the_rig():
     """A state of the rig on the control port, as PX4 or RFlySim have it, takes it there."""
-    options, control = WireOptions(ports=free_ports(), renderer='flat'), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    options = WireOptions(ports=free_ports(), renderer='flat')
+    control = the_bridge_at(options)
     given = VehicleState(0.0, np.array([2.0, 3.0, 4.0]),
                          attitude_wxyz=np.array([np.cos(0.2), 0.0, np.sin(0.2), 0.0]))
     datagram = encode_truth(to_truth(given, 1))
@@ -226,6 +236,69 @@ def test_an_autopilot_moves_the_rig():
     state = [state for number, state, _ in listener.states if number == 1][-1]
     np.testing.assert_allclose(state.position, given.position, atol=1e-5)
     np.testing.assert_allclose(state.rotation, given.rotation, atol=1e-5)
+
+
+@pytest.mark.parametrize(('allowed', 'obeyed'), [((), 0), (('127.0.0.1',), 20)])
+def test_commands_of_another_program_are_refused_unless_it_is_allowed(allowed, obeyed):
+    """Neither rates nor poses of a sender on the same machine that does not have the bridge's port."""
+    options = WireOptions(ports=free_ports(), image_rate=0.0, allowed_senders=allowed)
+    pose = encode_truth(to_truth(VehicleState(0.0, np.array([2.0, 3.0, 4.0])), 1))
+    commanded = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        def command(now):
+            if len(commanded) < 10 and now >= 0.1 * len(commanded):
+                commanded.append(now)
+                for datagram in (encode_rig_control(RigControl(len(commanded), 1, yaw_rate=0.5)), pose):
+                    stranger.sendto(datagram, ('127.0.0.1', options.ports.control))
+
+        simulator, listener = run(options, dataclasses.replace(SCENARIO, duration=2.0), at=command)
+    assert (simulator.counts.commands, simulator.counts.refused_commands) == (obeyed, 20 - obeyed)
+    states = [state for number, state, _ in listener.states if number == 1]
+    moved = np.linalg.norm(states[-1].position - states[0].position) + np.abs(states[-1].rotation - states[0].rotation).max()
+    assert (moved > 0.1) == bool(obeyed)
+
+
+def test_only_the_bridges_host_steers_a_simulator_on_another_one():
+    """The simulator is opened at the address by which it reaches the bridge; a third host and a fourth program are refused."""
+    with two_hosts() as (rig, other):
+        options = WireOptions(host=OTHER, ports=free_ports(), image_rate=0.0)
+        simulator = rig.run(Simulator, World(SCENARIO, load_rig(find_config('rig'))), options, SleptTime(), lambda *_: None)
+        assert simulator._control._socket.getsockname() == (RIG, options.ports.control)
+        for address, port in ((STRANGER, options.ports.rig_truth), (OTHER, 0), (OTHER, options.ports.rig_truth)):
+            source = other.run(socket.socket, socket.AF_INET, socket.SOCK_DGRAM)
+            source.bind((address, port))
+            for _ in range(3):
+                source.sendto(encode_rig_control(RigControl(1, 1, yaw_rate=0.5)), (RIG, options.ports.control))
+        simulator.run(0.2)
+        simulator.close()
+    assert (simulator.counts.commands, simulator.counts.refused_commands) == (3, 6)
+    assert simulator._control.refusals.counts() == {OTHER: 3, STRANGER: 3}
+
+
+def test_a_flood_on_the_control_port_does_not_stop_the_simulation():
+    options, flooding = WireOptions(ports=free_ports(), image_rate=0.0), True
+
+    def flood():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as source:
+            while flooding:
+                source.sendto(bytes(32), ('127.0.0.1', options.ports.control))
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    simulator, _ = run(options, dataclasses.replace(SCENARIO, duration=1.0))
+    flooding = False
+    thread.join()
+    assert simulator.world.time == 1.0 and simulator.counts.refused_commands > 0
+
+
+@pytest.mark.parametrize(('options', 'complaint'), [
+    ({'bind_address': '0.0.0.0'}, 'bind_address is 0.0.0.0, which other machines reach, but allowed_senders is 127.0.0.1:'),
+    ({'bind_address': '127.0.0.1', 'host': '192.0.2.77'}, 'bind_address 127.0.0.1 receives from this machine only'),
+    ({'allowed_senders': ('somebody',)}, "allowed_senders has 'somebody'"),
+    ({'host': 'no.such.host.invalid'}, "host is 'no.such.host.invalid'")])
+def test_addresses_that_cannot_be_are_refused(options, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        Simulator(World(SCENARIO, load_rig(find_config('rig'))), WireOptions(ports=free_ports(), **options))
 
 
 def test_garbage_on_every_port_is_counted_and_harms_nothing():
@@ -250,13 +323,6 @@ def test_garbage_on_every_port_is_counted_and_harms_nothing():
     assert listener.ring.available == simulator.counts.audio_frames
     assert len(listener.images) == simulator.counts.images
     assert len(listener.states) == 400
-
-
-def test_a_busy_port_names_the_parameter():
-    blocker = open_port('audio_port', 0, 65_536)
-    with pytest.raises(OSError, match='image_port: cannot receive on UDP port .*another program'):
-        open_port('image_port', blocker.getsockname()[1], 65_536)
-    blocker.close()
 
 
 def test_depth_of_the_same_instant_goes_to_the_next_port():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -17,6 +16,7 @@ from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
+from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
 from av_sim_bridge.receiving.consumer import Consumer
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
 from av_sim_bridge.receiving.streams import Sender, StampedImage
@@ -36,6 +36,7 @@ class BridgeNode(RigNode):
         """Read the rig's description and create the publishers."""
         self._settings = self.settings
         self._stage = make_bridge_stage(self._settings)
+        self._check_addresses()
         topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAGE),
                   'camera/camera_info': (CameraInfo, RESULT), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM)}
         topics |= dict.fromkeys(self._stage.target_topics.values(), (Odometry, RESULT))
@@ -51,9 +52,9 @@ class BridgeNode(RigNode):
         """Open the ports and start the threads."""
         self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
+        self._refusals, self._refused_before = Refusals(), 0
         with ExitStack() as opened:
             self._open_streams(opened)
-            self._control = opened.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             self._reading = True
             reader = threading.Thread(target=self._publish_audio, name='publish audio', daemon=True)
             reader.start()
@@ -73,6 +74,16 @@ class BridgeNode(RigNode):
         for publisher in self._outputs.values():
             self.destroy_publisher(publisher)
 
+    def _check_addresses(self) -> None:
+        """Who may send to this node, and where its commands go. Raises ValueError."""
+        bind_address, control_host = self._settings.bind_address, self._settings.control_host
+        self._allowed = AllowedSenders(self._settings.allowed_senders)
+        self._allowed.check_bind_address(bind_address)
+        self._simulator = resolve('control_host', control_host)
+        if ipv4('bind_address', bind_address).is_loopback and not ipv4('control_host', self._simulator).is_loopback:
+            raise ValueError(f'control_host is {control_host}, which cannot be reached from bind_address {bind_address}, '
+                             "expected this machine's address in the network of that host, or 0.0.0.0")
+
     def _open_streams(self, opened: ExitStack) -> None:
         settings, stage = self._settings, self._stage
         self._images = self._consumer(opened, 'decode images', stage.decode_image)
@@ -91,8 +102,8 @@ class BridgeNode(RigNode):
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
         parameter = f'{name}_port' if hasattr(self._settings, f'{name}_port') else f'target_truth_port: {name}'
-        source = open_port(parameter, port, self._settings.socket_buffer_bytes, multicast_group=group)
-        self._receivers[name] = Receiver(name, source, handle)
+        source = open_port(parameter, port, self._settings.socket_buffer_bytes, self._settings.bind_address, group)
+        self._receivers[name] = Receiver(name, source, handle, SenderGate(source, self._allowed, self._refusals))
         opened.callback(self._receivers[name].stop)
 
     def _consumer(self, opened: ExitStack, name: str, decode: Callable[[StampedImage], list[Output]]) -> Consumer[StampedImage]:
@@ -129,8 +140,9 @@ class BridgeNode(RigNode):
             self._send_control(datagram)
 
     def _send_control(self, datagram: bytes) -> None:
+        """Send from the port of the rig's true state, by which the simulator knows the bridge."""
         try:
-            self._control.sendto(datagram, (self._settings.control_host, self._settings.control_port))
+            self._receivers['rig_truth'].send(datagram, (self._simulator, self._settings.control_port))
         except OSError as error:
             self.get_logger().warning(f'cannot send commands to {self._settings.control_host}: {error.strerror}',
                                       throttle_duration_sec=10.0)
@@ -152,9 +164,18 @@ class BridgeNode(RigNode):
             status.add(f'{name} malformed', str(receiver.malformed))
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
+        self._report_refusals(status)
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed}
         for name, value in counts.items():
             status.add(name, str(value))
+
+    def _report_refusals(self, status: DiagnosticStatusWrapper) -> None:
+        refused, newest = self._refusals.total, self._refusals.counts()
+        if refused > self._refused_before:
+            status.mergeSummary(DiagnosticStatus.WARN, f'datagrams of {", ".join(newest)} refused: not in allowed_senders')
+        self._refused_before = refused
+        status.add('refused datagrams', str(refused))
+        status.add('refused senders', ', '.join(f'{sender}: {count}' for sender, count in newest.items()))
 
 
 def _put(consumer: Consumer[StampedImage], stamped: StampedImage | None) -> None:

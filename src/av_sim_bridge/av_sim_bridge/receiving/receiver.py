@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
+from av_sim_bridge.receiving.allowed_senders import SenderGate
 from av_sim_bridge.wire import WireError
 
 Handler = Callable[[bytes, float, tuple], None]
@@ -18,10 +19,11 @@ Handler = Callable[[bytes, float, tuple], None]
 _TIMEVAL = struct.Struct('qq')
 _SO_TIMESTAMPNS = 35      # Linux: arrival times from the kernel, independent of the load of the interpreter
 _SO_RCVBUFFORCE = 33      # Linux: buffers beyond net.core.rmem_max, for root only
+_IP_MULTICAST_ALL = 49    # Linux: 0 leaves out what other sockets of this machine have joined
 _LARGEST = 65_535
 
 
-def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '',
+def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '127.0.0.1',
               multicast_group: str | None = None) -> socket.socket:
     """A UDP socket that is bound to a port. Raises OSError with the parameter's name if the port is not available.
 
@@ -29,21 +31,24 @@ def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '',
         parameter: name of the parameter that sets the port, for the error message.
         port: UDP port.
         buffer_bytes (bytes): size of the receive buffer that is requested from the operating system.
-        address: local address to bind to, empty for all.
-        multicast_group: IPv4 address of a multicast group to join, None for unicast only.
+        address: local address to bind to, 0.0.0.0 for all.
+        multicast_group: IPv4 address of a multicast group, of which alone the socket receives, through the network of
+            `address`; None for unicast.
     """
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         if multicast_group is not None:    # several rigs may receive the same clock
             receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        receiver.bind((address, port))
+        receiver.bind((multicast_group or address, port))
         if multicast_group is not None:
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP,
-                                socket.inet_aton(multicast_group) + socket.inet_aton('0.0.0.0'))
+                                socket.inet_aton(multicast_group) + socket.inet_aton(address))
+            receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
     except OSError as error:
         receiver.close()
-        hint = ', the port is used by another program' if error.errno == errno.EADDRINUSE else ''
-        raise OSError(f'{parameter}: cannot receive on UDP port {port}: {error.strerror}{hint}') from error
+        hint = {errno.EADDRINUSE: ', the port is used by another program',
+                errno.EADDRNOTAVAIL: ', this machine has no such address'}.get(error.errno or 0, '')
+        raise OSError(f'{parameter}: cannot receive on UDP port {port} of {address}: {error.strerror}{hint}') from error
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
     for option, value in ((_SO_RCVBUFFORCE, buffer_bytes), (_SO_TIMESTAMPNS, 1)):
         with contextlib.suppress(OSError):    # not root, or not Linux: keep the default buffer and clock
@@ -59,14 +64,15 @@ class Receiver:
         name: name of the stream.
         source: bound UDP socket, which this object closes.
         handle: function of datagram, arrival (s, the system's clock) and the sender's address; may raise WireError.
+        gate: refuses datagrams of other senders before anything else is done with them; None accepts everybody.
     """
 
-    def __init__(self, name: str, source: socket.socket, handle: Handler):
+    def __init__(self, name: str, source: socket.socket, handle: Handler, gate: SenderGate | None = None):
         self.name = name
         self.meter = RateMeter()
         self.malformed = 0
         self.last_error = ''
-        self._socket, self._handle = source, handle
+        self._socket, self._handle, self._gate = source, handle, gate
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
         self._thread.start()
@@ -76,6 +82,10 @@ class Receiver:
         """UDP port of the socket."""
         return self._socket.getsockname()[1]
 
+    def send(self, datagram: bytes, address: tuple[str, int]) -> None:
+        """Send a datagram from this port. Raises OSError."""
+        self._socket.sendto(datagram, address)
+
     def stop(self) -> None:
         """End the thread and close the socket."""
         self._stopping = True
@@ -84,9 +94,13 @@ class Receiver:
 
     def _run(self) -> None:
         while not self._stopping:
+            if self._gate is not None:
+                self._gate.renew()
             try:
                 datagram, ancillary, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMEVAL.size))
             except TimeoutError:
+                continue
+            if self._gate is not None and not self._gate.admits(sender):
                 continue
             try:
                 self._handle(datagram, _arrival(ancillary), sender)

@@ -23,6 +23,11 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
     parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
     parser.add_argument('--host', default='127.0.0.1', help='receiver of the datagrams (default: %(default)s)')
+    parser.add_argument('--bind-address', default='', metavar='ADDRESS',
+                        help='address of this machine from which is sent (default: that by which the receiver is reached)')
+    parser.add_argument('--allowed-senders', nargs='+', default=(), metavar='SENDER',
+                        help='addresses or networks, with or without a port, whose commands turn the rig (default: the bridge '
+                             'at the receiver, which sends them from the port of the true state)')
     parser.add_argument('--port-offset', type=port_offset, default=0, help='added to every port, for a second rig')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's; inf: until stopped)")
     parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
@@ -62,7 +67,8 @@ def main(arguments: list[str] | None = None) -> int:
             scenario = standing_at(scenario, *options.at)
         world = World(scenario, load_rig(find_config(options.rig)), options.seed)
         simulator = Simulator(world, WireOptions(
-            host=options.host, ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
+            host=options.host, bind_address=options.bind_address, allowed_senders=tuple(options.allowed_senders),
+            ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,
             audio_header=options.audio_header, image_frame_ids=options.image_header == 'new',
             short_truth=options.truth_layout == 'short', image_rate=options.image_rate,
             renderer=options.renderer, speed=options.speed, depth=options.depth))
