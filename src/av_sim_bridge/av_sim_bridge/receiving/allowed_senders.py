@@ -103,7 +103,8 @@ class Refusals:
 class SenderGate:
     """Refuses and counts the datagrams of other senders at one socket.
 
-    In a flood the kernel refuses them instead, without count, so that they take neither time nor the socket's buffer.
+    In a flood the kernel refuses them instead, without count, so that they take neither time nor the socket's buffer. It
+    does so for a period, which is twice as long each time that the flood goes on afterwards.
 
     Parameters:
         source: the socket that receives.
@@ -111,12 +112,12 @@ class SenderGate:
         refusals: counts, which several gates may share.
     """
 
-    MOST = 200      # refused datagrams in PERIOD that are counted; those that follow are left to the kernel
-    PERIOD = 1.0    # s
+    MOST = 100              # refused datagrams in a period that are counted; those that follow are left to the kernel
+    PERIOD = (1.0, 64.0)    # s, shortest and longest
 
     def __init__(self, source: socket.socket, allowed: AllowedSenders, refusals: Refusals) -> None:
         self._socket, self._allowed, self._refusals = source, allowed, refusals
-        self._refused, self._until = 0, 0.0
+        self._refused, self._until, self._period = 0, 0.0, self.PERIOD[0]
         self._filtered = False
 
     def admits(self, sender: Sender) -> bool:
@@ -131,10 +132,12 @@ class SenderGate:
 
     def renew(self) -> None:
         """Count again after a period; called between datagrams."""
-        if (now := time.monotonic()) >= self._until:
-            self._until, self._refused = now + self.PERIOD, 0
-            if self._filtered:
-                self._filter(False)
+        if (now := time.monotonic()) < self._until:
+            return
+        self._period = min(2.0 * self._period, self.PERIOD[1]) if self._refused >= self.MOST else self.PERIOD[0]
+        self._until, self._refused = now + self._period, 0
+        if self._filtered:
+            self._filter(False)
 
     def _filter(self, on: bool) -> None:
         program = self._allowed.kernel_filter()
