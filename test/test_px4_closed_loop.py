@@ -14,7 +14,7 @@ from av_common.rig import load_rig
 from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.filter.tracker import BayesTracker
-from av_pointing.controller import Mode, PointingController
+from av_pointing.controller import Ages, Mode, PointingController
 from av_px4.frames import gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs, VehicleStatus
@@ -34,14 +34,14 @@ class Flight:
         self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
         self.world, self.rows = None, []
 
-    def step(self, now, track):
-        autopilot, command = self.autopilot, self.controller.step(now, track)
+    def step(self, now, track, ages):
+        autopilot, command = self.autopilot, self.controller.step(now, track, ages)
         status = VehicleStatus(autopilot.nav_state, autopilot.armed, autopilot.failsafe)
         pan, tilt = levelled(command.pan, command.tilt, self.pose().attitude_wxyz)
         wanted = GimbalInputs(command.move_gimbal, pan, tilt, command.pan_rate, True, status.nav_state)
         for out in self.gimbal.step(now, wanted):
             self.gimbal.acknowledge(now, out.command, autopilot.command(out.command, out.params, (1, 191), (1, 1)))
-        decision = self.guard.step(now, Inputs(status, 0.0, 0.0, 0.0, 0.0, 0.0, command.yaw_rate,
+        decision = self.guard.step(now, Inputs(status, 0.0, 0.0, 0.0, 0.0, ages.measurement, command.yaw_rate,
                                                command.move_body and command.mode != Mode.HOLD, None, True))
         if decision.heartbeat:
             autopilot.heartbeat()
@@ -105,7 +105,7 @@ def test_follows_a_target_at_20_deg_a_second_within_2_deg(sign):
         azimuth = -sign * math.radians(100.0) + rate * time
         command = controller.step(time, Track(
             time=time, state=State.VISUAL_ACTIVE, azimuth=azimuth, elevation=0.2, azimuth_variance=1e-4,
-            elevation_variance=1e-4, azimuth_world=azimuth, azimuth_world_rate=rate, resolved=True))
+            elevation_variance=1e-4, azimuth_world=azimuth, azimuth_world_rate=rate, resolved=True), Ages(0.0, 0.0, 0.0))
         bench.time = time
         bench.deliver(bench.client.step(time, GimbalInputs(True, command.pan, command.tilt, command.pan_rate, True, HOLD, 1)))
         bench.autopilot.advance(0.02)

@@ -52,6 +52,14 @@ class LimitedAxis:
         """Brake for `dt` s as hard as the limits allow."""
         self._drive(0.0, dt, math.inf)
 
+    def limit(self, rate: float) -> None:
+        """Limit the velocity at once. A limit that falls no faster than the axis can brake needs no larger acceleration.
+
+        Parameters:
+            rate (rad/s): largest magnitude.
+        """
+        self.velocity = min(max(self.velocity, -rate), rate)
+
     def _drive(self, wanted: float, dt: float, rate: float) -> None:
         limits = self.limits
         change = limits.acceleration * dt

@@ -30,10 +30,11 @@ class Track(NamedTuple):
     Parameters:
         time (s): ROS time for which the estimate holds.
         state, reason, changed (s): state of the tracker, reason of its last change, and time of that change.
-        source: sensors that contribute.
+        source: sensors with recent measurements of the track; NOTHING while it is a prediction.
         azimuth, elevation (rad), azimuth_variance, elevation_variance (rad^2): bearing in the body's frame.
         azimuth_world (rad), azimuth_world_rate (rad/s): azimuth in the world's frame (ENU) and its rate.
-        measured (s): capture time of the newest measurement in the estimate.
+        measured (s): capture time of the newest measurement associated with the track. Images without the target, outliers
+            and clutter do not count.
         front_probability: probability that the target is in the front hemisphere.
         resolved: whether the hemisphere is resolved.
         requested_rotation (rad): rotation of the body that would resolve it.

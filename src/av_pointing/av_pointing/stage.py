@@ -1,21 +1,29 @@
-"""The pointing stage: bearings and their times of arrival in, commands for gimbal and body out."""
+"""The pointing stage: bearings, odometry and their times of arrival in, commands for gimbal and body out."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
+from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from av_common.stamps import to_stamp
-from av_common.track import Track
+from av_common.freshness import FreshInput, Instant
+from av_common.stamps import to_seconds, to_stamp
+from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import Command, PointingController
+from av_pointing.controller import BODY_TIMEOUT_S, Ages, Command, PointingController
 from av_pointing.settings import pointing_settings
+
+OLDEST_MEASUREMENT_S = 1.0  # age since its capture from which a measurement moves no body
 
 
 class PointingStage:
-    """Gives a command for each bearing, and at any time by `on_time`. Times are in s of one clock.
+    """Gives a command for each bearing, and at any time by `on_time`.
+
+    Ages count from the arrival on by the steady clock (see `Instant`). What keeps the body moving is new data only: bearings
+    whose `measured` advances, and odometry whose stamp does.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
@@ -31,21 +39,38 @@ class PointingStage:
         self.command: Command | None = None
         self._base_frame = base_frame
         self._track: Track | None = None
+        self._arrived, self._age = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
+        self._measured, self._odometry = FreshInput(OLDEST_MEASUREMENT_S - BODY_TIMEOUT_S), FreshInput()
 
-    def on_bearing(self, message: Bearing, arrival: float) -> PointingCommand:
+    def on_bearing(self, message: Bearing, arrival: Instant) -> PointingCommand:
         """The command that follows from a bearing.
 
         Parameters:
             message: the bearing.
-            arrival (s): time of its arrival.
+            arrival: time of its arrival.
         """
-        self._track = track_of_bearing(message)
+        self._track = track = track_of_bearing(message)
+        self._arrived, self._age = arrival.steady, abs(arrival.ros - track.time)
+        if track.state != State.NONE:
+            self._measured.take(track.measured, arrival)
         return self.on_time(arrival)
 
-    def on_time(self, now: float) -> PointingCommand:
+    def on_odometry(self, message: Odometry, arrival: Instant) -> None:
+        """Note a pose of the rig, without which the body does not move; one without attitude does not count.
+
+        Parameters:
+            message: pose of the rig.
+            arrival: time of its arrival.
+        """
+        q = message.pose.pose.orientation
+        if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
+            self._odometry.take(to_seconds(message.header.stamp), arrival)
+
+    def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
-        self.command = self.controller.step(now, self._track)
-        return command_message(self.command, now, self._base_frame)
+        ages = Ages(now.steady - self._arrived + self._age, self._measured.age(now), self._odometry.age(now))
+        self.command = self.controller.step(now.steady, self._track, ages)
+        return command_message(self.command, now.ros, self._base_frame)
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import pytest
+from nav_msgs.msg import Odometry
 
+from av_common.freshness import Instant
 from av_common.parameters import node_parameters
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import bearing_message
 from av_interfaces.msg import PointingCommand
@@ -14,8 +16,21 @@ from av_pointing.stage import make_pointing_stage
 START = 1000.0
 
 
+def at(time):
+    """An instant `time` s after the start of all clocks."""
+    return Instant(time, time)
+
+
 def make_stage(**values):
     return make_pointing_stage(node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True, **values}))
+
+
+def move(stage, message, time):
+    """The command that follows from a bearing, with odometry of the same time."""
+    pose = Odometry()
+    pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(time), 1.0
+    stage.on_odometry(pose, at(time))
+    return stage.on_bearing(message, at(time))
 
 
 def bearing(time, azimuth, resolved=True, rotation=0.0):
@@ -25,27 +40,27 @@ def bearing(time, azimuth, resolved=True, rotation=0.0):
 
 def test_one_message_says_all_that_a_command_needs():
     stage = make_stage()
-    command = stage.on_bearing(bearing(START, 0.5), START)
+    command = move(stage, bearing(START, 0.5), START)
     assert command.mode == PointingCommand.MODE_TRACK and command.move_body
     assert to_seconds(command.header.stamp) == START and command.header.frame_id == 'base_link'
-    command = stage.on_bearing(bearing(START + 0.1, 0.5, resolved=False, rotation=-0.8), START + 0.1)
+    command = move(stage, bearing(START + 0.1, 0.5, resolved=False, rotation=-0.8), START + 0.1)
     assert command.mode == PointingCommand.MODE_SEARCH
-    command = stage.on_bearing(bearing(START + 0.2, 0.5, resolved=False), START + 0.2)
+    command = move(stage, bearing(START + 0.2, 0.5, resolved=False), START + 0.2)
     assert command.mode == PointingCommand.MODE_HOLD
 
 
 def test_time_alone_moves_nothing_once_the_bearing_is_stale():
     stage = make_stage()
-    assert stage.on_time(START).mode == PointingCommand.MODE_HOLD
-    stage.on_bearing(bearing(START, 0.5), START)
-    assert stage.on_time(START + 0.1).mode == PointingCommand.MODE_TRACK
-    command = stage.on_time(START + 1.0)
+    assert stage.on_time(at(START)).mode == PointingCommand.MODE_HOLD
+    move(stage, bearing(START, 0.5), START)
+    assert stage.on_time(at(START + 0.1)).mode == PointingCommand.MODE_TRACK
+    command = stage.on_time(at(START + 1.0))
     assert command.mode == PointingCommand.MODE_HOLD and 'no fresh bearing' in command.reason
 
 
 def test_a_stage_that_is_not_enabled_moves_nothing():
     stage = make_stage(enabled=False)
-    command = stage.on_bearing(bearing(START, 0.5), START)
+    command = move(stage, bearing(START, 0.5), START)
     assert not command.move_body and not command.move_gimbal and command.yaw_rate == pytest.approx(0.0)
     stage.controller.enabled = True
-    assert stage.on_bearing(bearing(START + 0.1, 0.5), START + 0.1).move_body
+    assert move(stage, bearing(START + 0.1, 0.5), START + 0.1).move_body

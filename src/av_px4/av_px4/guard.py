@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
-STOP_WITHIN = 0.3                  # s from staleness to standstill
+STOP_WITHIN = 0.3                  # s from staleness to standstill; for command, measurement and attitude from their arrival
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
 STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unnoticed (COM_OF_LOSS_T)
 
@@ -28,7 +28,7 @@ class GuardSettings:
         max_rate (rad/s): maximum yaw rate
         max_acceleration (rad/s^2): maximum change of the yaw rate
         command_timeout (s): maximum age of the pointing command
-        bearing_timeout (s): maximum age of the bearing
+        bearing_timeout (s): maximum age of the bearing's newest measurement
         attitude_timeout (s): maximum age of PX4's attitude
         position_timeout (s): maximum age of PX4's local position
         status_timeout (s): maximum age of PX4's vehicle_status
@@ -70,7 +70,7 @@ class VehicleStatus:
 
 @dataclass(frozen=True)
 class Inputs:
-    """State of the vehicle and of the rig. Ages count from the arrival; inf for an input that never arrived.
+    """State of the vehicle and of the rig. Ages count from the arrival of new data; inf for an input that never arrived.
 
     Parameters:
         status: newest status, None before the first
@@ -78,7 +78,7 @@ class Inputs:
         attitude_age (s): age of the attitude
         position_age (s): age of the local position
         command_age (s): age of the pointing command
-        bearing_age (s): age of the bearing
+        bearing_age (s): age of the bearing's newest measurement
         yaw_rate (rad/s): commanded yaw rate, counter-clockwise
         move: whether the body follows the yaw rate
         own_mode: nav_state of the rig's external mode while PX4 confirms it, else None
@@ -154,6 +154,10 @@ class BodyGuard:
         limit, change = self.settings.max_rate, self.settings.max_acceleration * dt
         wanted = 0.0 if halt else min(max(inputs.yaw_rate, -limit), limit)
         self._rate = min(max(wanted, self._rate - change), self._rate + change)
+        # Braking begins so early that the vehicle stands still STOP_WITHIN after the newest command, measurement or attitude.
+        left = STOP_WITHIN - MARGIN - max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
+        ceiling = self.settings.max_acceleration * max(left, 0.0)
+        self._rate = min(max(self._rate, -ceiling), ceiling)
         return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
 
     def _forbidden(self, time: float, inputs: Inputs) -> str:
@@ -179,7 +183,7 @@ class BodyGuard:
             'no fresh attitude': not inputs.attitude_age <= settings.attitude_timeout,
             'no fresh position': not inputs.position_age <= settings.position_timeout,
             'no fresh pointing command': not inputs.command_age <= settings.command_timeout,
-            'no fresh bearing': not inputs.bearing_age <= settings.bearing_timeout,
+            'no fresh measurement': not inputs.bearing_age <= settings.bearing_timeout,
             'commands are not acknowledged': inputs.unacknowledged,
             'the body is not to move': not inputs.move,
             'the yaw rate is no number': not math.isfinite(inputs.yaw_rate)}

@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from av_common.frames import attitude_ned_to_enu
+from av_common.freshness import FreshInput, Instant
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
@@ -19,26 +20,15 @@ from av_px4.continuity import HeldPosition
 from av_px4.external_mode import ExternalMode
 from av_px4.frames import Pose, levelled, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
-from av_px4.guard import BodyGuard, Decision, Inputs, VehicleStatus
+from av_px4.guard import STOP_WITHIN, BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.odometry import OdometryConverter
 from av_px4.settings import Px4Settings, px4_settings
 
 STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
+OLDEST_MEASUREMENT_S = 1.0    # age since its capture from which a measurement moves no body
 ODOMETRY_GAP = 0.5    # s without vehicle_odometry after which vehicle_attitude takes its place
 ODOMETRY_TOPIC, STATE_TOPIC = 'odometry', 'px4/state'
-
-
-class Instant(NamedTuple):
-    """A time of arrival on two clocks.
-
-    Parameters:
-        steady (s): monotonic clock, used for ages, since a step of the system clock must not make old data fresh
-        ros (s): the node's clock, used for stamps
-    """
-
-    steady: float
-    ros: float
 
 
 class Outgoing(NamedTuple):
@@ -73,6 +63,8 @@ class Px4Stage:
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
         self._now = Instant(0.0, 0.0)
+        self._commanded = FreshInput()
+        self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN)
         self._started = self._last_step = -math.inf
         self._status: VehicleStatus | None = None
         self._attitude: Any = None
@@ -120,14 +112,21 @@ class Px4Stage:
         if not self._in_time(message.header.stamp, self.settings.guard.command_timeout):
             return []
         self.meters['command'].tick()
+        self._commanded.take(to_seconds(message.header.stamp), arrival)
         self._command = message
         return self._step()
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> list[Outgoing]:
-        """Note the arrival of a bearing, without which neither gimbal nor body moves."""
+        """Note the arrival of a bearing, without which the gimbal does not move, and of its newest measurement.
+
+        The body moves by new measurements only, whatever is published between them.
+        """
         self._now = arrival
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, self.settings.guard.bearing_timeout):
             self.meters['bearing'].tick()
+            # a source that gives no `measured` publishes measurements, not predictions
+            stamp = message.measured if message.measured.sec else message.header.stamp
+            self._measured_target.take(to_seconds(stamp), arrival)
         return []
 
     # from PX4
@@ -226,14 +225,15 @@ class Px4Stage:
                                                  and meters['position'].age <= self.settings.guard.position_timeout)
         return Inputs(
             self._status, meters['status'].age, min(meters['attitude'].age, meters['odometry'].age), meters['position'].age,
-            meters['command'].age, meters['bearing'].age, command.yaw_rate,
+            self._commanded.age(self._now), self._measured_target.age(self._now), command.yaw_rate,
             self.settings.turn_body and command.move_body and command.mode != PointingCommand.MODE_HOLD,
             self.mode.active_mode(self._now.steady) if self.mode else None, place, self.gimbal.unacknowledged)
 
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
         command, limits = self._command, self.settings.guard
         fresh = (inputs.status_age <= limits.status_timeout and inputs.attitude_age <= limits.attitude_timeout
-                 and inputs.command_age <= limits.command_timeout and inputs.bearing_age <= limits.bearing_timeout)
+                 and inputs.command_age <= limits.command_timeout
+                 and self.meters['bearing'].age <= limits.bearing_timeout)
         pan, tilt = command.pan, command.tilt
         if self.settings.lock_to_horizon and self._attitude is not None and math.isfinite(pan + tilt):
             pan, tilt = levelled(pan, tilt, attitude_ned_to_enu(self._attitude))

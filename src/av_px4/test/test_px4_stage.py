@@ -7,11 +7,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from av_common.freshness import Instant
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.gimbal import Claim
 from av_px4.settings import Px4Settings
-from av_px4.stage import MODE_MESSAGES, ODOMETRY_TOPIC, STATE_TOPIC, Instant, Px4Stage, make_px4_stage
+from av_px4.stage import MODE_MESSAGES, ODOMETRY_TOPIC, STATE_TOPIC, Px4Stage, make_px4_stage
 
 HOLD, OFFBOARD = 4, 14
 LEVEL = [1.0, 0.0, 0.0, 0.0]
@@ -90,6 +91,30 @@ def test_without_an_input_the_body_stands_still(silent):
     rig.silent = {silent}
     rig.run(1.0, yaw_rate=0.3)
     assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.1))
+
+
+@pytest.mark.parametrize('frozen', ['measured', 'command'])
+def test_what_is_published_again_and_again_turns_nothing_after_0_3_s(frozen):
+    """Predictions with moving stamps, and one command repeated for ever."""
+    rig = Rig()
+    rig.nav_state = OFFBOARD
+    rig.run(1.0, yaw_rate=0.3)
+    last = to_stamp(rig.now.ros)
+    rig.silent, began = {'rig'}, rig.time
+    for _ in range(100):
+        rig.run(0.02)
+        bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, measured=to_stamp(rig.now.ros))
+        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
+        bearing.header.stamp = command.header.stamp = to_stamp(rig.now.ros)
+        if frozen == 'measured':
+            bearing.measured = last
+        else:
+            command.header.stamp = last
+        rig.take('bearing', bearing)
+        rig.take('command', command)
+    moving = [time - began for time, topic, message in rig.sent
+              if topic == 'trajectory_setpoint' and not math.isnan(message.yawspeed)]
+    assert moving[-1] <= 0.3 + 1e-6
 
 
 def test_a_command_that_waited_in_a_queue_is_not_fresh():

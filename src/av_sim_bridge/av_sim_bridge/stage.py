@@ -17,7 +17,9 @@ from av_audio.messages import audio_frame
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
 from av_common.frames import frd_to_flu
+from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
+from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
 from av_sim_bridge.receiving.direction_check import DirectionCheck
@@ -38,6 +40,7 @@ from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 from av_vision.messages import camera_info_message, image_message
 
+COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
 LONGEST_BLOCK = 4800   # maximum number of samples of each channel in one message
 Output = tuple[str, Any]    # topic and message
 
@@ -94,6 +97,7 @@ class BridgeStage:
         self._truth, self._imu, self._time_sync = TruthStream(self._clock), ImuStream(self._clock), TimeSyncStream()
         self.target_topics = settings.target_topics
         self._sequence = 0
+        self._commanded = FreshInput()
         self._unusable_odometry = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
@@ -163,13 +167,21 @@ class BridgeStage:
         """Update the offset between the simulator's clock and this machine's."""
         self._time_sync.take(datagram, arrival, sender)
 
-    def on_command(self, command: PointingCommand) -> bytes:
-        """The datagram of a pointing command for the simulator's control port."""
+    def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
+        """The datagram of a pointing command for the simulator's control port; one without a fresh stamp stops all motion.
+
+        Parameters:
+            command: the command.
+            arrival: time of its arrival.
+        """
         self._sequence = (self._sequence + 1) % 2**31
+        self._commanded.take(to_seconds(command.header.stamp), arrival)
+        fresh = self._commanded.age(arrival) <= COMMAND_TIMEOUT
+        rate = command.yaw_rate if fresh and math.isfinite(command.yaw_rate) else 0.0
         body = command.move_body and not self._settings.follow_odometry
-        gimbal = command.move_gimbal and math.isfinite(command.pan) and math.isfinite(command.tilt)
+        gimbal = fresh and command.move_gimbal and math.isfinite(command.pan) and math.isfinite(command.tilt)
         return encode_rig_control(RigControl(
-            self._sequence, command.mode, command.yaw_rate if body else None,
+            self._sequence, command.mode, rate if body else None,
             command.pan if gimbal else None, command.tilt if gimbal else None))
 
     def on_odometry(self, odometry: Odometry) -> bytes | None:

@@ -11,8 +11,9 @@ pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 
 from vision_msgs.msg import Detection2DArray
 
+from av_common.freshness import Instant
 from av_common.rig import load_rig
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import PointingCommand
 from av_sim_bridge.messages import decode_image
 from av_sim_bridge.receiving.streams import StampedImage
@@ -119,14 +120,31 @@ def test_commands_without_a_finite_gimbal_leave_it_alone():
     stage = make_stage()
     command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25, move_gimbal=True,
                               pan=float('nan'), tilt=0.1)
-    first, second = (decode_rig_control(stage.on_command(command)) for _ in range(2))
+    first, second = (decode_rig_control(stage.on_command(command, Instant(5.0, 0.0))) for _ in range(2))
     assert (first.yaw_rate, first.pan, first.tilt) == (0.25, None, None)
     assert second.sequence == first.sequence + 1
+
+
+def test_a_command_that_is_frozen_or_waited_in_a_queue_moves_nothing():
+    stage = make_stage()
+
+    def rate(stamp, time, yaw_rate=0.25):
+        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=yaw_rate, move_gimbal=True)
+        command.header.stamp = to_stamp(EPOCH + stamp)
+        control = decode_rig_control(stage.on_command(command, Instant(50.0 + time, EPOCH + time)))
+        assert control.yaw_rate == 0.0 or control.pan is not None
+        return control.yaw_rate
+
+    assert rate(0.0, 0.05) == 0.25
+    assert rate(0.1, 0.1, float('nan')) == 0.0
+    assert [rate(0.2, 0.2 + 0.04 * k) for k in range(8)] == [0.25] * 6 + [0.0] * 2
+    assert rate(1.0, 1.3) == 0.0
+    assert rate(9.0, 2.0) == 0.0
 
 
 def test_another_one_that_moves_the_rig_is_told_nothing():
     stage = make_stage(follow_odometry=True)
     command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25)
-    assert decode_rig_control(stage.on_command(command)).yaw_rate is None
+    assert decode_rig_control(stage.on_command(command, Instant(5.0, 0.0))).yaw_rate is None
     datagram = encode_truth(to_truth(VehicleState(1.0, np.zeros(3)), 1))
     assert [topic for topic, _ in stage.on_truth(datagram, EPOCH, SENDER)] == ['truth/rig']

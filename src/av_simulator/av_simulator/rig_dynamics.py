@@ -12,7 +12,7 @@ from av_sim_bridge.vehicle import VehicleState
 from av_simulator.scenario import RigMotion
 from av_simulator.trajectories import Position, acceleration, velocity
 
-COMMAND_LIFETIME = 0.5   # s, age of the newest command after which the rig stops turning
+COMMAND_LIFETIME = 0.2   # s, age of the newest command from which the rig brakes
 FARTHEST = 100.0         # m/s, speed above which a given pose is assumed at once instead of by motion
 
 

@@ -14,7 +14,7 @@ from av_common.track import State, Track
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
-from av_pointing.controller import Command, PointingController
+from av_pointing.controller import Ages, Command, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
 STEP = 0.02
@@ -82,7 +82,8 @@ class Sequence:
         self._pointing.enabled = self._chance(0.9)
         self._track = self._tracker.estimate(self._now)
         track = self._track if self._chance(0.9) else self._wild_track()
-        self._command = self._pointing.step(self._now, track if self._chance(0.95) else None)
+        ages = Ages(abs(self._now - track.time), self._random.uniform(0.0, 0.5), self._random.uniform(0.0, 0.4))
+        self._command = self._pointing.step(self._now, track if self._chance(0.95) else None, ages)
         return min(max(passed, 0.0), 0.1)
 
     def _check(self, elapsed: float) -> str:

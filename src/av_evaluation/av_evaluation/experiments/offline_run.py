@@ -11,6 +11,7 @@ import numpy as np
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import LocalizerSettings
+from av_common.freshness import Instant
 from av_common.rig import Rig
 from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
@@ -86,13 +87,15 @@ class OfflineRun:
             now = self.world.time
             self._log_truth(now)
             state = self.world.rig_state(now)
-            self.rig.on_pose(now, state.attitude_wxyz, float(state.rate_flu[2]))
+            odometry = self.rig.on_pose(now, state.attitude_wxyz, float(state.rate_flu[2]))
             self.rig.on_samples(samples, SAMPLE_RATE, first, now)
             if count % self._image_every == 0:
                 self._observe(self.world.view(count, now), now)
             self.rig.advance(now)
             if self._pointing is not None and self.rig.bearing is not None:
-                self.world.dynamics.command(self._pointing.on_bearing(self.rig.bearing, now).yaw_rate, now)
+                instant = Instant(now, now)
+                self._pointing.on_odometry(odometry, instant)
+                self.world.dynamics.command(self._pointing.on_bearing(self.rig.bearing, instant).yaw_rate, now)
             count += 1
             yield now, self.rig.bearing
 

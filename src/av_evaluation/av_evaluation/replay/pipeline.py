@@ -11,6 +11,7 @@ from rclpy.serialization import deserialize_message
 from av_audio.stage import DoaStage
 from av_bags import topics as names
 from av_bags.definitions import serialiser
+from av_common.freshness import Instant
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
@@ -53,6 +54,8 @@ class Pipeline:
     def take(self, name: str, message: Any, arrival: float) -> None:
         """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
         try:
+            if name == names.ODOMETRY and self._pointing is not None:
+                self._pointing.on_odometry(message, Instant(arrival, arrival))
             if name == names.AUDIO and self._doa is not None:
                 for directions in self._doa.on_audio(message, arrival):
                     self._publish_sensed(names.DOA, directions, arrival)
@@ -108,7 +111,7 @@ class Pipeline:
 
     def _point(self, bearing: Any, now: float) -> None:
         if self._pointing is not None:
-            self._publish(names.COMMAND, now, self._pointing.on_bearing(bearing, now))
+            self._publish(names.COMMAND, now, self._pointing.on_bearing(bearing, Instant(now, now)))
 
 
 def transmitted(message: Message) -> Message:

@@ -88,13 +88,14 @@ class OfflineRig:
         """Detections of an image captured at `time`; `make` gives the message for its header."""
         self._take(topics.DETECTIONS, make(Header(stamp=to_stamp(time), frame_id='camera')), arrival)
 
-    def on_pose(self, time: float, attitude_wxyz: NDArray, yaw_rate: float) -> None:
-        """The rig's attitude in the world and its yaw rate (rad/s), known at once."""
+    def on_pose(self, time: float, attitude_wxyz: NDArray, yaw_rate: float) -> Odometry:
+        """The rig's attitude in the world and its yaw rate (rad/s), known at once; returns the message."""
         odometry = Odometry(header=Header(stamp=to_stamp(time)))
         w, x, y, z = map(float, attitude_wxyz)
         odometry.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
         odometry.twist.twist.angular.z = yaw_rate
         self._take(topics.ODOMETRY, odometry, time)
+        return odometry
 
     def advance(self, now: float) -> None:
         """Give the bearings that are due until `now` without a measurement."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
 from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings
+from av_fusion.filter.gaussian_component import share_within
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
@@ -26,6 +27,7 @@ from av_fusion.measurement.measurements import (
 from av_fusion.measurement.rig_motion import RigMotion
 
 RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
+PREDICTION_RATE = 0.3  # rad/s, standard deviation of the target's azimuth rate, by which the variance of a prediction grows
 
 
 @dataclass(frozen=True)
@@ -154,13 +156,19 @@ class GatedTracker:
         azimuth_world = float(wrap(self.motion.yaw(measured) + direction.azimuth))
         azimuth = float(wrap(azimuth_world - yaw))
         resolved, rotation = self._resolve(time, yaw)
+        coasting = state == State.COASTING
+        variance = direction.azimuth_variance + ((PREDICTION_RATE * (time - measured)) ** 2 if coasting else 0.0)
         probability = RESOLVED_PROBABILITY if resolved else 0.5
+        if coasting:
+            front = share_within(0.5 * math.pi, azimuth, variance)
+            probability = min(probability, max(front, 1.0 - front))
         return track._replace(
-            source=Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
-            azimuth_variance=direction.azimuth_variance, elevation=direction.elevation,
+            source=Source.NOTHING if coasting else Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
+            azimuth_variance=variance, elevation=direction.elevation,
             elevation_variance=direction.elevation_variance, azimuth_world=azimuth_world, measured=measured,
             front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability, resolved=resolved,
-            requested_rotation=rotation, sound_weight=float(not by_sight), sight_weight=float(by_sight))
+            requested_rotation=rotation, sound_weight=float(not (by_sight or coasting)),
+            sight_weight=float(by_sight and not coasting))
 
     def diagnostics(self) -> dict[str, str]:
         """See `Tracker`."""

@@ -11,6 +11,7 @@ from typing import NamedTuple
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
 OCCLUSION_S = 5.0  # time constant of changes of fog
 LEAST_ASSOCIATION, LEAST_ELEVATION_ASSOCIATION = 1e-6, 0.05  # probabilities below which a measurement is not used
+ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
 
 
 class MotionModel(NamedTuple):
@@ -44,6 +45,8 @@ class GaussianComponent:
         p_hidden: probability that fog hides the target from the camera.
         hidden_time (s): time for which p_hidden is valid.
         p_outlier: probability that the direction of arrival does not stem from this target.
+        newest_doa, newest_sighting (s): capture times of the newest direction of arrival, and of the newest image with a
+            detection, that is associated with the component: more probably than not it stems from this target.
     """
 
     weight: float
@@ -60,6 +63,13 @@ class GaussianComponent:
     p_hidden: float = 0.0
     hidden_time: float = -math.inf
     p_outlier: float = 0.0
+    newest_doa: float = -math.inf
+    newest_sighting: float = -math.inf
+
+    @property
+    def measured(self) -> float:
+        """Capture time (s) of the newest measurement that is associated with the component."""
+        return max(self.newest_doa, self.newest_sighting)
 
     def predict(self, dt: float, model: MotionModel, noise_scale: float) -> None:
         """Predict by `dt` s: white angular acceleration of `noise_scale` times the model's density.
@@ -88,6 +98,22 @@ class GaussianComponent:
         self.elevation_variance = (kept**2 * self.elevation_variance
                                    + (1.0 - kept**2) * model.usual_elevation_variance
                                    + (diffusion - model.elevation_density) * dt)
+
+    def predicted(self, ahead: float, model: MotionModel, noise_scale: float) -> GaussianComponent:
+        """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
+
+        Parameters:
+            ahead (s): time of the copy minus time of the component.
+            model: motion of targets.
+            noise_scale: factor of the acceleration density.
+        """
+        copy = replace(self)
+        if ahead > 0.0:
+            copy.predict(ahead, model, noise_scale)
+        else:
+            copy.azimuth = remainder(self.azimuth + ahead * self.rate, tau)
+            copy.azimuth_variance = self.expected_variance(-ahead)
+        return copy
 
     def innovation(self, azimuth: float, lag: float) -> float:
         """Measured minus predicted azimuth (rad).
@@ -249,7 +275,9 @@ class GaussianComponent:
                 and (other.rate - self.rate) ** 2 < self.rate_variance + other.rate_variance)
 
     def merge(self, other: GaussianComponent) -> None:
-        """Merge another component into this one, preserving the moments of the sum."""
+        """Merge another component into this one, preserving the moments of the sum; the heavier one's support is kept."""
+        if other.weight > self.weight:
+            self.newest_doa, self.newest_sighting = other.newest_doa, other.newest_sighting
         total = self.weight + other.weight
         a, b = self.weight / total, other.weight / total
         d_azimuth, d_rate = remainder(other.azimuth - self.azimuth, tau), other.rate - self.rate

@@ -28,6 +28,7 @@ class BirthComponent(NamedTuple):
         ratio: weight of the birth over that of the background; an existing component that gates the direction receives it.
         detection: the detection that it stems from, if any.
         least: smallest weight of the component afterwards, over that of the background.
+        newest_doa, newest_sighting (s): capture time of the measurement, depending on its kind.
     """
 
     azimuth: float
@@ -35,6 +36,8 @@ class BirthComponent(NamedTuple):
     ratio: float
     detection: Detection | None = None
     least: float = 0.0
+    newest_doa: float = -math.inf
+    newest_sighting: float = -math.inf
 
 
 class GaussianMixture:
@@ -136,7 +139,8 @@ class GaussianMixture:
 
     def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float) -> GaussianComponent:
         component = GaussianComponent(weight, birth.azimuth, birth.variance, 0.0, self._rate_variance,
-                                      self._model.usual_elevation, self._model.usual_elevation_variance)
+                                      self._model.usual_elevation, self._model.usual_elevation_variance,
+                                      newest_doa=birth.newest_doa, newest_sighting=birth.newest_sighting)
         if birth.detection is not None:
             component.update_elevation(birth.detection.elevation, birth.detection.elevation_variance, 1.0)
         if lag > 0.0:
@@ -192,18 +196,29 @@ class GaussianMixture:
                 agreeing += component.weight
         return agreeing / total
 
-    def front_probability(self, yaw: float, ahead: float) -> float:
+    def predicted(self, component: GaussianComponent, ahead: float, noise_scale: float) -> GaussianComponent:
+        """A copy of a component, valid `ahead` s after the mixture.
+
+        Parameters:
+            component: one of the components.
+            ahead (s): time after that of the mixture.
+            noise_scale: factor of the acceleration density.
+        """
+        return component.predicted(ahead, self._model, noise_scale)
+
+    def front_probability(self, yaw: float, ahead: float, noise_scale: float) -> float:
         """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s.
 
         Parameters:
             yaw (rad): yaw of the rig in the world.
             ahead (s): time after that of the mixture.
+            noise_scale: factor of the acceleration density.
         """
         front = total = 0.0
         for component in self.components:
+            later = self.predicted(component, ahead, noise_scale)
             total += component.weight
-            front += component.weight * share_within(0.5 * math.pi, component.innovation(yaw, -ahead),
-                                                     component.expected_variance(-ahead))
+            front += component.weight * share_within(0.5 * math.pi, later.innovation(yaw, 0.0), later.azimuth_variance)
         return front / total
 
 

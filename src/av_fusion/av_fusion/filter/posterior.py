@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import remainder, tau
 
 from av_fusion.filter.doa_likelihood import Comparison, ConeLikelihood, DirectionLikelihood, DoaLikelihood
-from av_fusion.filter.gaussian_component import GaussianComponent, MotionModel, gaussian, share_within
+from av_fusion.filter.gaussian_component import ASSOCIATED, GaussianComponent, MotionModel, gaussian, share_within
 from av_fusion.filter.gaussian_mixture import BirthComponent, GaussianMixture
 from av_fusion.filter.process_noise import LEAST_IN_VIEW, AdaptiveProcessNoise
 from av_fusion.filter.settings import BayesSettings
@@ -18,6 +18,9 @@ IN_VIEW_S = 0.5  # since the last detection, within which the target counts as i
 LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
 LARGEST_ODDS = 99.0  # that a detection is the target
+# Steady motion is evidence against manoeuvres while measurements confirm it, and for this long after the newest of them;
+# then the process noise returns to that of the motion model with this time constant.
+STEADY_S, STEADY_DECAY_S = 0.5, 1.0
 
 
 class Posterior:
@@ -52,12 +55,17 @@ class Posterior:
         dt = time - self.time
         if dt <= 0.0:
             return -dt
-        scale = self.process_noise.value
-        if time - self.newest_sighting < IN_VIEW_S:
-            scale = max(scale, LEAST_IN_VIEW)
-        self.mixture.predict(dt, scale, math.exp(-self._settings.loss_rate * dt))
+        self.mixture.predict(dt, self.noise_scale(time), math.exp(-self._settings.loss_rate * dt))
         self.time = time
         return 0.0
+
+    def noise_scale(self, time: float) -> float:
+        """Factor of the acceleration density for a prediction to `time` (s)."""
+        scale, primary = self.process_noise.value, self.mixture.primary()
+        if time - self.newest_sighting < IN_VIEW_S:
+            scale = max(scale, LEAST_IN_VIEW)
+        unsupported = 0.0 if primary is None else time - primary.measured - STEADY_S
+        return scale if unsupported <= 0.0 else 1.0 + (scale - 1.0) * math.exp(-unsupported / STEADY_DECAY_S)
 
     def update_doa(self, time: float, measurement: DoaMeasurement, yaw: float, yaw_rate: float, outlier_rate: float) -> None:
         """Update by a direction of arrival.
@@ -88,10 +96,13 @@ class Posterior:
         for c in compared:
             share = (1.0 - c.component.p_outlier) * c.fit * peak / (clutter + c.fit * peak)
             c.component.update(c.row, c.variance, c.innovation, share)
+            if share >= ASSOCIATED:
+                c.component.newest_doa = max(c.component.newest_doa, time)
         self.process_noise.adapt(fraction)
         born = fraction * (1.0 - self.mixture.p_outlier)
         self.mixture.add_births(lag, self.process_noise.value, [
-            BirthComponent(azimuth, variance, prior * born) for azimuth, variance in zip(azimuths, variances, strict=True)])
+            BirthComponent(azimuth, variance, prior * born, newest_doa=time)
+            for azimuth, variance in zip(azimuths, variances, strict=True)])
         self.mixture.background *= 1.0 - (1.0 - clutter) * born  # the births' weight
         self.mixture.reduce()
 
@@ -142,7 +153,8 @@ class Posterior:
             self.process_noise.adapt(fraction)
             # A calibrated score is the probability that this is the target, independent of the predicted direction.
             self.mixture.add_births(lag, self.process_noise.value, [
-                BirthComponent(remainder(yaw + d.azimuth, tau), d.azimuth_variance, odds_of(d) * fraction, d, odds_of(d))
+                BirthComponent(remainder(yaw + d.azimuth, tau), d.azimuth_variance, odds_of(d) * fraction, d, odds_of(d),
+                               newest_sighting=time)
                 for d in detections])
             score = best.score if primary is None else score
         self.mixture.reduce()
@@ -162,7 +174,10 @@ class Posterior:
             found = [chance * odds_of(d) * width * gaussian(innovation, expected + d.azimuth_variance)
                      for innovation, d in zip(innovations, measurement.detections, strict=True)]
             likelihood += sum(found)
-            score = self._associate(component, lag, innovations, [f / likelihood for f in found], measurement.detections)
+            shares = [f / likelihood for f in found]
+            score = self._associate(component, lag, innovations, shares, measurement.detections)
+            if sum(shares) >= ASSOCIATED:
+                component.newest_sighting = max(component.newest_sighting, time)
             component.p_hidden *= missed / likelihood  # what was detected is not hidden
         component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** fraction
         return score

@@ -55,7 +55,7 @@ class StateMachine:
         self.changed = 0.0
         self.sight_confidence = 0.0
         self.sound_confidence = 0.0
-        self._newest_image = self._newest_doa = -math.inf
+        self._newest_image = self._newest_doa = self._associated_doa = -math.inf
 
     def on_image(self, time: float, score: float) -> None:
         """Use the score of the target's detection in an image, 0 if it was not detected.
@@ -67,13 +67,16 @@ class StateMachine:
         if time >= self._newest_image:
             self._newest_image, self.sight_confidence = time, score
 
-    def on_doa(self, time: float, confidence: float) -> None:
+    def on_doa(self, time: float, confidence: float, associated: bool = True) -> None:
         """Use the confidence of a direction of arrival.
 
         Parameters:
             time (s): centre of the window.
             confidence: confidence 0..1.
+            associated: whether it supports the track; the microphones lead by such directions only.
         """
+        if associated:
+            self._associated_doa = max(self._associated_doa, time)
         if time >= self._newest_doa:
             self._newest_doa, self.sound_confidence = time, confidence
 
@@ -93,13 +96,15 @@ class StateMachine:
         elif recent_image and self.sight_confidence >= gate:
             wanted = State.VISUAL_ACTIVE
         else:
-            recent_doa = time - self._newest_doa <= settings.sound_timeout
+            recent_doa = time - self._associated_doa <= settings.sound_timeout
             wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
         if wanted != self.state:
             urgent = not supported or self.state in (State.NONE, State.COASTING)
             if urgent or time - self.changed >= settings.dwell:
                 self.state, self.changed = wanted, time
                 self.reason = self._reason(wanted, gate, recent_image, supported)
+        elif coasting:  # first nothing confirmed the prediction, then measurements contradicted it
+            self.reason = self._reason(wanted, gate, recent_image, supported)
         return self.state
 
     def diagnostics(self) -> dict[str, str]:
@@ -114,4 +119,6 @@ class StateMachine:
         if state == State.VISUAL_ACTIVE:
             return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
         weak_sight = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
-        return weak_sight if state == State.ACOUSTIC_ACTIVE else f'{weak_sight} and no recent direction of arrival'
+        if state == State.ACOUSTIC_ACTIVE:
+            return weak_sight
+        return f'{weak_sight} and no recent direction of arrival that fits the track: it is predicted'

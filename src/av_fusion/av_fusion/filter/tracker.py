@@ -82,7 +82,8 @@ class BayesTracker:
         self._mirror_axis = mirror_axis(corrected.hypotheses, corrected.cone)
         self._posterior.update_doa(time, corrected, yaw, self.motion.yaw_rate(time),
                                    self._outlier_rate.rate(corrected.confidence))
-        self.machine.on_doa(time, corrected.confidence)
+        primary = self._posterior.mixture.primary()
+        self.machine.on_doa(time, corrected.confidence, primary is not None and primary.newest_doa >= time)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`."""
@@ -102,27 +103,28 @@ class BayesTracker:
         posterior, machine = self._posterior, self.machine
         primary = posterior.mixture.primary()
         ahead = 0.0 if posterior.time is None else time - posterior.time
-        variance = math.inf if primary is None else primary.expected_variance(-ahead)
-        supported = (posterior.mixture.background < 0.5 and variance < self.settings.lost_sigma**2 and ahead < MAX_GAP_S)
-        yaw = self.motion.yaw(time)
-        if primary is None or not supported:
+        yaw, noise_scale = self.motion.yaw(time), posterior.noise_scale(time)
+        if primary is None or posterior.mixture.background >= 0.5 or ahead >= MAX_GAP_S:
+            return self._coast(time, yaw, ahead)
+        later = posterior.mixture.predicted(primary, ahead, noise_scale)
+        if later.azimuth_variance >= self.settings.lost_sigma**2:
             return self._coast(time, yaw, ahead)
         state = machine.step(time, True)
-        azimuth_world = remainder(primary.azimuth + ahead * primary.rate, tau)
-        front = posterior.mixture.front_probability(yaw, ahead)
+        front = posterior.mixture.front_probability(yaw, ahead, noise_scale)
         share = self._resolve(primary, front, yaw)
         sight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
-        sound = 1.0 if time - posterior.newest_doa <= machine.settings.sound_timeout else 0.0
+        sound = 1.0 if time - primary.newest_doa <= machine.settings.sound_timeout else 0.0
         track = Track(
             time=time, state=state, reason=machine.reason, changed=machine.changed, source=SOURCES[sight, sound],
-            azimuth=remainder(azimuth_world - yaw, tau), elevation=primary.elevation, azimuth_variance=variance,
-            elevation_variance=primary.elevation_variance if primary.elevation_measured else math.inf,
-            azimuth_world=azimuth_world, azimuth_world_rate=primary.rate,
-            measured=max(posterior.newest_doa, posterior.newest_image), front_probability=front, resolved=self._resolved,
+            azimuth=remainder(later.azimuth - yaw, tau), elevation=later.elevation,
+            azimuth_variance=later.azimuth_variance,
+            elevation_variance=later.elevation_variance if primary.elevation_measured else math.inf,
+            azimuth_world=later.azimuth, azimuth_world_rate=later.rate,
+            measured=primary.measured, front_probability=front, resolved=self._resolved,
             requested_rotation=self._plan_rotation(time, yaw, share), sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, sound_weight=sound * (1.0 - 0.5 * sight),
             sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility)
-        self._coasting.keep(track, primary.rate_variance)
+        self._coasting.keep(track, later.rate_variance)
         return track
 
     def diagnostics(self) -> dict[str, str]:
@@ -153,7 +155,7 @@ class BayesTracker:
         """The last supported track, predicted; else none."""
         machine, predicted = self.machine, None
         if ahead < MAX_GAP_S:
-            density = self._posterior.process_noise.value * self.settings.acceleration_density
+            density = self._posterior.noise_scale(time) * self.settings.acceleration_density
             predicted = self._coasting.predicted(time, yaw, density)
         state = machine.step(time, False, predicted is not None)
         self._resolved = False

@@ -1,15 +1,19 @@
-"""Subscribes to bearings and publishes commands for gimbal and body within their limits."""
+"""Subscribes to bearings and odometry, and publishes commands for gimbal and body within their limits."""
 
 from __future__ import annotations
 
-import math
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from std_srvs.srv import SetBool
 
+from av_common.freshness import Instant
 from av_common.node import RigNode, run
-from av_common.qos import RESULT
+from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
@@ -26,30 +30,34 @@ class PointingNode(RigNode):
         """Build the stage, open the publisher."""
         self._settings = self.settings
         self._stage = make_pointing_stage(self._settings)
-        self._meter = RateMeter()
-        self._last_command = -math.inf
+        self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
     def activate(self) -> None:
-        """Subscribe to the fusion, and start the timer for commands without bearings."""
+        """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
+        # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
+        self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
+        self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
-        self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     def deactivate(self) -> None:
         """Publish a last command that moves nothing."""
         self._stage.controller.enabled = False
-        now = self.now()
-        self._publish(self._stage.on_time(now), now)
+        self._publisher.publish(self._stage.on_time(self._instant()))
 
     def cleanup(self) -> None:
         """Close the publisher."""
         self.destroy_publisher(self._publisher)
 
     def _on_bearing(self, message: Bearing) -> None:
-        self._meter.tick()
-        now = self.now()
-        self._publish(self._stage.on_bearing(message, now), now)
+        self._meters['bearing'].tick()
+        self._publish(self._stage.on_bearing(message, self._instant()))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._meters['odometry'].tick()
+        self._stage.on_odometry(message, self._instant())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._stage.controller.enabled = request.data
@@ -57,19 +65,23 @@ class PointingNode(RigNode):
         return response
 
     def _on_time(self) -> None:
-        now = self.now()
-        if now - self._last_command > 0.9 / self._settings.rate:
-            self._publish(self._stage.on_time(now), now)
+        self._publish(self._stage.on_time(self._instant()))
 
-    def _publish(self, command: PointingCommand, now: float) -> None:
-        self._last_command = now
+    def _publish(self, command: PointingCommand) -> None:
+        self._timer.reset()  # the next command follows within one period
         self._publisher.publish(command)
 
+    def _instant(self) -> Instant:
+        return Instant(time.monotonic(), self.now())
+
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Report the rate of bearings and the newest command."""
-        if self._meter.age > 1.0:
+        """Report the rates of the inputs and the newest command."""
+        if self._meters['bearing'].age > 1.0:
             status.mergeSummary(DiagnosticStatus.WARN, 'no target/bearing')
-        status.add('bearing rate (Hz)', f'{self._meter.rate:.1f}')
+        if self._settings.move_body and self._meters['odometry'].age > 1.0:
+            status.mergeSummary(DiagnosticStatus.WARN, 'no odometry: the body does not move')
+        for name, meter in self._meters.items():
+            status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('enabled', str(self._stage.controller.enabled))
         if self._stage.command is not None:
             status.add('mode', f'{self._stage.command.mode.name}: {self._stage.command.reason}')

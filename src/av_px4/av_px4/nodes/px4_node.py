@@ -11,13 +11,14 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 
+from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.gimbal import Claim
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
-from av_px4.stage import ODOMETRY_TOPIC, STATE_TOPIC, Instant, Outgoing, make_px4_stage
+from av_px4.stage import ODOMETRY_TOPIC, STATE_TOPIC, Outgoing, make_px4_stage
 
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
            'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',

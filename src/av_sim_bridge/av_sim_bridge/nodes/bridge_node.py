@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 
@@ -12,6 +13,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from vision_msgs.msg import Detection2DArray
 
+from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, PointingCommand
@@ -132,7 +134,7 @@ class BridgeNode(RigNode):
             self._publish([('detections', result)])
 
     def _on_command(self, command: PointingCommand) -> None:
-        self._send_control(self._stage.on_command(command))
+        self._send_control(self._stage.on_command(command, Instant(time.monotonic(), self.now())))
 
     def _on_odometry(self, odometry: Odometry) -> None:
         datagram = self._stage.on_odometry(odometry)

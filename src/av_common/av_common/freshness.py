@@ -1,0 +1,64 @@
+"""How long ago the newest data of an input arrived, whatever is sent meanwhile."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+FUTURE_S = 0.1  # a stamp further ahead than this proves that a clock is wrong
+DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: then what it marked is at least 1 s old
+
+
+class Instant(NamedTuple):
+    """A time on two clocks.
+
+    Parameters:
+        steady (s): monotonic clock, used for ages, since a step of the system clock must not make old data fresh.
+        ros (s): the node's clock, used for stamps.
+    """
+
+    steady: float
+    ros: float
+
+
+class FreshInput:
+    """Notes when the stamps of an input advance.
+
+    Only a stamp later than all before counts as new data: repeated, republished and reordered messages do not. Ages grow with
+    the steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
+    step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count.
+
+    Parameters:
+        latency (s): delay from capture to arrival that adds nothing to the age.
+    """
+
+    def __init__(self, latency: float = 0.0) -> None:
+        self._latency = latency
+        self._newest = self._arrived = self._captured = self._distrusted = -math.inf
+
+    def take(self, stamp: float, now: Instant) -> bool:
+        """Note a message; returns whether it carries new data.
+
+        Parameters:
+            stamp (s): capture time of its newest data, on the node's clock.
+            now: its arrival.
+        """
+        if not max(stamp, self._newest) <= now.ros + FUTURE_S:
+            self._newest, self._distrusted = -math.inf, now.steady
+            return False
+        if stamp <= self._newest:
+            return False
+        self._newest = stamp
+        if now.steady - self._distrusted < DISTRUST_S:
+            return False
+        self._arrived = now.steady
+        # A later stamp is of a later capture, whatever the node's clock says since it was set.
+        self._captured = max(self._captured, now.steady - max(now.ros - stamp, 0.0))
+        return True
+
+    def age(self, now: Instant) -> float:
+        """Time (s) since the newest data arrived, or since it was captured if that is longer by more than `latency`.
+
+        inf before the first.
+        """
+        return now.steady - min(self._arrived, self._captured + self._latency)

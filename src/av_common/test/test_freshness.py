@@ -1,0 +1,59 @@
+"""An input stays fresh by new data only."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from av_common.freshness import FreshInput, Instant
+
+START = 1.7e9
+
+
+def at(time: float, ros: float | None = None) -> Instant:
+    return Instant(50.0 + time, START + (time if ros is None else ros))
+
+
+def test_ages_count_from_arrival_and_from_capture():
+    """Data 0.9 s old on arrival counts as 0.2 s old, where a latency of 0.7 s is allowed for."""
+    data = FreshInput(latency=0.7)
+    assert data.age(at(0.0)) == math.inf
+    assert data.take(START - 0.05, at(0.0))
+    assert data.age(at(0.1)) == pytest.approx(0.1)
+    assert data.take(START + 0.1, at(1.0))
+    assert data.age(at(1.0)) == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize('stamps', [lambda t: 0.0, lambda t: -t, lambda t: 5.0 - t, lambda t: 1e9, lambda t: math.nan,
+                                    lambda t: math.inf, lambda t: -math.inf, lambda t: t + 0.2])
+def test_only_advancing_stamps_of_the_past_keep_it_fresh(stamps):
+    """Repeated, older, future and impossible stamps do not."""
+    data = FreshInput(latency=0.7)
+    assert data.take(START, at(0.0))
+    for k in range(1, 60):
+        data.take(START + stamps(0.05 * k), at(0.05 * k))
+    assert data.age(at(3.0)) > 2.9
+
+
+def test_a_stamp_from_the_future_that_is_repeated_never_becomes_new():
+    """It was sent before it can have been captured; also when other messages arrive between."""
+    data = FreshInput(latency=0.7)
+    for k in range(200):
+        data.take(START + 3.0, at(0.05 * k))
+        assert data.age(at(0.05 * k)) == math.inf
+
+
+@pytest.mark.parametrize('step', [-3600.0, -0.5, 0.5, 3600.0])
+def test_a_step_of_the_clock_renews_nothing(step):
+    """Neither a step forth or back nor both; data with advancing stamps is back after 1.1 s at the latest."""
+    data = FreshInput(latency=0.7)
+    assert data.take(START, at(0.0))
+    for k in range(60):
+        time = 0.4 + 0.05 * k
+        data.take(START, at(time, time + (step if k % 2 else 0.0)))
+        assert data.age(at(time)) >= time - 1e-6
+    for k in range(60):
+        time = 5.0 + 0.05 * k
+        data.take(START + time + step, at(time, time + step))
+    assert data.age(at(time, time + step)) < 0.1
