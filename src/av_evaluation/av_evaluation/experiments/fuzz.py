@@ -45,7 +45,7 @@ class Sequence:
         self.seed = seed
         self._random = Random(seed)
         self._tracker = BayesTracker() if self._chance(0.8) else GatedTracker()
-        self._pointing = PointingController()
+        self._pointing, self._ages = PointingController(), Ages()
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])
         self._before: Command | None = None
@@ -82,9 +82,10 @@ class Sequence:
         self._pointing.enabled = self._chance(0.9)
         self._track = self._tracker.estimate(self._now)
         track = self._track if self._chance(0.9) else self._wild_track()
-        ages = Ages(abs(self._now - track.time), self._random.uniform(0.0, 0.5), self._random.uniform(0.0, 0.4))
-        self._command = self._pointing.step(self._now, track if self._chance(0.95) else None, ages)
-        return min(max(passed, 0.0), 0.1)
+        self._ages = Ages(abs(self._now - track.time), *(
+            0.0 if self._chance(0.5) else age + max(passed, 0.0) for age in self._ages[1:]))
+        self._command = self._pointing.step(self._now, track if self._chance(0.95) else None, self._ages)
+        return max(passed, 0.0)
 
     def _check(self, elapsed: float) -> str:
         """The fault of track or command after a step of `elapsed` (s), '' for none."""
