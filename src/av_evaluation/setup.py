@@ -34,6 +34,7 @@ setup(
             'fuzz = av_evaluation.cli.fuzz:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',
+            'soak = av_evaluation.cli.soak:main',
             'sweep = av_evaluation.cli.sweep:main',
         ],
     },

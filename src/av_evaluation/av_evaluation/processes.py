@@ -39,8 +39,8 @@ def sample(process_id: int) -> ProcessSample | None:
     """Measure a process, which takes about a millisecond; None where it has ended or belongs to another user."""
     folder = Path('/proc') / str(process_id)
     try:
-        status = _kilobytes(folder / 'status')
-        shares = _kilobytes(folder / 'smaps_rollup')
+        status = _numbers(folder / 'status')
+        shares = _numbers(folder / 'smaps_rollup')
         descriptors = sum(1 for _ in (folder / 'fd').iterdir())
     except OSError:
         return None
@@ -51,14 +51,16 @@ def sample(process_id: int) -> ProcessSample | None:
 
 
 def name_of(process_id: int) -> str:
-    """Name of the ROS node of a process, or of its program; empty where it has ended."""
+    """Name of the ROS node of a process, or of its program, or of its parent's; empty where it has ended."""
     try:
         words = (Path('/proc') / str(process_id) / 'cmdline').read_bytes().decode(errors='replace').split('\0')
+        parent = _numbers(Path('/proc') / str(process_id) / 'status').get('PPid', 0)
     except OSError:
         return ''
     named = [word[len(NODE_NAME):] for word in words if word.startswith(NODE_NAME)]
-    programs = [Path(word).name for word in words if word and not word.startswith('-')]
-    return named[0] if named else next((name for name in programs if not name.startswith(INTERPRETERS)), ''.join(programs[:1]))
+    programs = [Path(word).name for word in words if word and word[0] != '-' and ' ' not in word]
+    program = next((name for name in programs if not name.startswith(INTERPRETERS)), '')
+    return (named or [program])[0] or (f'child of {name_of(parent)}' if parent > 1 else words[0])
 
 
 class MarkedProcesses:
@@ -78,6 +80,7 @@ class MarkedProcesses:
     def __init__(self, command: Sequence[str], environment: Mapping[str, str] | None = None,
                  output: IO[bytes] | None = None) -> None:
         self._mark = f'{MARK}={uuid.uuid4().hex}'.encode()
+        self._name = Path(command[0]).name
         name, _, value = self._mark.decode().partition('=')
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
@@ -93,7 +96,8 @@ class MarkedProcesses:
             except OSError:
                 continue   # ended meanwhile, or of another user
             if state != 'Z':
-                found[int(folder.name)] = name_of(int(folder.name))
+                number = int(folder.name)
+                found[number] = self._name if number == self.process.pid else name_of(number)
         return found
 
     def signal(self, number: int) -> None:
@@ -109,7 +113,7 @@ def _send(process_id: int, number: int) -> None:
         return   # ended meanwhile
 
 
-def _kilobytes(file: Path) -> dict[str, int]:
+def _numbers(file: Path) -> dict[str, int]:
     """Numbers of a file of lines `name: number unit`."""
     rows = (line.split() for line in file.read_text().splitlines() if ':' in line)
     return {row[0].rstrip(':'): int(row[1]) for row in rows if len(row) > 1 and row[1].isdigit()}

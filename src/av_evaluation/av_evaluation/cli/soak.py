@@ -1,0 +1,96 @@
+"""ros2 run av_evaluation soak: an hour of the whole rig; memory, threads and descriptors of its processes stay constant."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from av_evaluation.processes import MarkedProcesses
+from av_evaluation.report.memory_chart import draw_memory
+from av_evaluation.runs.soak import (
+    Limits,
+    ProcessHistory,
+    format_histories,
+    watch,
+)
+
+RIG = ('model:=shipped', 'renderer:=flat')
+ENDS_IN_S = 60.0      # the monitor draws an hour's plot
+LONGEST_START_S = 120.0
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Parse the command line."""
+    parser = argparse.ArgumentParser(prog='soak', description=__doc__)
+    parser.add_argument('rig', nargs='*', default=list(RIG), metavar='NAME:=VALUE',
+                        help=f'arguments of rig.launch.py (default: {" ".join(RIG)})')
+    parser.add_argument('--minutes', type=_positive, default=60.0, help='length of the run (%(default)s)')
+    parser.add_argument('--settle', type=_positive, default=5.0,
+                        help='minutes at the start that do not count, at most half of the run (%(default)s)')
+    parser.add_argument('--most-growth', type=_positive, default=5.0, help="limit of a process' growth in MiB (%(default)s)")
+    parser.add_argument('--every', type=_positive, default=5.0, help='seconds between samples (%(default)s)')
+    parser.add_argument('--out', type=Path, help="folder for the table, the plot, the rig's output and the monitor's files")
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the rig and print the table; returns 0 where all processes stay as they are, 1 where not, and 2 without a rig."""
+    options = parse(arguments)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with ExitStack() as opened:
+        bags = opened.enter_context(tempfile.TemporaryDirectory(prefix='soak_'))
+        out = options.out or Path(bags)
+        out.mkdir(parents=True, exist_ok=True)
+        log = opened.enter_context((out / 'rig.log').open('wb'))
+        given = [f'record:={bags}/soak.mcap', f'out:={out}', f'duration:={60.0 * options.minutes:g}', *options.rig]
+        rig = MarkedProcesses(['ros2', 'launch', 'av_fusion', 'rig.launch.py', *given], output=log)
+        opened.callback(rig.signal, signal.SIGKILL)
+        try:
+            histories = watch(rig, 60.0 * options.minutes + LONGEST_START_S, options.every)
+            rig.process.send_signal(signal.SIGINT)
+            code = rig.process.wait(ENDS_IN_S)
+        except KeyboardInterrupt:
+            print('soak: interrupted', file=sys.stderr)
+            return 2
+        except subprocess.TimeoutExpired:
+            code = None
+        return _report(histories, code, options, out)
+
+
+def _report(histories: Sequence[ProcessHistory], code: int | None, options: argparse.Namespace, out: Path) -> int:
+    tail = '\n'.join((out / 'rig.log').read_text(errors='replace').splitlines()[-20:])
+    if not histories:
+        print(f'soak: the rig did not start:\n{tail}', file=sys.stderr)
+        return 2
+    limits = Limits(min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth)
+    end = max(history.times[-1] for history in histories)
+    table = format_histories(histories, limits, end)
+    steady = not any(history.faults(limits, end) for history in histories)
+    complete = code == 0 and end > 60.0 * options.minutes - LONGEST_START_S
+    verdict = (f'{end / 60.0:.1f} min, the first {limits.settle / 60.0:g} not counted, growth at most {limits.growth:g} MiB, '
+               f'counts constant: {"holds" if steady and complete else "MISSED"}')
+    if not complete:
+        verdict += f'\nthe rig ended with {"no exit code" if code is None else f"exit code {code}"}:\n{tail}'
+    print(f'{table}\n{verdict}')
+    if options.out:
+        (out / 'soak.txt').write_text(f'{table}\n{verdict}\n')
+        draw_memory(histories, out / 'soak.png', limits.settle)
+    return 0 if steady and complete else 1
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (value > 0.0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f'{text} is not a number above 0')
+    return value
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,142 @@
+"""Memory, threads and descriptors of a rig's processes over a long run, and whether they stay as they are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
+
+WINDOW_S = 60.0     # medians are taken over this much time
+DYING_S = 10.0      # processes that end this shortly before the rig has ended were ended by it
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What counts as steady.
+
+    Attributes:
+        settle (s): samples of this time after a process' first are left out.
+        growth (MiB): largest growth of the resident memory.
+    """
+
+    settle: float = 300.0
+    growth: float = 5.0
+
+
+@dataclass
+class ProcessHistory:
+    """Samples of one process.
+
+    Attributes:
+        name: of the node or program.
+        process_id: of the process.
+        times (s): of the samples, since the start of the run.
+        samples: as many.
+    """
+
+    name: str
+    process_id: int
+    times: list[float] = field(default_factory=list)
+    samples: list[ProcessSample] = field(default_factory=list)
+
+    def add(self, now: float, taken: ProcessSample) -> None:
+        """Append a sample taken at `now` (s)."""
+        self.times.append(now)
+        self.samples.append(taken)
+
+    def column(self, quantity: str) -> NDArray[np.float64]:
+        """One attribute of all samples (n,)."""
+        return np.array([getattr(one, quantity) for one in self.samples], float)
+
+    def settled(self, settle: float) -> NDArray[np.bool_]:
+        """Which samples (n,) are at least `settle` (s) later than the first; all where none is."""
+        later = np.array(self.times) - self.times[0] >= settle
+        return later if later.any() else np.ones(len(later), bool)
+
+    def growth(self, quantity: str, settle: float) -> float:
+        """Median of a quantity over the last minute less that over the first after `settle` (s)."""
+        chosen = self.settled(settle)
+        times, values = np.array(self.times)[chosen], self.column(quantity)[chosen]
+        return float(np.median(values[times >= times[-1] - WINDOW_S]) - np.median(values[times <= times[0] + WINDOW_S]))
+
+    def span(self, quantity: str, settle: float) -> tuple[int, int]:
+        """Smallest and largest value of a count after `settle` (s)."""
+        values = self.column(quantity)[self.settled(settle)]
+        return int(values.min()), int(values.max())
+
+    def faults(self, limits: Limits, end: float) -> list[str]:
+        """What did not stay as it was; empty for a steady process.
+
+        Parameters:
+            limits: what counts as steady.
+            end (s): of the run.
+        """
+        found = []
+        if self.times[-1] < end - DYING_S:
+            found.append(f'ended after {self.times[-1]:.0f} s')
+        if self.times[0] > limits.settle:
+            found.append(f'started after {self.times[0]:.0f} s')
+        if (grown := self.growth('resident', limits.settle)) > limits.growth:
+            found.append(f'grew by {grown:.1f} MiB')
+        for quantity in ('threads', 'descriptors'):
+            low, high = self.span(quantity, limits.settle)
+            if low != high:
+                found.append(f'{low} to {high} {quantity}')
+        return found
+
+
+def watch(rig: MarkedProcesses, seconds: float, period: float = 5.0,
+          show: Callable[[float, Sequence[ProcessHistory]], None] = lambda *_: None) -> list[ProcessHistory]:
+    """Sample all processes of a program until it ends, or for some time; returns a history of each process.
+
+    Parameters:
+        rig: the program.
+        seconds (s): length of the run at most.
+        period (s): time between samples.
+        show: called after each round of samples with the time since the start (s) and the histories so far.
+    """
+    histories: dict[int, ProcessHistory] = {}
+    begun = time.monotonic()
+    while rig.process.poll() is None and (now := time.monotonic() - begun) < seconds:
+        for process_id, name in rig.alive().items():
+            taken = sample(process_id)
+            if taken is not None:
+                histories.setdefault(process_id, ProcessHistory(name, process_id)).add(now, taken)
+        show(now, list(histories.values()))
+        time.sleep(max(0.0, begun + now + period - time.monotonic()))
+    return lasting(list(histories.values()), period)
+
+
+def lasting(histories: Sequence[ProcessHistory], period: float) -> list[ProcessHistory]:
+    """Histories by name, without those of a few samples: a shell that starts another program."""
+    return sorted((history for history in histories if history.times[-1] - history.times[0] > 2.0 * period),
+                  key=lambda history: history.name)
+
+
+def format_histories(histories: Sequence[ProcessHistory], limits: Limits, end: float) -> str:
+    """A table with a row for each process: memory after settling, growth, threads, descriptors and verdict.
+
+    Parameters:
+        histories: of the processes.
+        limits: what counts as steady.
+        end (s): of the run.
+    """
+    lines = [f'{"process":<22}{"resident":>10}{"growth":>9}{"private":>10}{"growth":>9}{"threads":>9}{"files":>8}   verdict',
+             f'{"":<22}{"MiB":>10}{"MiB":>9}{"MiB":>10}{"MiB":>9}']
+    for one in histories:
+        settled = one.settled(limits.settle)
+        first = {name: float(np.median(one.column(name)[settled][:5])) for name in ('resident', 'private')}
+        memory = ''.join(f'{first[name]:10.1f}{one.growth(name, limits.settle):+9.2f}' for name in first)
+        counts = [_range(*one.span(name, limits.settle)) for name in ('threads', 'descriptors')]
+        verdict = ', '.join(one.faults(limits, end)) or 'holds'
+        lines.append(f'{one.name[:21]:<22}{memory}{counts[0]:>9}{counts[1]:>8}   {verdict}')
+    return '\n'.join(lines)
+
+
+def _range(low: int, high: int) -> str:
+    return f'{low}' if low == high else f'{low}-{high}'
