@@ -10,6 +10,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v8
 
+from av_bags.chunk_indexes import ChunkIndexes
 from av_bags.definitions import definition
 from av_bags.errors import BagError
 from av_bags.retrying_file import RetryingFile
@@ -50,9 +51,11 @@ class BagWriter(AbstractContextManager['BagWriter']):
         try:
             self.file.parent.mkdir(parents=True, exist_ok=True)
             self._stream = RetryingFile(self.file)
+            self._indexes = ChunkIndexes(self.file.parent)
         except OSError as error:
             raise BagError(f'{self.file} cannot be created: {error}') from error
         self._mcap = Writer(self._stream, CHUNK_BYTES, CompressionType[compression.upper()])
+        self._mcap._Writer__chunk_indices = self._indexes  # a list would grow by 8 kB a second
         self._mcap.start('ros2')
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
@@ -122,6 +125,7 @@ class BagWriter(AbstractContextManager['BagWriter']):
                 self._describe()
         finally:
             self._stream.close()
+            self._indexes.close()
 
     def _describe(self) -> None:
         """Write metadata.yaml in version 5, which every rosbag2 since Humble reads."""

@@ -1,8 +1,10 @@
+import gc
 import resource
 import signal
 import subprocess
 import sys
 import time
+import tracemalloc
 from pathlib import Path
 
 import bag_messages as make
@@ -225,3 +227,32 @@ def test_a_killed_recording_is_read_up_to_its_last_second(tmp_path, name):
         read = [time_ns for _, time_ns, _ in bag.messages()]
     assert read == put[:len(read)]
     assert put[-1] - read[-1] < SECOND
+
+
+def test_memory_does_not_grow_with_the_length_of_the_bag(tmp_path):
+    def record(bag, chunks):
+        for _ in range(chunks):
+            for topic in topics:
+                bag.write(topic, 250_000_000 * sum(bag.counts.values()), data)
+            bag.flush()
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0]
+
+    topics, data = [f'/topic_{k}' for k in range(12)], make.cdr(make.odometry(0.0))
+    tracemalloc.start()
+    try:
+        with BagWriter(tmp_path / 'bag.mcap') as bag:
+            for topic in topics:
+                bag.add_topic(topic, make.ODOMETRY)
+            settled = record(bag, 400)
+            grown = record(bag, 3600) - settled    # a quarter of an hour
+    finally:
+        tracemalloc.stop()
+    assert grown < 100_000
+    with (tmp_path / 'bag.mcap').open('rb') as file:
+        reader = make_reader(file, validate_crcs=True)
+        indexes = reader.get_summary().chunk_indexes
+        assert len(indexes) == 4000
+        assert all(len(index.message_index_offsets) == 12 for index in indexes)
+        assert sum(1 for _ in reader.iter_messages(['/topic_7'])) == 4000
+    assert [file.name for file in tmp_path.iterdir()] == ['bag.mcap']

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -95,3 +96,25 @@ def test_series_refuses_rows_of_another_width():
         series.add(1.0)
     series.add(1.0, 2.0)
     assert np.array_equal(series['b'], [2.0])
+
+
+@pytest.mark.parametrize('folder', ['.', 'missing'])    # a folder that cannot be written costs memory, and no rows
+def test_a_log_with_a_folder_holds_every_row_and_little_memory(tmp_path, folder):
+    plain, filed = RunLog(), RunLog(tmp_path / folder)
+    tracemalloc.start()
+    try:
+        for k in range(90_000):     # an hour of 25 bearings a second
+            filed.fused.add(0.04 * k, k % 7, k % 5, 1.0, 0.0, 0.1)
+        used = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert folder == 'missing' or used < 300_000
+    for k in range(90_000):
+        plain.fused.add(0.04 * k, k % 7, k % 5, 1.0, 0.0, 0.1)
+    for name in ('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay'):
+        np.testing.assert_array_equal(plain.fused[name], filed.fused[name])
+    assert len(plain.fused) == len(filed.fused) == 90_000
+    newest = filed.newest().fused['time']
+    assert len(newest) >= 1000
+    np.testing.assert_array_equal(newest, plain.fused['time'][-len(newest):])
+    assert not list(tmp_path.iterdir())

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from array import array
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from av_bags.retrying_file import UnnamedFile
 from av_common.angles import wrap
+
+ROWS_IN_MEMORY = 1000   # of a log with a folder
 
 
 class Series:
@@ -17,24 +21,36 @@ class Series:
 
     Parameters:
         names: of the columns.
+        folder: for a file without a name that holds all but the newest rows; None to keep all in memory.
     """
 
-    def __init__(self, *names: str) -> None:
+    def __init__(self, *names: str, folder: Path | None = None) -> None:
         self._names = names
-        self._flat = array('d')
+        self._flat = array('d')     # the newest rows
+        self._folder = folder
+        self._file: UnnamedFile | None = None
 
     def add(self, *values: float) -> None:
         """Append one row, a value for each column. Raises ValueError for another number of values."""
         if len(values) != len(self._names):
             raise ValueError(f'{len(values)} values, expected {self._names}')
         self._flat.extend(values)
+        if self._folder is not None and len(self._flat) >= 2 * ROWS_IN_MEMORY * len(self._names):
+            self._move(self._folder)
 
     def extend(self, *columns: ArrayLike) -> None:
         """Append rows, given as one array (n,) for each column."""
         self._flat.frombytes(np.column_stack(columns).astype(np.float64).tobytes())
 
+    def newest(self) -> Series:
+        """A series of the rows in memory, which are the newest ROWS_IN_MEMORY at least, or all without a folder."""
+        found = Series(*self._names)
+        found._flat = self._flat
+        return found
+
     def __len__(self) -> int:
-        return len(self._flat) // len(self._names)
+        stored = self._file.size // self._flat.itemsize if self._file is not None else 0
+        return (stored + len(self._flat)) // len(self._names)
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """One column (n,)."""
@@ -46,7 +62,17 @@ class Series:
         np.savetxt(path, self._table(), formats, delimiter=',', header=','.join(self._names), comments='')
 
     def _table(self) -> NDArray[np.float64]:
-        return np.array(self._flat).reshape(-1, len(self._names))
+        stored = self._file.content() if self._file is not None else b''
+        return np.concatenate([np.frombuffer(stored), np.array(self._flat)]).reshape(-1, len(self._names))
+
+    def _move(self, folder: Path) -> None:
+        """Move all but the newest rows to the file. While the disk refuses them, they stay in memory."""
+        newest = -ROWS_IN_MEMORY * len(self._names)
+        with suppress(OSError):
+            self._file = self._file or UnnamedFile(folder)
+            self._file.write(self._flat[:newest].tobytes())
+            del self._flat[:newest]
+            self._file.commit()
 
 
 class RunLog:
@@ -62,15 +88,26 @@ class RunLog:
         sight: azimuth of the best detection of each image, nan with score 0 where there is none.
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
         notes: on the origin of the data, by topic.
+
+    Parameters:
+        folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory.
     """
 
-    def __init__(self) -> None:
-        self.target = Series('time', 'x', 'y', 'z')
-        self.rig = Series('time', 'x', 'y', 'z', 'yaw')
-        self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay')
-        self.sight = Series('time', 'azimuth', 'score', 'delay')
-        self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay')
+    def __init__(self, folder: Path | None = None) -> None:
+        self.target = Series('time', 'x', 'y', 'z', folder=folder)
+        self.rig = Series('time', 'x', 'y', 'z', 'yaw', folder=folder)
+        self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay', folder=folder)
+        self.sight = Series('time', 'azimuth', 'score', 'delay', folder=folder)
+        self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay', folder=folder)
         self.notes: dict[str, str] = {}
+
+    def newest(self) -> RunLog:
+        """A log of the rows in memory, which takes the same time however long the run is."""
+        log = RunLog()
+        for name, series in vars(self).items():
+            if isinstance(series, Series):
+                setattr(log, name, series.newest())
+        return log
 
     def save(self, folder: Path) -> None:
         """Write each series as `<name>.csv` into a folder, which is made where it does not exist."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tempfile
 import time as wall
 from dataclasses import asdict
 from functools import partial
@@ -44,7 +45,7 @@ class MonitorNode(RigNode):
         self._settings = self.settings
         self._rotations = TfRotations(self, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
-        self._recorder = RunRecorder()
+        self._recorder = RunRecorder(folder=Path(tempfile.gettempdir()))
         self._meters = {name: RateMeter() for name in ('doa', 'detections', 'bearing')}
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None
@@ -113,7 +114,7 @@ class MonitorNode(RigNode):
         elapsed = wall.monotonic() - self._started
         truth = delay = math.nan
         if self._bearing is not None:
-            truth = float(self._recorder.log.true_azimuth([to_seconds(self._bearing.header.stamp)])[0])
+            truth = float(self._recorder.log.newest().true_azimuth([to_seconds(self._bearing.header.stamp)])[0])
             if self._bearing.measured.sec:
                 delay = self.now() - to_seconds(self._bearing.measured)
         rates = {name: meter.rate if meter.age < 2.0 else 0.0 for name, meter in self._meters.items()}

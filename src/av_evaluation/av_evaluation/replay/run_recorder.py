@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from av_bags import topics as names
@@ -23,10 +24,11 @@ class RunRecorder:
 
     Parameters:
         record: also takes the most confident measurement of each `DoaArray`, or None.
+        folder: for temporary files of the log, as for `RunLog`.
     """
 
-    def __init__(self, record: MeasurementRecord | None = None) -> None:
-        self.log, self._record = RunLog(), record
+    def __init__(self, record: MeasurementRecord | None = None, folder: Path | None = None) -> None:
+        self.log, self._record = RunLog(folder), record
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""

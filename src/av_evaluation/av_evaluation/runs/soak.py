@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,6 +138,22 @@ def format_histories(histories: Sequence[ProcessHistory], limits: Limits, end: f
         verdict = ', '.join(one.faults(limits, end)) or 'holds'
         lines.append(f'{one.name[:21]:<22}{memory}{counts[0]:>9}{counts[1]:>8}   {verdict}')
     return '\n'.join(lines)
+
+
+def save_histories(histories: Sequence[ProcessHistory], path: Path) -> None:
+    """Write all samples as CSV.
+
+    Parameters:
+        histories: of the processes.
+        path: of the file.
+    """
+    names = [field.name for field in fields(ProcessSample)]
+    with path.open('w', newline='') as file:
+        rows = csv.writer(file, lineterminator='\n')
+        rows.writerow(['process', 'process_id', 'time', *names])
+        for one in histories:
+            rows.writerows([one.name, one.process_id, f'{time:.1f}', *(f'{getattr(taken, name):.9g}' for name in names)]
+                           for time, taken in zip(one.times, one.samples, strict=True))
 
 
 def _range(low: int, high: int) -> str:
