@@ -12,11 +12,17 @@ import dataclasses
 import math
 import types
 import typing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
+from av_common.files import one_line, shown
+from av_common.yaml_reader import YamlError, load_yaml
+
+# Limits of what states none: of numbers, of whole numbers such as seeds, and of the length of lists.
+LARGEST = 1e6
+LARGEST_WHOLE = 2**63 - 1
+LONGEST = 1000
 
 
 class ConfigError(ValueError):
@@ -24,29 +30,39 @@ class ConfigError(ValueError):
 
 
 def bounded(default: Any = dataclasses.MISSING, low: float | None = None, high: float | None = None,
-            above: float | None = None, choices: Sequence[str] | None = None) -> Any:
+            above: float | None = None, choices: Sequence[str] | None = None, longest: int | None = None) -> Any:
     """A dataclass field with bounds for its value, or for each number in it.
+
+    Without `low` and `above`, or without `high`, a number is limited to LARGEST, a whole number to LARGEST_WHOLE.
 
     Parameters:
         default: the field's default; without one the file must give a value.
         low, high: smallest and largest value.
         above: the value must be larger than this.
         choices: the texts that are allowed.
+        longest: largest length of a list; LONGEST where it is not given.
     """
-    metadata = {'low': low, 'high': high, 'above': above, 'choices': choices}
+    metadata = {'low': low, 'high': high, 'above': above, 'choices': choices, 'longest': longest}
     return dataclasses.field(default=default, metadata={key: value for key, value in metadata.items()
                                                         if value is not None})
 
 
-def load(cls: type, path: str | Path) -> Any:
-    """Read a YAML file as an instance of the dataclass `cls`. Raises ConfigError, or OSError for an unreadable file."""
-    path = Path(path)
+def load(cls: type, path: str | Path, change: Callable[[Any], None] | None = None) -> Any:
+    """Read a YAML file as an instance of the dataclass `cls`. Raises ConfigError, or OSError for an unreadable file.
+
+    Parameters:
+        cls: the dataclass.
+        path: the file.
+        change: changes the content, as YAML gives it, before it is checked; it may raise ConfigError.
+    """
     try:
-        content = yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: not YAML: {error}') from error
+        content = load_yaml(path)
+    except YamlError as error:
+        raise ConfigError(str(error)) from error
     try:
-        return read(cls, content, folder=path.parent)
+        if change is not None:
+            change(content)
+        return read(cls, content, folder=Path(path).expanduser().parent)
     except ConfigError as error:
         raise ConfigError(f'{path}: {error}') from error
 
@@ -61,7 +77,7 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
         folder: the file's folder, to which paths in it are relative.
     """
     if not isinstance(content, dict):
-        raise ConfigError(f'{key or "file"}: {content!r}, a mapping expected')
+        raise ConfigError(f'{key or "file"}: {shown(content)}, a mapping expected')
     hints = typing.get_type_hints(cls, include_extras=True)
     fields = settable_fields(cls)
     renamed: dict[str, str] = getattr(cls, 'RENAMED_KEYS', {})
@@ -79,8 +95,8 @@ def read(cls: type, content: Any, key: str = '', folder: Path = Path()) -> Any:
         return cls(**values)
     except ConfigError:
         raise
-    except (ValueError, OSError) as error:
-        raise ConfigError(f'{key}: {error}' if key else str(error)) from error
+    except (ValueError, TypeError, ArithmeticError, OSError) as error:
+        raise ConfigError(f'{key}: {one_line(error)}' if key else one_line(error)) from error
 
 
 def settable_fields(cls: type) -> dict[str, dataclasses.Field]:
@@ -112,49 +128,71 @@ def _value(hint: Any, value: Any, place: _Place) -> Any:
         reader = getattr(hint, 'from_yaml', None)
         return reader(value, place.key) if reader else read(typing.cast(type, hint), value, place.key, place.folder)
     if hint is Path and isinstance(value, str):
+        return _path(value, place)
+    if hint in (int, float):
+        return number(value, place.key, hint is int, place.bounds)
+    if not isinstance(value, hint):
+        raise ConfigError(f'{place.key}: {shown(value)}, {_NAMES.get(hint, hint.__name__)} expected')
+    if 'choices' in place.bounds and value not in place.bounds['choices']:
+        raise ConfigError(f'{place.key}: {shown(value)}, one of {", ".join(place.bounds["choices"])} expected')
+    return value
+
+
+def _path(value: str, place: _Place) -> Path:
+    try:
         return place.folder / Path(value).expanduser()
-    if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if not isinstance(value, hint) or (hint is int and isinstance(value, bool)):
-        raise ConfigError(f'{place.key}: {value!r}, {_NAMES.get(hint, hint.__name__)} expected')
-    _check(value, place)
+    except RuntimeError as error:
+        raise ConfigError(f'{place.key}: {shown(value)}: {one_line(error)}') from error
+
+
+def number(value: Any, key: str, whole: bool = False, bounds: typing.Mapping[str, Any] = types.MappingProxyType({})) -> float:
+    """A number of a file, a float unless `whole`. Raises ConfigError.
+
+    Parameters:
+        value: as YAML gives it.
+        key: its key in the file, for error messages.
+        whole: whether it must be an integer.
+        bounds: `low`, `high` and `above` as in `bounded`.
+    """
+    expected = 'a whole number' if whole else 'a number'
+    if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
+        raise ConfigError(f'{key}: {shown(value)}, {expected} expected')
+    if abs(value) > LARGEST_WHOLE or math.isnan(value):
+        raise ConfigError(f'{key}: {shown(value)}, {expected}, finite and at most 9.2e18 expected')
+    value, largest = (value, LARGEST_WHOLE) if whole else (float(value), LARGEST)
+    if 'above' in bounds and value <= bounds['above']:
+        raise ConfigError(f'{key}: {value} must be more than {bounds["above"]}')
+    low, high = bounds.get('low', bounds.get('above', -largest)), bounds.get('high', largest)
+    if value < low:
+        raise ConfigError(f'{key}: {value} is below {low}')
+    if value > high:
+        raise ConfigError(f'{key}: {value} is beyond {high}')
     return value
 
 
 def _choice(kinds: dict[str, type], value: Any, place: _Place) -> Any:
     kind = value.get('kind') if isinstance(value, dict) else None
-    if kind not in kinds:
-        raise ConfigError(f'{place.key}.kind: {kind!r}, one of {", ".join(kinds)} expected')
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ConfigError(f'{place.key}.kind: {shown(kind)}, one of {", ".join(kinds)} expected')
     rest = {name: item for name, item in value.items() if name != 'kind'}
     return read(kinds[kind], rest, place.key, place.folder)
 
 
 def _sequence(arguments: tuple, value: Any, place: _Place) -> tuple:
     if not isinstance(value, list):
-        raise ConfigError(f'{place.key}: {value!r}, a list expected')
+        raise ConfigError(f'{place.key}: {shown(value)}, a list expected')
+    longest = place.bounds.get('longest', LONGEST)
+    if len(value) > longest:
+        raise ConfigError(f'{place.key}: {len(value)} entries, at most {longest} expected')
     if len(arguments) == 1 or arguments[-1] is Ellipsis:
         arguments = arguments[:1] * len(value)
     if len(value) != len(arguments):
-        raise ConfigError(f'{place.key}: {value!r}, a list of {len(arguments)} expected')
+        raise ConfigError(f'{place.key}: {shown(value)}, a list of {len(arguments)} expected')
     return tuple(_value(hint, item, dataclasses.replace(place, key=f'{place.key}[{number}]'))
                  for number, (hint, item) in enumerate(zip(arguments, value, strict=True)))
 
 
-_NAMES = {float: 'a number', int: 'a whole number', str: 'a text', bool: 'true or false', Path: 'a file name'}
-
-
-def _check(value: Any, place: _Place) -> None:
-    key, bounds = place.key, place.bounds
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f'{key}: {value}, a finite number expected')
-    if 'low' in bounds and value < bounds['low']:
-        raise ConfigError(f'{key}: {value} is below {bounds["low"]}')
-    if 'high' in bounds and value > bounds['high']:
-        raise ConfigError(f'{key}: {value} is beyond {bounds["high"]}')
-    if 'above' in bounds and value <= bounds['above']:
-        raise ConfigError(f'{key}: {value} must be more than {bounds["above"]}')
-    if 'choices' in bounds and value not in bounds['choices']:
-        raise ConfigError(f'{key}: {value!r}, one of {", ".join(bounds["choices"])} expected')
+_NAMES = {str: 'a text', bool: 'true or false', Path: 'a file name'}
 
 
 def _is_callable(hint: Any) -> bool:
@@ -164,4 +202,5 @@ def _is_callable(hint: Any) -> bool:
 
 
 def _join(key: str, name: Any) -> str:
-    return f'{key}.{name}' if key else str(name)
+    text = one_line(name) if isinstance(name, str) and len(name) < 60 else shown(name)
+    return f'{key}.{text}' if key else text

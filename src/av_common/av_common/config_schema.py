@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from av_common.config_reader import settable_fields
+from av_common.config_reader import LARGEST, LARGEST_WHOLE, LONGEST, settable_fields
 
 _TYPES = {float: 'number', int: 'integer', str: 'string', bool: 'boolean', Path: 'string'}
 _BOUNDS = {'low': 'minimum', 'high': 'maximum', 'above': 'exclusiveMinimum', 'choices': 'enum'}
@@ -40,9 +40,18 @@ def _value(hint: Any, bounds: typing.Mapping[str, Any]) -> dict[str, Any]:
         return {'anyOf': options}
     if origin in (tuple, list, Sequence):
         if len(arguments) == 1 or arguments[-1] is Ellipsis:
-            return {'type': 'array', 'items': _value(arguments[0], bounds)}
+            return {'type': 'array', 'items': _value(arguments[0], bounds), 'maxItems': bounds.get('longest', LONGEST)}
         return {'type': 'array', 'prefixItems': [_value(item, bounds) for item in arguments],
                 'minItems': len(arguments), 'maxItems': len(arguments)}
     if dataclasses.is_dataclass(hint):
         return hint.yaml_schema() if hasattr(hint, 'yaml_schema') else _mapping(typing.cast(type, hint))
-    return {'type': _TYPES[hint], **{_BOUNDS[name]: bound for name, bound in bounds.items()}}
+    return {'type': _TYPES[hint], **_limits(hint, bounds)}
+
+
+def _limits(hint: Any, bounds: typing.Mapping[str, Any]) -> dict[str, Any]:
+    found = {_BOUNDS[name]: bound for name, bound in bounds.items() if name in _BOUNDS}
+    if hint in (int, float):
+        largest = LARGEST_WHOLE if hint is int else LARGEST
+        lowest = {} if 'above' in bounds else {'minimum': -largest}
+        found = {**lowest, 'maximum': largest, **found}
+    return found

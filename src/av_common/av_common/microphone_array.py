@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -12,10 +13,12 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from av_common.angles import angles_to_direction
+from av_common.config_reader import ConfigError, bounded, load
 
 # Microphones that deviate from a line or plane by less than this count as lying on it.
 FLATNESS_M = 1e-3
 MINIMUM_SPACING_M = 1e-3
+MOST_MICROPHONES = 256
 
 
 @dataclass(frozen=True)
@@ -29,8 +32,8 @@ class DelayCurve:
     Raises ValueError for anything else.
     """
 
-    cosine: NDArray
-    measured: NDArray
+    cosine: Sequence[float] | NDArray
+    measured: Sequence[float] | NDArray
 
     def __post_init__(self) -> None:
         cosine, measured = (np.asarray(values, dtype=float) for values in (self.cosine, self.measured))
@@ -93,21 +96,12 @@ class MicrophoneArray:
     @classmethod
     def load(cls, path: str | Path) -> MicrophoneArray:
         """Read an array file. Raises OSError, or ValueError with the name of the file and the reason."""
-        text = Path(path).expanduser().read_text(encoding='utf-8')
         try:
-            content = yaml.safe_load(text)
-            if not isinstance(content, dict) or 'microphones' not in content:
-                raise ValueError('expected a list "microphones: [[x, y, z], ...]" in metres')
-            unknown = set(content) - {'name', 'microphones', 'delay_curve'}
-            if unknown:
-                raise ValueError(f'unknown keys {sorted(unknown)}; known are name, microphones, delay_curve')
-            curve = content.get('delay_curve')
-            if curve is not None:
-                if not isinstance(curve, dict) or set(curve) != {'cosine', 'measured'}:
-                    raise ValueError('delay_curve: expected the lists cosine and measured')
-                curve = DelayCurve(curve['cosine'], curve['measured'])
-            return cls(content['microphones'], str(content.get('name', Path(path).stem)), curve)
-        except (yaml.YAMLError, TypeError, ValueError) as error:
+            content = load(_ArrayFile, path)
+            return cls(content.microphones, content.name or Path(path).stem, content.delay_curve)
+        except ConfigError as error:
+            raise ValueError(f'array file {error}') from error
+        except ValueError as error:
             raise ValueError(f'array file {path}: {error}') from error
 
     def save(self, path: str | Path, comment: str = '') -> None:
@@ -203,7 +197,17 @@ class MicrophoneArray:
         return np.stack([inside + height, inside - height], axis=-2)
 
 
-def _interpolate(x: NDArray, xp: NDArray, fp: NDArray) -> NDArray:
+@dataclass(frozen=True)
+class _ArrayFile:
+    """Content of an array file."""
+
+    microphones: tuple[tuple[float, float, float], ...] = bounded(longest=MOST_MICROPHONES)
+    name: str = ''
+    delay_curve: DelayCurve | None = None
+
+
+def _interpolate(x: NDArray, positions: ArrayLike, values: ArrayLike) -> NDArray:
     """Piecewise linear interpolation, extended beyond both ends by the end slopes."""
+    xp, fp = np.asarray(positions, float), np.asarray(values, float)
     k = np.clip(np.searchsorted(xp, x) - 1, 0, len(xp) - 2)
     return fp[k] + (x - xp[k]) * (fp[k + 1] - fp[k]) / (xp[k + 1] - xp[k])

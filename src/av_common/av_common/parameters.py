@@ -8,11 +8,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rclpy.exceptions import ParameterException
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 
+from av_common.files import one_line, shown
 from av_common.node import RenamedParameterError, RigNode
+from av_common.yaml_reader import load_yaml
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
@@ -41,6 +42,9 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
         raise ValueError(f'{node}: {error}') from error
 
 
+LARGEST = 2**63     # of the integers of parameters
+
+
 class _Declarations:
     """The interface of a node that generated code uses: declared parameters take the given values or their defaults.
 
@@ -64,7 +68,7 @@ class _Declarations:
         if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             value = _real(value)
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
-            raise ValueError(f'{self._node}: {name} is {value!r}, expected {kind.name.lower()}')
+            raise ValueError(f'{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
         self._declared[name] = Parameter(name, kind, value)
 
     def get_parameter(self, name: str) -> Parameter:
@@ -79,7 +83,7 @@ def _real(value: Any) -> Any:
     """Integers as floats, also in lists; other values unchanged."""
     if isinstance(value, list):
         return [_real(item) for item in value]
-    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < LARGEST else value
 
 
 def _node_class(package: str, node: str) -> type[RigNode]:
@@ -94,12 +98,12 @@ def _read(file: Path, node: str) -> dict[str, Any]:
     `rclpy.parameter.parameter_dict_from_yaml_file` finds neither the nodes of `/*/node`, `/**/namespace/node` and
     `namespace: node:`, nor those of `/**/node` without a namespace, and reads '1' in quotes as a number.
     """
+    content = load_yaml(file, 'parameter file') or {}
     try:
-        content = yaml.safe_load(file.read_text(encoding='utf-8')) or {}
         return {name: value for pattern, section in _sections(content) if re.fullmatch(pattern, node)
                 for name, value in _flat(section)}
-    except (yaml.YAMLError, AttributeError) as error:
-        raise ValueError(f'parameter file {file}: expected NODE: ros__parameters: NAME: VALUE ({error})') from error
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f'parameter file {file}: expected NODE: ros__parameters: NAME: VALUE ({one_line(error)})') from error
 
 
 def _sections(tree: Mapping[str, Any], path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -57,15 +57,15 @@ def test_delay_curve_bends_delays_and_back(tmp_path):
 
 
 @pytest.mark.parametrize('text, message', [
-    ('- 1', 'microphones'),
+    ('- 1', 'a mapping expected'),
     ('microphones: [[0, 0, 0]]', 'at least two'),
-    ('microphones: [[0, 0], [1, 0]]', 'at least two positions'),
+    ('microphones: [[0, 0], [1, 0]]', r'microphones\[0\]: \[0, 0\], a list of 3 expected'),
     ('microphones: [[0, 0, 0], [0, 0, .nan]]', 'finite'),
     ('microphones: [[0, 1, 0], [0, 1, 0]]', 'same place'),
     ('microphones: [[0, 100, 0], [0, -100.1, 0]]', 'millimetres'),
     ('microphones: [[0, 0, 1], [0, 0, 0]]', 'vertical'),
-    ('microphones: [[0, a, 1], [0, 0, 0]]', 'could not convert'),
-    ('microphones: [[0, 1, 0], [0, 0, 0]]\nmics: 2', "unknown keys \\['mics'\\]"),
+    ('microphones: [[0, a, 1], [0, 0, 0]]', r"microphones\[0\]\[1\]: 'a', a number expected"),
+    ('microphones: [[0, 1, 0], [0, 0, 0]]\nmics: 2', 'mics: unknown key'),
     ('microphones: [[0, 1, 0], [0, 0, 0]]\ndelay_curve: {cosine: [0, 1], measured: [1, 0]}', 'rise strictly'),
     ('microphones: [', 'array file'),
 ])

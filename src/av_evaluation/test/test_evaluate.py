@@ -105,7 +105,7 @@ def test_a_change_reaches_the_scenario_by_its_key():
     scenario = changed_scenario(case)
     assert np.hypot(*scenario.targets[0].trajectory(np.array([0.0]))[0][:2]) == pytest.approx(25.0)
     assert float(scenario.weather.fog(3.0)) == 0.3 and scenario.noise.snr.ratio_db == -5
-    with pytest.raises(ValueError, match='nothing below it'):
+    with pytest.raises(ValueError, match='nothing can be changed here'):
         changed_scenario(Case('circle', 1, changes=(('duration.x', 1.0),)))
     with pytest.raises(ValueError, match='weather'):
         changed_scenario(Case('circle', 1, changes=(('weather.frog', 1.0),)))

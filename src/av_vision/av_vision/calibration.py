@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-import yaml
+from av_common.camera import DISTORTION_LENGTHS, PinholeCamera
+from av_common.config_reader import ConfigError, number
+from av_common.files import shown
+from av_common.yaml_reader import load_yaml
 
-from av_common.camera import PinholeCamera
+MOST_PIXELS = 65_536
 
 
 def load_calibration(path: str | Path) -> PinholeCamera:
-    """The camera of a calibration file; raises ValueError that names the file and the entry that is missing or wrong."""
+    """The camera of a calibration file. Raises ValueError or OSError that name the file and the entry that is wrong."""
+    content = load_yaml(path, 'calibration')
     try:
-        entries = yaml.safe_load(Path(path).read_text())
-        matrix = np.array(entries['camera_matrix']['data'], float).reshape(3, 3)
-        distortion = entries.get('distortion_coefficients', {}).get('data', [])
-        return PinholeCamera(int(entries['image_width']), int(entries['image_height']), matrix[0, 0], matrix[1, 1],
-                             matrix[0, 2], matrix[1, 2], tuple(distortion))
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ValueError(f'calibration {path} cannot be used: {error!r}; expected image_width, image_height, '
-                         'camera_matrix.data (9) and distortion_coefficients.data') from error
+        if not isinstance(content, dict):
+            raise ConfigError(f'{shown(content)}, expected a mapping with image_width and camera_matrix')
+        matrix = _numbers(content, 'camera_matrix', (9,))
+        distortion = _numbers(content, 'distortion_coefficients', DISTORTION_LENGTHS)
+        width, height = (int(number(content.get(name), name, True, {'low': 1, 'high': MOST_PIXELS}))
+                         for name in ('image_width', 'image_height'))
+        return PinholeCamera(width, height, matrix[0], matrix[4], matrix[2], matrix[5], distortion)
+    except ValueError as error:
+        raise ValueError(f'calibration {path}: {error}') from error
+
+
+def _numbers(content: dict[str, Any], name: str, lengths: tuple[int, ...]) -> tuple[float, ...]:
+    """The list `data` of an entry, which may be absent where a length of 0 is allowed."""
+    entry = content.get(name, {} if 0 in lengths else None)
+    data = entry.get('data', [] if 0 in lengths else None) if isinstance(entry, dict) else entry
+    if not isinstance(data, list) or len(data) not in lengths:
+        raise ConfigError(f'{name}.data: {shown(data)}, expected a list of {" or ".join(map(str, lengths))} numbers')
+    return tuple(number(value, f'{name}.data[{index}]') for index, value in enumerate(data))

@@ -21,22 +21,25 @@ class Series:
 
     Parameters:
         names: of the columns.
-        folder: for a file without a name that holds all but the newest rows; None to keep all in memory.
+        folder: for a file without a name that holds all but the newest rows; None, or one that cannot be written, to keep all
+            in memory.
     """
 
     def __init__(self, *names: str, folder: Path | None = None) -> None:
         self._names = names
         self._flat = array('d')     # the newest rows
-        self._folder = folder
         self._file: UnnamedFile | None = None
+        if folder is not None:
+            with suppress(OSError):
+                self._file = UnnamedFile(folder)
 
     def add(self, *values: float) -> None:
         """Append one row, a value for each column. Raises ValueError for another number of values."""
         if len(values) != len(self._names):
             raise ValueError(f'{len(values)} values, expected {self._names}')
         self._flat.extend(values)
-        if self._folder is not None and len(self._flat) >= 2 * ROWS_IN_MEMORY * len(self._names):
-            self._move(self._folder)
+        if self._file is not None and len(self._flat) >= 2 * ROWS_IN_MEMORY * len(self._names):
+            self._move(self._file)
 
     def extend(self, *columns: ArrayLike) -> None:
         """Append rows, given as one array (n,) for each column."""
@@ -65,14 +68,13 @@ class Series:
         stored = self._file.content() if self._file is not None else b''
         return np.concatenate([np.frombuffer(stored), np.array(self._flat)]).reshape(-1, len(self._names))
 
-    def _move(self, folder: Path) -> None:
+    def _move(self, file: UnnamedFile) -> None:
         """Move all but the newest rows to the file. While the disk refuses them, they stay in memory."""
         newest = -ROWS_IN_MEMORY * len(self._names)
+        file.write(self._flat[:newest].tobytes())
+        del self._flat[:newest]
         with suppress(OSError):
-            self._file = self._file or UnnamedFile(folder)
-            self._file.write(self._flat[:newest].tobytes())
-            del self._flat[:newest]
-            self._file.commit()
+            file.commit()
 
 
 class RunLog:

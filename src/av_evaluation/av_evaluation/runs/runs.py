@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from av_audio.localizer import METHODS as ESTIMATORS
 from av_audio.localizer import LocalizerSettings
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
-from av_common.config_reader import read
+from av_common.config_reader import ConfigError, load
+from av_common.files import shown
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
@@ -120,21 +120,26 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
 
 
 def changed_scenario(case: Case) -> Scenario:
-    """The scenario of a case with its changes. Raises ConfigError, or ValueError for a key below a single value."""
-    file = find_config(case.input, 'scenarios')
-    content = yaml.safe_load(file.read_text())
-    for key, value in case.changes:
-        *path, last = key.split('.')
-        place: Any = content
+    """The scenario of a case with its changes. Raises OSError, or ConfigError with file and key."""
+    def change(content: Any) -> None:
+        for key, value in case.changes:
+            _set(content, key, value)
+
+    return load(Scenario, find_config(case.input, 'scenarios'), change)
+
+
+def _set(content: Any, key: str, value: Any) -> None:
+    """Set the value at a dotted key, with numbers for entries of lists. Raises ConfigError below a single value."""
+    *path, last = key.split('.')
+    place = content
+    try:
         for part in path:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-        if isinstance(place, list):
-            place[int(last)] = value
-        elif isinstance(place, dict):
-            place[last] = value
-        else:
-            raise ValueError(f'{file}: {key}: {path[-1]} is {place!r}, nothing below it can be changed')
-    return read(Scenario, content, folder=file.parent)
+        if not isinstance(place, (list, dict)):
+            raise TypeError
+        place[int(last) if isinstance(place, list) else last] = value
+    except (AttributeError, TypeError, ValueError, IndexError) as error:
+        raise ConfigError(f'{key}: nothing can be changed here, below {shown(place)}') from error
 
 
 def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:

@@ -1,0 +1,93 @@
+"""YAML with limits: what a file of a few bytes can make of itself stays small, and errors are one line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from av_common.files import MEGABYTE, one_line, read_text
+
+MOST_BYTES = MEGABYTE
+DEPTH = 50          # levels of nesting
+NODES = 100_000     # values, those of an alias counted each time that it is used
+DIGITS = 40         # characters of a number
+_PARSER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where PyYAML has it
+
+
+class YamlError(ValueError):
+    """Text that is no YAML, or that exceeds a limit; the message is one line with the place."""
+
+
+def load_yaml(path: str | Path, kind: str = '') -> Any:
+    """The content of a YAML file. Raises OSError or YamlError that name the file.
+
+    Parameters:
+        path: the file.
+        kind: what the file should be, for the message.
+    """
+    text = read_text(path, MOST_BYTES, kind)
+    try:
+        return parse_yaml(text)
+    except YamlError as error:
+        raise YamlError(f'{kind} {path}: {error}'.strip()) from error
+
+
+def parse_yaml(text: str) -> Any:
+    """The content of a YAML document. Raises YamlError.
+
+    What looks like a number or a date but is none, such as one of 400 digits, stays a text.
+    """
+    try:
+        _check(yaml.parse(text, Loader=_PARSER))
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f' in line {mark.line + 1}' if mark else ''
+        raise YamlError(f'not YAML{place}: {one_line(error.problem or error.context)}') from error
+    except (yaml.YAMLError, RecursionError, TypeError, ValueError) as error:
+        raise error if isinstance(error, YamlError) else YamlError(f'not YAML: {one_line(error)}') from error
+
+
+class _Loader(_PARSER):
+    """Like `SafeLoader`, but a scalar that cannot be converted to its apparent type stays a text."""
+
+
+def _number_or_text(loader: Any, node: yaml.ScalarNode) -> Any:
+    if len(node.value) > DIGITS:
+        return node.value
+    try:
+        return yaml.SafeLoader.yaml_constructors[node.tag](loader, node)
+    except (ValueError, IndexError, AttributeError):
+        return node.value
+
+
+for _kind in ('int', 'float', 'timestamp'):
+    _Loader.add_constructor(f'tag:yaml.org,2002:{_kind}', _number_or_text)
+
+
+def _check(events: Iterator[Any]) -> None:
+    """Raise YamlError where the document's values are nested too deep or too many, with aliases written out."""
+    sizes: dict[str, int] = {}
+    open_nodes: list[list[Any]] = [['', 0]]     # anchor, number of values inside
+    for event in events:
+        line = f'line {event.start_mark.line + 1}'
+        if isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = open_nodes.pop()
+            sizes[anchor] = size + 1
+            open_nodes[-1][1] += size + 1
+        elif isinstance(event, yaml.CollectionStartEvent):
+            open_nodes.append([event.anchor, 0])
+            if len(open_nodes) > DEPTH:
+                raise YamlError(f'{line}: more than {DEPTH} levels of nesting')
+        elif isinstance(event, yaml.AliasEvent):
+            if any(anchor == event.anchor for anchor, _ in open_nodes):
+                raise YamlError(f'{line}: the alias *{event.anchor} is inside of what it names')
+            open_nodes[-1][1] += sizes.get(event.anchor, 1)
+        elif isinstance(event, yaml.ScalarEvent):
+            sizes[event.anchor or ''] = 1
+            open_nodes[-1][1] += 1
+        if open_nodes[-1][1] > NODES:
+            raise YamlError(f'{line}: more than {NODES} values, aliases written out')
