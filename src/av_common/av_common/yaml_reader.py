@@ -85,7 +85,7 @@ def _check(events: Iterator[Any]) -> None:
         elif isinstance(event, yaml.AliasEvent):
             if any(anchor == event.anchor for anchor, _ in open_nodes):
                 raise YamlError(f'{line}: the alias *{event.anchor} is inside of what it names')
-            open_nodes[-1][1] += sizes.get(event.anchor, 1)
+            open_nodes[-1][1] += sizes.get(str(event.anchor), 1)
         elif isinstance(event, yaml.ScalarEvent):
             sizes[event.anchor or ''] = 1
             open_nodes[-1][1] += 1

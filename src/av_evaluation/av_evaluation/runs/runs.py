@@ -135,9 +135,12 @@ def _set(content: Any, key: str, value: Any) -> None:
     try:
         for part in path:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
-        if not isinstance(place, (list, dict)):
-            raise TypeError
-        place[int(last) if isinstance(place, list) else last] = value
+        if isinstance(place, list):
+            place[int(last)] = value
+        elif isinstance(place, dict):
+            place[last] = value
+        else:
+            raise TypeError(f'a value, {last} is below it')
     except (AttributeError, TypeError, ValueError, IndexError) as error:
         raise ConfigError(f'{key}: nothing can be changed here, below {shown(place)}') from error
 
