@@ -73,7 +73,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig'], **BAG_TIME}))
     receivers += recorder_nodes(arguments, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
-    return [*ends_with(player), *others, *receivers, player]
+    processes = [*others, *receivers, player]
+    return [*ends_with(player, processes), *processes]
 
 
 def player_node(arguments: Arguments, receivers: list[str]) -> Node:

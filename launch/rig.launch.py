@@ -24,12 +24,12 @@ from av_fusion.launching import (
     describe,
     detector_node,
     doa_node,
-    ends_with,
     monitor_nodes,
     recorder_nodes,
     require,
     rig_node,
 )
+from av_fusion.supervision import RESPAWN, Supervision
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')
@@ -81,20 +81,23 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
-    processes = [
+    recorder = recorder_nodes(arguments, {})
+    essential = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
         rig_node(arguments, 'av_fusion', 'fusion_node', {}),
         rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments)}),
-        *monitor, *sources[arguments['source']](arguments), *recorder_nodes(arguments, {})]
+        *sources[arguments['source']](arguments)]
     if arguments['px4'] == 'true':
-        processes.append(px4(arguments))
+        essential.append(px4(arguments))
+    notes = []
     if not may_move(arguments):
-        processes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
-    return [*ends_with(monitor[0] if monitor else None, duration), *processes]
+        notes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
+    supervision = Supervision(essential, recorder, monitor[0] if monitor else None, duration, bool(arguments['out']))
+    return [*supervision.entities(), *essential, *monitor, *recorder, *notes]
 
 
-def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
+def simulator(arguments: Arguments) -> list[ExecuteProcess]:
     """The built-in simulator, a program without ROS, and the bridge to it."""
     require('source:=sim', 'av_simulator', 'av_sim_bridge')
     program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
@@ -103,11 +106,11 @@ def simulator(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
     for name in ('image_rate', 'drone_recording', 'seed'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
-    return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen'),
+    return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen', **RESPAWN),
             *bridge(arguments)]
 
 
-def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
+def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     """The bridge from a simulator's UDP streams, and the detector when there is a model."""
     require(f'source:={arguments["source"]}', 'av_sim_bridge')
     from av_sim_bridge.wire.ports import Ports  # only where the bridge is installed
@@ -123,7 +126,7 @@ def bridge(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     return [node, detector_node(arguments, {})] if arguments['model'] else [node]
 
 
-def files(arguments: Arguments) -> list[LaunchDescriptionEntity]:
+def files(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes that play recordings at their own speed instead of microphones and camera."""
     sensors = []
     if arguments['audio']:
@@ -134,13 +137,13 @@ def files(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     return sensors
 
 
-def hardware(arguments: Arguments) -> list[LaunchDescriptionEntity]:
+def hardware(arguments: Arguments) -> list[ExecuteProcess]:
     """The nodes of microphones and camera, which are selected in the parameter file."""
     return [rig_node(arguments, 'av_audio', 'audio_node', {'source': 'device'}),
             rig_node(arguments, 'av_vision', 'camera_node', {'source': 'device'}), detector_node(arguments, {})]
 
 
-def px4(arguments: Arguments) -> LaunchDescriptionEntity:
+def px4(arguments: Arguments) -> ExecuteProcess:
     """The node between the rig and PX4. Raises MissingPackageError without av_px4 or px4_msgs."""
     require('px4:=true', 'av_px4')
     if importlib.util.find_spec('px4_msgs') is None:

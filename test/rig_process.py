@@ -13,6 +13,8 @@ import uuid
 from pathlib import Path
 from typing import ClassVar
 
+from machine_load import slowness
+
 MARK = 'AV_RIG_TEST_RUN'
 
 
@@ -53,6 +55,10 @@ class RigProcess:
         """Ctrl-C: SIGINT to the whole foreground process group."""
         os.killpg(self._process.pid, signal.SIGINT)
 
+    def signal(self, number: signal.Signals) -> None:
+        """A signal to the launch alone, not to its processes."""
+        self._process.send_signal(number)
+
     def wait_for(self, pattern: str, timeout: float = 90.0) -> None:
         """Wait until the output matches. Raises AssertionError with the output when it does not, or the rig ends."""
         deadline = time.monotonic() + timeout
@@ -74,8 +80,8 @@ class RigProcess:
         return found
 
     def leftovers(self) -> list[int]:
-        """Process ids that outlive the run by more than two seconds."""
-        deadline = time.monotonic() + 2.0
+        """Process ids that outlive the run by more than two seconds, or as much longer as the machine is overloaded."""
+        deadline = time.monotonic() + 2.0 * slowness()
         while self.processes() and time.monotonic() < deadline:
             time.sleep(0.1)
         return self.processes()

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import random
-import signal
 import socket
 import time
 
@@ -43,16 +41,6 @@ def test_ctrl_c_ends_everything(port_offset):
     rig.interrupt()
     rig.finish(timeout=60.0)
     assert 'coverage' in rig.output
-    assert not rig.leftovers()
-
-
-def test_a_dead_node_fails_the_launch(port_offset):
-    """When a node dies, the launch ends with a code other than 0 and names the node."""
-    rig = RigProcess('duration:=60', f'port_offset:={port_offset}')
-    rig.wait_for(r'deg \+-')
-    os.kill(rig.processes('lib/av_audio/doa_node')[0], signal.SIGKILL)
-    assert rig.finish(timeout=60.0) != 0
-    assert 'doa_node' in rig.output and 'while the rig was running' in rig.output
     assert not rig.leftovers()
 
 

@@ -25,6 +25,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from av_common.launched import report_started, restarts
+
 try:  # uses a third of the processor time of SingleThreadedExecutor at the rates of the rig
     from rclpy.experimental import EventsExecutor as Executor
 except ImportError:
@@ -211,6 +213,7 @@ class RigNode(LifecycleNode):
         else:
             status.summary(DiagnosticStatus.OK, 'active')
             self.diagnose(status)
+        status.add('restarts', str(restarts()))
         return status
 
 
@@ -224,21 +227,24 @@ def run(node_class: Callable[[], RigNode]) -> None:
 
     Exits with 1 and one line in the log when parameters are out of bounds, of a wrong type, or given by an old name.
 
-    SIGINT and SIGTERM let the callback in progress finish and the node deactivate, with its publishers still alive.
+    SIGINT, SIGTERM and SIGHUP (unless it is ignored, as under `nohup`) let the callback in progress finish and the node
+    deactivate, with its publishers still alive.
     """
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     # The executor waits in native code, where handlers in Python do not run: a thread reads the signal instead.
     signals, wakeup = socket.socketpair()
     wakeup.setblocking(False)
     signal.set_wakeup_fd(wakeup.fileno())
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
     try:
         node = node_class()
     except (RenamedParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)
+    report_started()
     threading.Thread(target=_finish_on_signal, args=(signals, node), daemon=True).start()
     executor = Executor()
     executor.add_node(node)

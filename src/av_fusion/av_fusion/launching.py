@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+import signal
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from tempfile import mkdtemp
 
 from ament_index_python.packages import (
     PackageNotFoundError,
@@ -15,15 +19,21 @@ from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
     DeclareLaunchArgument,
     EmitEvent,
+    ExecuteProcess,
+    GroupAction,
     OpaqueFunction,
     RegisterEventHandler,
-    TimerAction,
+    SetEnvironmentVariable,
 )
-from launch.event_handlers import OnProcessExit
+from launch.event_handlers import OnProcessExit, OnShutdown
 from launch.events import Shutdown
+from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
+from av_common.launched import RUN_FOLDER
 from av_common.rig import load_rig
+from av_fusion import guard
+from av_fusion.supervision import MOST_RESTARTS, RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 MONITOR_PACKAGE = 'av_evaluation'
@@ -71,10 +81,38 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
         for old, new in RENAMED_ARGUMENTS.items():
             if old in context.launch_configurations:
                 raise ValueError(f'{old}:= is now named {new}:=')
-        return start({name: context.launch_configurations[name] for name in declarations})
+        entities = start({name: context.launch_configurations[name] for name in declarations})
+        folder = mkdtemp(prefix='av_rig_')
+        entities.append(guard_process(folder))
+        interruption = interrupt_with_launch([entity for entity in entities if isinstance(entity, ExecuteProcess)])
+        return [GroupAction([SetEnvironmentVariable(RUN_FOLDER, folder), interruption, *entities])]
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
+
+
+def guard_process(folder: str) -> ExecuteProcess:
+    """The guard, which ends the other processes where the launch is killed.
+
+    Parameters:
+        folder: folder of the run, the value of RUN_FOLDER in the environment of those processes.
+    """
+    command = [sys.executable, '-I', '-S', guard.__file__, f'{RUN_FOLDER}={folder}', str(os.getpid())]
+    # It ends last, after processes that take their time to close files.
+    return ExecuteProcess(cmd=command, name='guard', output='log', sigterm_timeout='60', **RESPAWN)
+
+
+def interrupt_with_launch(processes: Sequence[ExecuteProcess]) -> LaunchDescriptionEntity:
+    """The handler that passes on a SIGINT of the launch alone; launch expects that Ctrl-C has reached its processes.
+
+    Parameters:
+        processes: the processes to interrupt; a second SIGINT does them no harm.
+    """
+    def interrupt(event: Shutdown, context: LaunchContext) -> None:
+        for process in processes if event.due_to_sigint else ():
+            with suppress(ProcessLookupError, KeyError, TypeError):    # has ended, or has not started
+                os.kill(process.process_details['pid'], signal.SIGINT)
+    return RegisterEventHandler(OnShutdown(on_shutdown=interrupt))
 
 
 def is_installed(package: str) -> bool:
@@ -105,7 +143,7 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
     """
     files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
     return Node(package=package, executable=executable, name=executable, namespace=arguments['namespace'],
-                parameters=files, **{'output': 'log', **options})
+                parameters=files, **{'output': 'log', **RESPAWN, **options})
 
 
 def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
@@ -127,7 +165,7 @@ def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     elif not is_installed(MONITOR_PACKAGE):
         return []
     return [rig_node(arguments, MONITOR_PACKAGE, 'monitor_node', {'out': out, **parameters},
-                     output='screen', sigterm_timeout='20')]
+                     output='screen', sigterm_timeout='20', respawn=False)]
 
 
 def doa_node(arguments: Arguments, parameters: dict) -> Node:
@@ -163,21 +201,20 @@ def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     if not arguments['record']:
         return []
     require(f'record:={arguments["record"]}', 'av_bags')
-    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters})]
+    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters},
+                     respawn_max_retries=MOST_RESTARTS)]
 
 
-def ends_with(last: Node | None, duration: float = 0.0) -> list[LaunchDescriptionEntity]:
+def ends_with(last: Node, processes: Sequence[Node]) -> list[LaunchDescriptionEntity]:
     """Event handlers that end the launch; a process that ends before fails it, with an exit code other than 0.
 
     Parameters:
-        last: the process whose end is the run's, None where only `duration` or Ctrl-C ends it
-        duration (s): end after this time without `last`; 0 for none
+        last: the process whose end is the run's.
+        processes: all processes of the run.
     """
-    def check(event: Any, context: LaunchContext) -> None:
-        if not context.is_shutdown and not (last is not None and event.action is last and event.returncode == 0):
+    def check(event: ProcessExited, context: LaunchContext) -> None:
+        if event.action in processes and not context.is_shutdown and (event.action is not last or event.returncode):
             raise RuntimeError(f'{event.process_name} ended with exit code {event.returncode} while the rig was running')
     shutdown = EmitEvent(event=Shutdown(reason='the run is over'))
-    watch = RegisterEventHandler(OnProcessExit(on_exit=check))
-    if last is not None:
-        return [watch, RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]
-    return [watch, *([TimerAction(period=duration, actions=[shutdown])] if duration else [])]
+    return [RegisterEventHandler(OnProcessExit(on_exit=check)),
+            RegisterEventHandler(OnProcessExit(target_action=last, on_exit=[shutdown]))]

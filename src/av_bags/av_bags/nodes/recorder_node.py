@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from functools import partial
+from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -18,6 +19,7 @@ from av_bags.background_writer import BackgroundWriter
 from av_bags.image_compression import compress
 from av_bags.nodes.recorder_node_parameters import recorder_node as parameters
 from av_bags.writer import DEFAULT_QOS
+from av_common.launched import restarts
 from av_common.node import RigNode, run
 
 DISCOVERY_PERIOD_S = 0.2
@@ -41,8 +43,8 @@ class RecorderNode(RigNode):
         """Create the bag and start to look for topics."""
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
-        self._writer = BackgroundWriter(datetime.now().strftime(self._settings.path), self._settings.compression,
-                                        1_000_000 * self._settings.queue_mb)
+        path = numbered(datetime.now().strftime(self._settings.path), restarts())
+        self._writer = BackgroundWriter(path, self._settings.compression, 1_000_000 * self._settings.queue_mb)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
         self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
                           clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -100,6 +102,17 @@ class RecorderNode(RigNode):
         status.add('not published so far', ', '.join(self._missing))
         for topic, count in writer.bag.counts.items():
             status.add(f'{topic} messages', str(count))
+
+
+def numbered(path: str, number: int) -> str:
+    """The path of a bag that continues another one.
+
+    Parameters:
+        path: path of the first bag.
+        number: number of the continuation; 0 for the first bag itself.
+    """
+    first = Path(path)
+    return str(first.with_name(f'{first.stem}_{number}{first.suffix}')) if number else path
 
 
 def common_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:

@@ -12,6 +12,7 @@ from rclpy.clock_type import ClockType
 from std_srvs.srv import SetBool
 
 from av_common.freshness import Instant
+from av_common.launched import KeptSwitch
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -25,11 +26,14 @@ class PointingNode(RigNode):
 
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
+        self._enabled: KeptSwitch | None = None    # as the operator left it, also in the process before
 
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
         self._stage = make_pointing_stage(self._settings)
+        self._enabled = self._enabled or KeptSwitch(f'{self.get_fully_qualified_name()}.enabled', self._settings.enabled)
+        self._stage.controller.enabled = self._enabled.value
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
@@ -60,6 +64,7 @@ class PointingNode(RigNode):
         self._stage.on_odometry(message, self._instant())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._enabled.set(request.data)
         self._stage.controller.enabled = request.data
         response.success, response.message = True, 'commands move the rig' if request.data else 'commands move nothing'
         return response

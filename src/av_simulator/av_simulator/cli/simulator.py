@@ -8,6 +8,7 @@ import signal
 import sys
 from dataclasses import asdict
 
+from av_common.launched import report_started
 from av_common.rig import load_rig
 from av_sim_bridge.wire.ports import Ports
 from av_simulator.cli.arguments import not_negative, port_offset, positive, renamed, seed
@@ -77,6 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: simulator.stop())
+    report_started()
     log.info('%s: %s', scenario.name, scenario.description)
     try:
         simulator.run(scenario.duration if options.duration is None else options.duration, options.begin)

@@ -1,0 +1,78 @@
+"""What a launch file and its processes tell each other: the folder of the run, restarts, and the end of a start.
+
+Without these variables of the environment a process was started by hand or by another program: it has no folder and counts
+no restarts.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+RUN_FOLDER = 'AV_RIG_RUN'     # folder of files that outlive a process but not the launch; marks the launch's processes, too
+RESTARTS = 'AV_RIG_RESTARTS'  # number of earlier processes of this launch that this one replaces
+ON, OFF = b'on', b'off'
+
+
+def run_folder() -> Path | None:
+    """The private folder of the launch that started this process; None without one."""
+    folder = os.environ.get(RUN_FOLDER, '')
+    return Path(folder) if folder else None
+
+
+def restarts() -> int:
+    """How often the launch has restarted this process; 0 for the first, and without a launch."""
+    text = os.environ.get(RESTARTS, '')
+    return int(text) if text.isdecimal() else 0
+
+
+def report_started() -> None:
+    """Tell the launch that this process has started; a process that ends with an error before has failed to start."""
+    folder = run_folder()
+    if folder:
+        with suppress(OSError):
+            started_file(folder, os.getpid()).touch()
+
+
+def started_file(folder: Path, process: int) -> Path:
+    """The file that exists once a process has started.
+
+    Parameters:
+        folder: the folder of the run.
+        process: id of the process.
+    """
+    return folder / f'{process}.started'
+
+
+class KeptSwitch:
+    """Something on or off that outlives the process of a node, but not the launch that started it.
+
+    A process that was restarted finds the value that was set last, and off where that cannot be read.
+
+    Parameters:
+        name: name of its file in the folder of the run, unique in the launch.
+        initial: the value in the first process.
+    """
+
+    def __init__(self, name: str, initial: bool) -> None:
+        folder = run_folder()
+        self._file = folder / name.strip('/').replace('/', '.') if folder else None
+        self.set(self._kept() if restarts() else initial)
+
+    @property
+    def value(self) -> bool:
+        """Whether it is on."""
+        return self._value
+
+    def set(self, value: bool) -> None:
+        """Switch, and keep the value for the next process. It finds off where the file cannot be written to its end."""
+        self._value = value
+        with suppress(OSError):
+            if self._file:
+                self._file.write_bytes(ON if value else OFF)
+
+    def _kept(self) -> bool:
+        with suppress(OSError):
+            return self._file is not None and self._file.read_bytes() == ON
+        return False

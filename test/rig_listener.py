@@ -1,0 +1,70 @@
+"""Receives the commands, bearings and diagnostics of a rig that runs in another ROS domain."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import QoSProfile
+from std_srvs.srv import SetBool
+
+from av_common.node import Executor
+from av_common.qos import RESULT
+from av_common.track import State
+from av_interfaces.msg import Bearing, PointingCommand
+
+
+class RigListener:
+    """Subscriptions in a ROS domain of their own; `close` after use.
+
+    Attributes:
+        commands: the newest commands, the newest one last.
+        tracked: time.monotonic() of the newest bearing with a target.
+        values: values of /diagnostics by name of the node and of the value.
+    """
+
+    def __init__(self, domain: int) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node('rig_listener', context=self._context)
+        self._executor = Executor(context=self._context)
+        self._executor.add_node(self._node)
+        self.commands: list[PointingCommand] = []
+        self.tracked = 0.0
+        self.values: dict[str, dict[str, str]] = {}
+        self._node.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
+        self._node.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=50))
+
+    def _on_command(self, message: PointingCommand) -> None:
+        self.commands = [*self.commands[-99:], message]
+
+    def _on_bearing(self, message: Bearing) -> None:
+        if message.state != State.NONE:
+            self.tracked = time.monotonic()
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.values[status.name.partition(':')[0]] = {entry.key: entry.value for entry in status.values}
+
+    def wait_for(self, condition: Callable[[], object], timeout: float = 60.0) -> bool:
+        """Receive until the condition holds; False where it does not within the timeout (s)."""
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+        return bool(condition())
+
+    def enable(self, wanted: bool) -> str:
+        """Call pointing_node's service ~/enable; returns its answer."""
+        client = self._node.create_client(SetBool, '/pointing_node/enable')
+        assert client.wait_for_service(timeout_sec=30.0)
+        answer = client.call_async(SetBool.Request(data=wanted))
+        assert self.wait_for(answer.done)
+        return answer.result().message
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
