@@ -11,8 +11,9 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from av_bags.nodes.recorder_node import RecorderNode
+from av_bags.nodes.recorder_node import RecorderNode, numbered
 from av_bags.reader import Bag
+from av_common.launched import RESTARTS
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_interfaces.msg import AudioFrame, Bearing
 from av_vision.messages import image_from_message, image_message
@@ -138,3 +139,18 @@ def test_without_a_path_nothing_is_recorded_and_said_so(tmp_path, rig):
     rig.spin(0.5)
     assert not rig.recorder.is_active
     assert 'path is empty, expected the bag to write' in rig.recorder._problem
+
+
+def test_a_restarted_recorder_continues_in_another_bag(rig, tmp_path, monkeypatch):
+    """What the process before has recorded stays as it is."""
+    (tmp_path / 'bag.mcap').write_text('the first part')
+    monkeypatch.setenv(RESTARTS, '2')
+    first = rig()
+    first.spin_until(lambda: (tmp_path / 'bag_2.mcap').exists())
+    assert (tmp_path / 'bag.mcap').read_text() == 'the first part'
+
+
+@pytest.mark.parametrize(('path', 'number', 'expected'), [
+    ('flight.mcap', 0, 'flight.mcap'), ('flight.mcap', 1, 'flight_1.mcap'), ('/data/flights/one', 3, '/data/flights/one_3')])
+def test_bags_of_one_launch_are_numbered(path, number, expected):
+    assert numbered(path, number) == expected

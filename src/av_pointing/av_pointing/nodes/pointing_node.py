@@ -9,6 +9,7 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import SetBool
 
 from av_common.freshness import Instant
@@ -26,13 +27,13 @@ class PointingNode(RigNode):
 
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
-        self._enabled: KeptSwitch | None = None    # as the operator left it, also in the process before
+        # As it was left, also by the process before.
+        self._enabled = KeptSwitch(f'{self.get_fully_qualified_name()}.enabled', self.settings.enabled)
 
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
         self._stage = make_pointing_stage(self._settings)
-        self._enabled = self._enabled or KeptSwitch(f'{self.get_fully_qualified_name()}.enabled', self._settings.enabled)
         self._stage.controller.enabled = self._enabled.value
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
@@ -45,6 +46,11 @@ class PointingNode(RigNode):
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition, after which the rig moves only when it is enabled again, also by a later process."""
+        self._enabled.set(False)
+        return super().on_deactivate(state)
 
     def deactivate(self) -> None:
         """Publish a last command that moves nothing."""
