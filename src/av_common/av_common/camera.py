@@ -15,6 +15,10 @@ DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 # OpenCV 4 has a separate function for a given precision, OpenCV 5 an argument.
 UNDISTORT: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
+_SIZE, _FOCAL, _CENTRE = (1, 100_000), (1e-3, 1e7), (-1e6, 1e6)
+_LIMITS: dict[str, tuple[float, float]] = {
+    'width': _SIZE, 'height': _SIZE, 'fx': _FOCAL, 'fy': _FOCAL, 'cx': _CENTRE, 'cy': _CENTRE}
+_MOST_COEFFICIENT = 1e4
 
 
 @dataclass(frozen=True)
@@ -29,7 +33,8 @@ class PinholeCamera:
         cx, cy (pixels): principal point.
         distortion: coefficients k1 k2 p1 p2 [k3 [k4 k5 k6 ...]] in OpenCV's order; empty for an ideal lens.
 
-    Raises ValueError naming the parameter that is out of range.
+    Raises ValueError naming the parameter that is out of range: no real camera has more than 100,000 pixels in a row, focal
+    lengths outside 1e-3 to 1e7 pixels, a principal point beyond 1e6 pixels, or coefficients beyond 1e4.
     """
 
     width: int
@@ -41,16 +46,13 @@ class PinholeCamera:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ('width', 'height', 'fx', 'fy'):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f'{name} is {value}, expected a positive number of pixels')
-        for name in ('cx', 'cy'):
-            if not math.isfinite(getattr(self, name)):
-                raise ValueError(f'{name} is {getattr(self, name)}, expected a position in pixels')
+        for name, (low, high) in _LIMITS.items():
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f'{name} is {getattr(self, name)}, expected {low:g} to {high:g} pixels')
         object.__setattr__(self, 'distortion', tuple(float(k) for k in self.distortion))
-        if len(self.distortion) not in DISTORTION_LENGTHS or not np.all(np.isfinite(self.distortion)):
-            raise ValueError(f'distortion is {self.distortion}, expected one of {DISTORTION_LENGTHS} finite coefficients')
+        if len(self.distortion) not in DISTORTION_LENGTHS or not all(abs(k) <= _MOST_COEFFICIENT for k in self.distortion):
+            raise ValueError(f'distortion is {self.distortion}, expected one of {DISTORTION_LENGTHS} coefficients within '
+                             f'+-{_MOST_COEFFICIENT:g}')
 
     @classmethod
     def from_fov(cls, width: int, height: int, horizontal_fov_rad: float) -> PinholeCamera:

@@ -59,6 +59,9 @@ def test_camera_info_and_its_mistakes():
 
 
 @pytest.mark.parametrize(('change', 'name'), [({'fx': 0.0}, 'fx'), ({'width': -1}, 'width'), ({'cx': np.nan}, 'cx'),
+                                              ({'width': 2**31}, 'width'), ({'fx': 1e300}, 'fx'), ({'fy': 1e-300}, 'fy'),
+                                              ({'cy': -1e300}, 'cy'), ({'fx': np.inf}, 'fx'),
+                                              ({'distortion': (1e300, 0.0, 0.0, 0.0)}, 'distortion'),
                                               ({'distortion': (1.0, 2.0)}, 'distortion')])
 def test_impossible_cameras_are_named(change, name):
     with pytest.raises(ValueError, match=name):

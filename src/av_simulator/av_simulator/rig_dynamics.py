@@ -13,7 +13,7 @@ from av_simulator.scenario import RigMotion
 from av_simulator.trajectories import Position, acceleration, velocity
 
 COMMAND_LIFETIME = 0.2   # s, age of the newest command from which the rig brakes
-FARTHEST = 100.0         # m/s, speed above which a given pose is assumed at once instead of by motion
+MOST_SPEED = 60.0        # m/s, speed at which the rig goes to a given pose at most; sound allows 0.4 of its speed together
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class RigDynamics:
     """Motion of the rig in steps.
 
     Commanded yaw rates take effect in the next step. After the first pose of another simulator or an autopilot (`follow`),
-    the rig moves to the newest such pose instead, and stays there.
+    the rig moves to the newest such pose instead, at MOST_SPEED at most however far that is, and stays there.
 
     Parameters:
         motion: trajectory, initial yaw and limits of the scenario.
@@ -155,10 +155,10 @@ class RigDynamics:
         else:
             positions, rotations = self.motion.poses([begin])
             attitude = Rotation.from_quat(self._followed.attitude_wxyz[[1, 2, 3, 0]])
-            start = (positions[0], Rotation.from_matrix(rotations[0]))
-            if np.linalg.norm(self._followed.position - positions[0]) > FARTHEST * (end - begin):
-                start = (self._followed.position, attitude)
-            self.motion = FollowedMotion(begin, end, *start, self._followed.position, attitude)
+            way = self._followed.position - positions[0]
+            reached = min(1.0, MOST_SPEED * (end - begin) / max(float(np.linalg.norm(way)), 1e-9))
+            self.motion = FollowedMotion(begin, end, positions[0], Rotation.from_matrix(rotations[0]),
+                                         positions[0] + reached * way, attitude)
         return self.motion
 
     def _turn(self, start: float) -> Turn:

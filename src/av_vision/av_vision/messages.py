@@ -22,6 +22,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from av_common.camera import PinholeCamera
 from av_interfaces.msg import Visibility as VisibilityMessage
 from av_vision.detections import Detections
+from av_vision.encoded_image import MOST_PIXELS, check_pixels, decode_image
 from av_vision.visibility import Visibility
 
 # encoding -> (dtype, channels, OpenCV conversion to BGR or None)
@@ -37,13 +38,19 @@ ENCODINGS: dict[str, tuple[str, int, int | None]] = {
 }
 
 
-def image_from_message(message: Any) -> NDArray:
+def image_from_message(message: Any, most_pixels: int = MOST_PIXELS) -> NDArray:
     """The image of an `Image` or `CompressedImage`: (h, w, 3) BGR uint8, or (h, w) in the type of the encoding.
 
-    The array may share memory with the message. Raises ValueError for an unknown encoding and for data of a wrong size.
+    The array may share memory with the message.
+
+    Parameters:
+        message: an uncompressed image, or one compressed as JPEG or PNG.
+        most_pixels: maximum number of pixels.
+
+    Raises ValueError for an unknown encoding, for data of a wrong size, and for an image that is too large.
     """
     if hasattr(message, 'format'):
-        return decode_compressed(message.data)
+        return decode_image(memoryview(message.data), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, most_pixels)
     if message.encoding not in ENCODINGS:
         raise ValueError(f'encoding {message.encoding!r} is not known, expected one of {", ".join(ENCODINGS)}')
     kind, channels, conversion = ENCODINGS[message.encoding]
@@ -53,20 +60,15 @@ def image_from_message(message: Any) -> NDArray:
     if message.width == 0 or message.height == 0 or message.step < row or data.size < message.height * message.step:
         raise ValueError(f'{data.size} bytes in rows of {message.step} hold no {message.width}x{message.height} '
                          f'{message.encoding} image')
+    check_pixels(message.width, message.height, most_pixels)
     rows = data[:message.height * message.step].reshape(message.height, message.step)[:, :row]
     pixels: NDArray = np.ascontiguousarray(rows).view(dtype).reshape(message.height, message.width, channels)
     pixels = pixels.astype(dtype.newbyteorder('='), copy=False)
     pixels = pixels[:, :, 0] if channels == 1 else pixels
-    return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
-
-
-def decode_compressed(data: bytes | array | NDArray[np.uint8]) -> NDArray:
-    """The image (h, w, 3) or (h, w) in JPEG, PNG or another format of OpenCV; raises ValueError when it cannot be decoded."""
-    encoded = np.frombuffer(data, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH) if encoded.size else None
-    if image is None:
-        raise ValueError(f'{encoded.size} bytes of compressed image cannot be decoded')
-    return image
+    try:
+        return pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    except cv2.error as error:    # such as an odd width of yuv422
+        raise ValueError(f'{message.width}x{message.height} {message.encoding} image: {error.err}') from error
 
 
 def image_message(header: Header, image: NDArray, encoding: str = '') -> Image:

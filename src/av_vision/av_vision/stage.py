@@ -11,6 +11,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.camera import PinholeCamera
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Visibility
+from av_vision.encoded_image import MOST_PIXELS, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.models import shipped_model
 from av_vision.temporal_detector import TemporalDetector
@@ -25,11 +26,13 @@ class DetectionStage:
         detector: the detector and its state over images.
         visibility: rate and scene of estimates of visibility; None for no estimates.
         camera: intrinsics for visibility over flat ground; None until `on_camera_info`.
+        most_pixels: maximum number of pixels of an image; larger ones are refused.
     """
 
     def __init__(self, detector: TemporalDetector, visibility: VisibilitySettings | None = None,
-                 camera: PinholeCamera | None = None) -> None:
+                 camera: PinholeCamera | None = None, most_pixels: int = MOST_PIXELS) -> None:
         self.detector = detector
+        self._most_pixels = most_pixels
         self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0), camera)
 
     def on_image(self, message: Image | CompressedImage, arrival: float) -> tuple[Detection2DArray, Visibility | None]:
@@ -39,9 +42,9 @@ class DetectionStage:
             message: raw or compressed image; its stamp is the time of capture.
             arrival (s): time of arrival on the node's clock. Not used: results depend on the time of capture.
 
-        Raises ValueError for an image that cannot be decoded.
+        Raises ValueError for an image that cannot be decoded or is too large.
         """
-        image, time, header = image_from_message(message), to_seconds(message.header.stamp), header_of(message)
+        image, time, header = image_from_message(message, self._most_pixels), to_seconds(message.header.stamp), header_of(message)
         detections, tracks = self.detector.detect(image, time)
         visibility = self._visibility.report(image, time)
         return (detections_message(header, detections, tracks),
@@ -49,10 +52,11 @@ class DetectionStage:
 
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
+        check_pixels(message.width, message.height, self._most_pixels)
         self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
-        """Use the intrinsics for visibility over flat ground."""
+        """Use the intrinsics for visibility over flat ground. Raises ValueError for impossible ones."""
         self._visibility.on_camera_info(message)
 
     def reset(self) -> None:
@@ -71,7 +75,7 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None) -
     p = parameters
     detector = TemporalDetector(make_detector(p), p.track_gap, p.temporal_fusion)
     return DetectionStage(detector, VisibilitySettings(
-        p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg)), camera)
+        p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg)), camera, p.max_image_pixels)
 
 
 def make_detector(parameters: Any) -> Detector:

@@ -65,7 +65,7 @@ class VisibilityReporter:
         self._depth = to_seconds(message.header.stamp), image_from_message(message)
 
     def on_camera_info(self, message: Any) -> None:
-        """Use the first `sensor_msgs/CameraInfo` that contains a calibration."""
+        """Use the first `sensor_msgs/CameraInfo` that contains a calibration. Raises ValueError for an impossible one."""
         if self.needs_camera and message.k[0] > 0.0:
             self._camera = PinholeCamera.from_camera_info(message)
 
@@ -89,9 +89,11 @@ class VisibilityReporter:
     def _distance(self, shape: tuple[int, int], time: float) -> NDArray | None:
         if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
             depth = self._depth[1]
-            metres = depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0)
-            return metres if metres.shape == shape else None
-        if self._ground is None and self._camera is not None and self._settings.camera_height > 0.0:
+            if depth.shape != shape:
+                return None
+            return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
+        camera, height = self._camera, self._settings.camera_height
+        if self._ground is None and camera is not None and height > 0.0 and (camera.height, camera.width) == shape:
             pitch = rotation_from_rpy(0.0, self._settings.camera_pitch, 0.0)
-            self._ground = ground_distances(self._camera, self._settings.camera_height, pitch @ FLU_TO_OPTICAL.T)
+            self._ground = ground_distances(camera, height, pitch @ FLU_TO_OPTICAL.T)
         return self._ground if self._ground is not None and self._ground.shape == shape else None

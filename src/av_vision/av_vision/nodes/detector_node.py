@@ -59,7 +59,7 @@ class DetectorNode(RigNode):
             self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
         self.while_active(subscribe, Image, 'camera/depth/image_raw', self._on_depth, IMAGE)
         if self.settings.camera_height > 0.0:
-            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
+            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._on_camera_info, RESULT)
 
     def deactivate(self) -> None:
         """Stop detecting."""
@@ -98,10 +98,16 @@ class DetectorNode(RigNode):
         except ValueError as error:
             self._skip(error)
 
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        try:
+            self._stage.on_camera_info(message)
+        except ValueError as error:
+            self._skip(error)
+
     def _skip(self, error: Exception) -> None:
         self._unusable += 1
         if str(error) != self._image_problem:
-            self.get_logger().error(f'image skipped: {error}')
+            self.get_logger().error(f'input skipped: {error}')
         self._image_problem = str(error) or repr(error)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
