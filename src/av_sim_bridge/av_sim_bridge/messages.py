@@ -15,8 +15,10 @@ from vision_msgs.msg import Detection2DArray
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds, to_stamp
 from av_sim_bridge.vehicle import VehicleState
+from av_sim_bridge.wire.error import FARTHEST_M, check_within
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
+from av_vision.encoded_image import MOST_PIXELS, decode_image
 from av_vision.messages import detections_message
 
 
@@ -38,14 +40,16 @@ def odometry_message(header: Header, child_frame: str, state: VehicleState) -> O
 
 
 def vehicle_state(message: Odometry) -> VehicleState:
-    """The state in an Odometry message (ENU and FLU). Raises ValueError for non-finite values or an invalid quaternion."""
+    """The state in an Odometry message (ENU and FLU). Raises ValueError for impossible values or an invalid quaternion."""
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     attitude = np.array(attitude_of(orientation))
     linear, angular = message.twist.twist.linear, message.twist.twist.angular
     values = np.array([position.x, position.y, position.z, linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+    check_within(values, FARTHEST_M, 'odometry: value')
+    check_within(attitude, 1.05, 'odometry: quaternion')
     norm = float(np.linalg.norm(attitude))
-    if not (np.isfinite(values).all() and abs(norm - 1.0) < 0.05):
-        raise ValueError(f'odometry: values are not finite, or the quaternion has norm {norm:.3g}, expected 1')
+    if not abs(norm - 1.0) < 0.05:
+        raise ValueError(f'odometry: the quaternion has norm {norm:.3g}, expected 1')
     attitude /= norm
     return VehicleState(to_seconds(message.header.stamp), values[:3], quat2mat(attitude) @ values[3:6],
                         attitude_wxyz=attitude, rate_flu=values[6:])
@@ -81,25 +85,14 @@ def make_header(stamp: float, frame: str) -> Header:
     return Header(stamp=to_stamp(stamp), frame_id=frame)
 
 
-def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray:
-    """The decoded image (height, width, 3), uint8, BGR. Raises ValueError if the data is neither JPEG nor PNG.
+def decode_depth(data: bytes, most_pixels: int = MOST_PIXELS) -> NDArray:
+    """Depth (mm, (height, width), uint16), 0 where unknown (REP 118). Raises ValueError if it is not a 16-bit PNG.
 
     Parameters:
-        data: content of the file
-        flags: OpenCV's IMREAD flags, which can select another number of channels and another type
+        data: content of the file.
+        most_pixels: maximum number of pixels.
     """
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error as error:
-        raise ValueError(f'image: {error.err}') from error
-    if image is None:
-        raise ValueError('image: neither JPEG nor PNG')
-    return image
-
-
-def decode_depth(data: bytes) -> NDArray:
-    """Depth (mm, (height, width), uint16), 0 where unknown (REP 118). Raises ValueError if it is not a 16-bit PNG."""
-    depth = decode_image(data, cv2.IMREAD_UNCHANGED)
+    depth = decode_image(data, cv2.IMREAD_UNCHANGED, most_pixels)
     if depth.dtype != np.uint16 or depth.ndim != 2:
         raise ValueError(f'depth: {depth.dtype} in {depth.ndim} dimensions, expected a PNG of 16 bit and one channel')
     return np.where(depth == 65_535, 0, depth).astype(np.uint16)

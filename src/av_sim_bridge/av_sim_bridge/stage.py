@@ -6,10 +6,10 @@ system's clock) and `sender` (host, port); they raise WireError for an unusable 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2DArray
 
@@ -36,8 +36,9 @@ from av_sim_bridge.receiving.streams import (
 )
 from av_sim_bridge.vehicle import to_truth
 from av_sim_bridge.wire.audio import AudioFormat
-from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
-from av_sim_bridge.wire.truth import encode_truth
+from av_sim_bridge.wire.rig_control import MOST_ANGLE, MOST_YAW_RATE, RigControl, encode_rig_control
+from av_sim_bridge.wire.truth import check_truth, encode_truth
+from av_vision.encoded_image import decode_image
 from av_vision.messages import camera_info_message, image_message
 
 COMMAND_TIMEOUT = 0.2   # s, age from which a pointing command moves nothing
@@ -57,6 +58,7 @@ class BridgeSettings:
         follow_odometry: whether poses of the topic `odometry` move the rig in the simulator.
         oracle_detections: whether the visual oracle's reports become `detections`.
         ring_buffer_bytes (bytes): size of the buffer between `on_audio` and `read_audio`.
+        max_image_pixels: maximum number of pixels of an image; 0 for twice as many as the rig's camera has.
     """
 
     rig_id: int = 1
@@ -66,6 +68,7 @@ class BridgeSettings:
     follow_odometry: bool = False
     oracle_detections: bool = False
     ring_buffer_bytes: int = 200_000
+    max_image_pixels: int = 0
 
     @property
     def target_topics(self) -> dict[int, str]:
@@ -93,12 +96,14 @@ class BridgeStage:
         self._direction = DirectionCheck(layout.sample_rate)
         stamps = CaptureStamps(self._clock)
         self._audio = AudioStream(layout, self._ring, self._clock)
-        self._images, self._depths = ImageStream(self._clock, stamps), ImageStream(self._clock, stamps)
+        self._most_pixels = settings.max_image_pixels or 2 * rig.camera.model.width * rig.camera.model.height
+        most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
+        self._images, self._depths = (ImageStream(self._clock, stamps, most_bytes) for _ in range(2))
         self._truth, self._imu, self._time_sync = TruthStream(self._clock), ImuStream(self._clock), TimeSyncStream()
         self.target_topics = settings.target_topics
         self._sequence = 0
         self._commanded = FreshInput()
-        self._unusable_odometry = 0
+        self._unusable_odometry = self._unusable_commands = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Store samples for `read_audio`."""
@@ -133,7 +138,7 @@ class BridgeStage:
 
     def decode_image(self, stamped: StampedImage) -> list[Output]:
         """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable."""
-        bgr = messages.decode_image(stamped.image.data)
+        bgr = decode_image(stamped.image.data, cv2.IMREAD_COLOR, self._most_pixels)
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
         height, width = bgr.shape[:2]
         calibration = camera_info_message(header, self._rig.camera.model.scaled(width, height))
@@ -142,7 +147,8 @@ class BridgeStage:
     def decode_depth(self, stamped: StampedImage) -> list[Output]:
         """The message of a depth image. Raises ValueError if it is not a 16-bit PNG."""
         header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
-        return [('camera/depth/image_raw', image_message(header, messages.decode_depth(stamped.image.data)))]
+        depth = messages.decode_depth(stamped.image.data, self._most_pixels)
+        return [('camera/depth/image_raw', image_message(header, depth))]
 
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number."""
@@ -170,6 +176,8 @@ class BridgeStage:
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
         """The datagram of a pointing command for the simulator's control port; one without a fresh stamp stops all motion.
 
+        An impossible rate stops the body, an impossible angle leaves the gimbal alone.
+
         Parameters:
             command: the command.
             arrival: time of its arrival.
@@ -177,21 +185,24 @@ class BridgeStage:
         self._sequence = (self._sequence + 1) % 2**31
         self._commanded.take(to_seconds(command.header.stamp), arrival)
         fresh = self._commanded.age(arrival) <= COMMAND_TIMEOUT
-        rate = command.yaw_rate if fresh and math.isfinite(command.yaw_rate) else 0.0
+        possible = abs(command.yaw_rate) <= MOST_YAW_RATE
+        self._unusable_commands += command.move_body and not possible
+        rate = command.yaw_rate if fresh and possible else 0.0
         body = command.move_body and not self._settings.follow_odometry
-        gimbal = fresh and command.move_gimbal and math.isfinite(command.pan) and math.isfinite(command.tilt)
+        gimbal = fresh and command.move_gimbal and abs(command.pan) <= MOST_ANGLE and abs(command.tilt) <= MOST_ANGLE
         return encode_rig_control(RigControl(
             self._sequence, command.mode, rate if body else None,
             command.pan if gimbal else None, command.tilt if gimbal else None))
 
     def on_odometry(self, odometry: Odometry) -> bytes | None:
-        """The datagram of the rig's pose for the simulator's control port; None for an invalid pose, which is counted."""
+        """The datagram of the rig's pose for the simulator's control port; None for an impossible pose, which is counted."""
         try:
-            state = messages.vehicle_state(odometry)
+            truth = to_truth(messages.vehicle_state(odometry), self._settings.rig_id)
+            check_truth(truth)
         except ValueError:
             self._unusable_odometry += 1
             return None
-        return encode_truth(to_truth(state, self._settings.rig_id))
+        return encode_truth(truth)
 
     @property
     def problem(self) -> str:
@@ -205,7 +216,8 @@ class BridgeStage:
                 'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
                 'audio overwritten frames': self._ring.overwritten, 'image lost': assembler.incomplete,
                 'image reordered': assembler.reordered, 'imu lost': self._imu.lost,
-                'odometry unusable': self._unusable_odometry, 'clock restarts': self._clock.restarts,
+                'odometry unusable': self._unusable_odometry,
+                'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync.offset_s,
                 'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1)}
 

@@ -1,5 +1,6 @@
 """The stage without sockets, threads and wall clock: stamps, oracle, vehicles, commands."""
 
+from operator import attrgetter
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from av_common.freshness import Instant
 from av_common.rig import load_rig
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import PointingCommand
-from av_sim_bridge.messages import decode_image
+from av_sim_bridge.messages import make_header, odometry_message
 from av_sim_bridge.receiving.streams import StampedImage
 from av_sim_bridge.stage import BridgeSettings, BridgeStage
 from av_sim_bridge.vehicle import VehicleState, to_truth
@@ -98,8 +99,6 @@ def test_depth_carries_the_stamp_of_its_image():
 @pytest.mark.parametrize('data', [b'', b'no image', b'\xff\xd8\xff\xe0' + bytes(100)])
 def test_what_is_no_image_is_a_value_error(data):
     with pytest.raises(ValueError, match='image'):
-        decode_image(data)
-    with pytest.raises(ValueError, match='image'):
         make_stage().decode_image(StampedImage(EncodedImage(0.0, data), EPOCH))
 
 
@@ -148,3 +147,35 @@ def test_another_one_that_moves_the_rig_is_told_nothing():
     assert decode_rig_control(stage.on_command(command, Instant(5.0, 0.0))).yaw_rate is None
     datagram = encode_truth(to_truth(VehicleState(1.0, np.zeros(3)), 1))
     assert [topic for topic, _ in stage.on_truth(datagram, EPOCH, SENDER)] == ['truth/rig']
+
+
+@pytest.mark.parametrize('number', [1e300, -1e300, float('inf'), float('nan'), 101.0])
+def test_impossible_numbers_on_topics_never_reach_the_simulator(number):
+    """An impossible rate stops the body, an impossible angle leaves the gimbal alone, an impossible pose is not sent."""
+    stage = make_stage()
+    command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=number, move_gimbal=True, pan=0.1,
+                              tilt=number)
+    command.header.stamp = to_stamp(EPOCH)
+    sent = decode_rig_control(stage.on_command(command, Instant(5.0, EPOCH)))
+    assert (sent.yaw_rate, sent.pan, sent.tilt) == (0.0, None, None)
+    assert stage.counts()['commands unusable'] == 1
+    if number == 101.0:
+        return
+    for part, field in (('pose.pose.position', 'x'), ('twist.twist.linear', 'y'), ('twist.twist.angular', 'z'),
+                        ('pose.pose.orientation', 'w')):
+        odometry = odometry_message(make_header(EPOCH, 'map'), 'base_link', VehicleState(0.0, np.zeros(3)))
+        setattr(attrgetter(part)(odometry), field, number)
+        assert stage.on_odometry(odometry) is None
+    assert stage.counts()['odometry unusable'] == 4
+
+
+def test_an_image_larger_than_the_camera_is_refused(rng):
+    """By default more than twice its pixels, else more than the parameter says."""
+    large = cv2.imencode('.png', rng.integers(0, 255, (720, 1280, 3), np.uint8))[1].tobytes()
+    image = StampedImage(EncodedImage(0.0, large), EPOCH)
+    with pytest.raises(ValueError, match=r'1280x720 pixels, expected 1 to 614400 pixels \(max_image_pixels\)'):
+        make_stage().decode_image(image)
+    with pytest.raises(ValueError, match='1280x720 pixels'):
+        make_stage().decode_depth(image)
+    (_, message), _ = make_stage(max_image_pixels=1_000_000).decode_image(image)
+    assert (message.width, message.height) == (1280, 720)

@@ -99,6 +99,11 @@ def test_odometry_goes_to_the_simulator_and_yaw_rates_do_not(following):
     assert_same(from_truth(truth), STATE)
     assert 'odometry' not in {publisher.topic_name.lstrip('/') for publisher in node.publishers}
     turn = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3, move_gimbal=True, pan=0.1, tilt=0.2)
-    command = decode_rig_control(receive(executor, lambda: commands.publish(turn), control, lambda data: not is_truth(data)))
+
+    def give():
+        turn.header.stamp = other.get_clock().now().to_msg()
+        commands.publish(turn)
+
+    command = decode_rig_control(receive(executor, give, control, lambda data: not is_truth(data)))
     assert command.yaw_rate is None
     assert (command.pan, command.tilt) == pytest.approx((0.1, 0.2))

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.rig_dynamics import COMMAND_LIFETIME, RigDynamics
+from av_simulator.rig_dynamics import COMMAND_LIFETIME, MOST_SPEED, RigDynamics
+from av_simulator.run import open_world
 from av_simulator.scenario import RigMotion
 
 MOTION = RigMotion(yaw_deg=15.0, max_yaw_rate_deg=60.0, max_yaw_acceleration_deg=120.0)
@@ -73,3 +74,17 @@ def test_an_autopilot_says_where_the_rig_is():
         last = given
     resting = dynamics.step(end, end + 0.1).poses([end + 0.05])
     np.testing.assert_allclose(resting[0][0], last.position, atol=1e-9)
+
+
+@pytest.mark.parametrize('scenario', ['fog_woodland', 'occluded_room'])
+def test_poses_that_jump_hold_nothing_up(scenario):
+    """However far and often: the rig goes there at a speed that its sound allows, in steps that take no longer than others."""
+    world = open_world(scenario)
+    world.advance(1600)
+    for number in range(12):
+        far = 1e6 * (-1) ** number * np.array([1.0, -1.0, 1.0])
+        attitude = np.array([np.cos(number), 0.0, 0.0, np.sin(number)])
+        world.dynamics.follow(VehicleState(0.0, far, attitude_wxyz=attitude))
+        before = world.rig_state(world.time).position
+        assert np.isfinite(world.advance(1600)).all()
+        assert np.linalg.norm(world.rig_state(world.time).position - before) <= MOST_SPEED / 30 + 1e-6

@@ -44,7 +44,8 @@ class DetectionStage:
 
         Raises ValueError for an image that cannot be decoded or is too large.
         """
-        image, time, header = image_from_message(message, self._most_pixels), to_seconds(message.header.stamp), header_of(message)
+        image = image_from_message(message, self._most_pixels)
+        time, header = to_seconds(message.header.stamp), header_of(message)
         detections, tracks = self.detector.detect(image, time)
         visibility = self._visibility.report(image, time)
         return (detections_message(header, detections, tracks),
@@ -74,8 +75,8 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None) -
     """
     p = parameters
     detector = TemporalDetector(make_detector(p), p.track_gap, p.temporal_fusion)
-    return DetectionStage(detector, VisibilitySettings(
-        p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg)), camera, p.max_image_pixels)
+    visibility = VisibilitySettings(p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
+    return DetectionStage(detector, visibility, camera, p.max_image_pixels)
 
 
 def make_detector(parameters: Any) -> Detector:

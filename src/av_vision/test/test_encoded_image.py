@@ -1,5 +1,6 @@
 """Files of untrusted origin: OpenCV's own are read, and bombs are refused by their headers before memory is taken."""
 
+import contextlib
 import resource
 import struct
 import zlib
@@ -82,14 +83,12 @@ def test_damage_raises_nothing_but_value_errors():
             data[place] = rng.integers(256)
         if rng.random() < 0.3:
             del data[rng.integers(len(data)):]
-        try:
+        with contextlib.suppress(ValueError):
             assert decode_image(bytes(data), cv2.IMREAD_UNCHANGED, 10_000).size <= 10_000 * 4
-        except ValueError:
-            pass
 
 
-@pytest.mark.parametrize('data', [b'\xff\xd8' + b'\xff' * 2_000_000, b'\xff\xd8' + b'\xff\x00' * 1_000_000,
-                                  b'\xff\xd8' + b'\xff\xe0\x00\x02' * 500_000, b'\xff\xd8' + bytes(2_000_000), b'\xff\xd8', b''])
-def test_a_header_without_end_is_given_up(data):
+@pytest.mark.parametrize('rest', [b'', b'\xff' * 2_000_000, b'\xff\x00' * 1_000_000, b'\xff\xe0\x00\x02' * 500_000,
+                                  bytes(2_000_000)])
+def test_a_header_without_end_is_given_up(rest):
     with pytest.raises(ValueError, match='neither JPEG nor PNG'):
-        size_of(data)
+        size_of(b'\xff\xd8' + rest)

@@ -13,8 +13,8 @@ Item = TypeVar('Item')
 class Consumer(Generic[Item]):
     """A worker thread for items from other threads.
 
-    When the queue is full, the oldest item is dropped and counted in `dropped`. Items for which `work` raises ValueError
-    are counted in `failed`.
+    When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon. Items
+    for which `work` raises ValueError are counted in `failed`.
 
     Parameters:
         name: name of the thread.
@@ -22,7 +22,7 @@ class Consumer(Generic[Item]):
         depth: maximum number of waiting items.
     """
 
-    def __init__(self, name: str, work: Callable[[Item], None], depth: int = 4):
+    def __init__(self, name: str, work: Callable[[Item], None], depth: int = 2):
         self.dropped = self.failed = 0
         self.last_error = ''
         self._work = work

@@ -135,10 +135,11 @@ class ImageStream:
     Parameters:
         clock: the sender's clock, shared by all streams of one simulator.
         stamps: stamps shared with other streams of the same camera, such as depth; None for a separate object.
+        most_bytes (bytes): maximum size of an encoded image.
     """
 
-    def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None) -> None:
-        self.assembler = ImageAssembler()
+    def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None, most_bytes: int = 4_000_000) -> None:
+        self.assembler = ImageAssembler(most_bytes=most_bytes)
         self._clock = clock
         self._stamps = stamps or CaptureStamps(clock)
         self._newest: float | None = None

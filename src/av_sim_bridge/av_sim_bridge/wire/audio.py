@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.error import WireError
+from av_sim_bridge.wire.error import WireError, check_number, check_time
 
 MAGIC = 1234567960
 MOST_BYTES = 65_507
 _HEADER = struct.Struct('<4i1d')   # magic, packet length with header, sequence, frames in the packet, time
 _TYPES = {'s16le': ('<i2', 32768.0), 'f32le': ('<f4', 1.0)}
+MOST_CHANNELS, MOST_RATE = 64, 384_000
 _LOUDEST = 16.0   # float samples beyond this (24 dB over full scale) are refused
 
 
@@ -20,8 +21,8 @@ class AudioFormat:
 
     Parameters:
         sample_format: `s16le` or `f32le`.
-        channels: number of interleaved channels.
-        sample_rate (Hz): sample rate of each channel.
+        channels (1 to MOST_CHANNELS): number of interleaved channels.
+        sample_rate (Hz, 1 to MOST_RATE): sample rate of each channel.
     """
 
     sample_format: str = 's16le'
@@ -31,8 +32,9 @@ class AudioFormat:
     def __post_init__(self) -> None:
         if self.sample_format not in _TYPES:
             raise ValueError(f'sample_format is {self.sample_format!r}, expected one of {", ".join(_TYPES)}')
-        if self.channels < 1 or self.sample_rate < 1:
-            raise ValueError(f'channels is {self.channels} and sample_rate {self.sample_rate}, expected positive numbers')
+        if not (1 <= self.channels <= MOST_CHANNELS and 1 <= self.sample_rate <= MOST_RATE):
+            raise ValueError(f'channels is {self.channels} and sample_rate {self.sample_rate}, expected positive numbers up to '
+                             f'{MOST_CHANNELS} and {MOST_RATE}')
 
     @property
     def frame_bytes(self) -> int:
@@ -107,11 +109,11 @@ def decode_header(layout: AudioFormat, datagram: bytes) -> AudioHeader | None:
     magic, length, sequence, frames, time = _HEADER.unpack_from(datagram)
     if magic != MAGIC:
         return None
-    if length != len(datagram) or frames * layout.frame_bytes != len(datagram) - _HEADER.size:
+    if length != len(datagram) or frames < 1 or frames * layout.frame_bytes != len(datagram) - _HEADER.size:
         raise WireError(f'audio: {len(datagram)} bytes, but the header states {length} with {frames} frames '
                         f'of {layout.frame_bytes} bytes')
-    if sequence < 0 or not (np.isfinite(time) and time >= 0):
-        raise WireError(f'audio: sequence is {sequence} and time {time} s, expected 0 or more')
+    check_number(sequence, 'audio: sequence')
+    check_time(time, 'audio')
     return AudioHeader(sequence, frames, time)
 
 

@@ -1,9 +1,18 @@
-"""The exception that all decoders raise, and checks that decoders share."""
+"""The exception that all decoders raise, and the limits of numbers in datagrams: nothing behind a decoder meets others."""
 
 import struct
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+LATEST_S = 4e9            # largest time on a sender's clock, in seconds of Unix time the year 2096
+FARTHEST_M = 1e6
+FASTEST_M_S = 1e5
+MOST_ACCELERATION_M_S2 = 1e7
+MOST_ANGLE_RAD = 1e3      # angles need not be wrapped
+MOST_RATE_RAD_S = 1e4
+MOST_RPM = 1e6
+MOST_PIXEL = 1e5
 
 
 class WireError(ValueError):
@@ -29,7 +38,32 @@ def check_magic(magic: int, expected: int, name: str) -> None:
         raise WireError(f'{name}: magic {magic}, expected {expected}')
 
 
-def check_finite(values: ArrayLike, name: str) -> None:
-    """Raise WireError for the stream `name` if one of its values is infinite or NaN."""
-    if not np.isfinite(values).all():
-        raise WireError(f'{name}: values are not finite')
+def check_within(values: ArrayLike, limit: float, name: str) -> None:
+    """Raise WireError unless all values are finite and between -limit and limit.
+
+    Parameters:
+        values: numbers of any shape.
+        limit: largest absolute value.
+        name: name of the stream and of the quantity, for the error message.
+    """
+    beyond = np.asarray(values)[~(np.abs(values) <= limit)]
+    if beyond.size:
+        raise WireError(f'{name} is {beyond.flat[0]:g}, not finite or beyond +-{limit:g}')
+
+
+def check_time(time: float, name: str) -> None:
+    """Raise WireError for the stream `name` unless a time on the sender's clock (s) is 0 to LATEST_S."""
+    if not 0.0 <= time <= LATEST_S:
+        raise WireError(f'{name}: time is {time:g} s, expected 0 to {LATEST_S:g} s')
+
+
+def check_number(number: int, name: str, most: int = 2**31 - 1) -> None:
+    """Raise WireError unless an id, a count or a sequence number is 0 to `most`.
+
+    Parameters:
+        number: the number.
+        name: name of the stream and of the number, for the error message.
+        most: largest number.
+    """
+    if not 0 <= number <= most:
+        raise WireError(f'{name} is {number}, expected 0 to {most}')

@@ -4,9 +4,7 @@ import struct
 from collections import OrderedDict, deque
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from av_sim_bridge.wire.error import WireError
+from av_sim_bridge.wire.error import WireError, check_time
 
 OLD_MAGIC = 1234567890
 NEW_MAGIC = 1234567893
@@ -81,23 +79,24 @@ def decode_fragment(datagram: bytes) -> Fragment:
         raise WireError(f'image: {len(datagram)} bytes, but the header states {length}')
     if not (0 < count <= MOST_FRAGMENTS and 0 <= sequence < count):
         raise WireError(f'image: packet {sequence} of {count}, expected at most {MOST_FRAGMENTS} packets')
-    if not (np.isfinite(time) and time >= 0):
-        raise WireError(f'image: time is {time} s, expected 0 or more')
+    check_time(time, 'image')
     return Fragment(sequence, count, time, datagram[size:], frame_id)
 
 
 @dataclass
 class ImageAssembler:
-    """Assembles images from fragments. The number of incomplete images in memory is bounded.
+    """Assembles images from fragments. The number and the size of incomplete images in memory are bounded.
 
     Parameters:
         most_partial: maximum number of incomplete images in memory.
+        most_bytes (bytes): maximum size of an encoded image, and of all incomplete images together.
         incomplete: count of images that were discarded because a fragment was missing.
         duplicates: count of repeated fragments.
         reordered: count of fragments that arrived out of order (harmless).
     """
 
     most_partial: int = 4
+    most_bytes: int = 4_000_000
     incomplete: int = 0
     duplicates: int = 0
     reordered: int = 0
@@ -118,8 +117,13 @@ class ImageAssembler:
             return None
         self.reordered += fragment.sequence < max(pieces, default=-1)
         pieces[fragment.sequence] = fragment
+        if _size(pieces) > self.most_bytes:
+            self._give_up([key])
+            raise WireError(f'image: more than {self.most_bytes} bytes')
         if len(pieces) < fragment.count:
             self._give_up(list(self._partial)[:-self.most_partial])
+            while sum(map(_size, self._partial.values())) > self.most_bytes:
+                self._give_up([next(other for other in self._partial if other != key)])
             return None
         del self._partial[key]
         self._finished.append(key)
@@ -132,3 +136,7 @@ class ImageAssembler:
             del self._partial[key]
             self._finished.append(key)
             self.incomplete += 1
+
+
+def _size(pieces: dict[int, Fragment]) -> int:
+    return sum(len(fragment.payload) for fragment in pieces.values())

@@ -5,7 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.error import check_finite, check_magic, unpack
+from av_sim_bridge.wire.error import (
+    MOST_ACCELERATION_M_S2,
+    MOST_RATE_RAD_S,
+    check_magic,
+    check_number,
+    check_time,
+    check_within,
+    unpack,
+)
 
 MAGIC = 1234567898
 _LAYOUT = struct.Struct('<2i1d6f')
@@ -37,5 +45,8 @@ def decode_imu(datagram: bytes) -> ImuSample:
     """Decode one sample. Raises WireError."""
     magic, sequence, time, *reals = unpack(_LAYOUT, datagram, 'imu')
     check_magic(magic, MAGIC, 'imu')
-    check_finite([time, *reals], 'imu')
+    check_number(sequence, 'imu: sequence')
+    check_time(time, 'imu')
+    check_within(reals[:3], MOST_ACCELERATION_M_S2, 'imu: acceleration')
+    check_within(reals[3:], MOST_RATE_RAD_S, 'imu: rate')
     return ImuSample(sequence, time, np.array(reals[:3]), np.array(reals[3:]))

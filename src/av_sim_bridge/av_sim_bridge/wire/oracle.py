@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.error import WireError, check_finite
+from av_sim_bridge.wire.error import MOST_PIXEL, WireError, check_within
 
 _COUNT = struct.Struct('<i')
 _BOX = struct.Struct('<i5f')
@@ -50,8 +50,9 @@ def decode_oracle(datagram: bytes) -> list[OracleBox]:
         raise WireError(f'oracle: {len(datagram)} bytes do not agree with the number of boxes of {_BOX.size} bytes')
     boxes = [OracleBox(*fields) for fields in _BOX.iter_unpack(datagram[_COUNT.size:])]
     for box in boxes:
-        check_finite([box.score, box.min_x, box.min_y, box.max_x, box.max_y], 'oracle')
-        if not 0 <= box.score <= 1:
+        check_within([box.min_x, box.min_y, box.max_x, box.max_y], MOST_PIXEL, 'oracle: corner')
+        check_within(box.score, 1.0, 'oracle: score')
+        if box.score < 0.0:
             raise WireError(f'oracle: score of target {box.target_id} is {box.score:g}, expected 0 to 1')
         if box.min_x > box.max_x or box.min_y > box.max_y:
             raise WireError(f'oracle: the corners of the box of target {box.target_id} are swapped')

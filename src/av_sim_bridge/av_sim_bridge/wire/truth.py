@@ -5,13 +5,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from av_sim_bridge.wire.error import WireError, check_finite, check_magic, unpack
+from av_sim_bridge.wire.error import (
+    FARTHEST_M,
+    FASTEST_M_S,
+    MOST_ACCELERATION_M_S2,
+    MOST_ANGLE_RAD,
+    MOST_RATE_RAD_S,
+    MOST_RPM,
+    WireError,
+    check_magic,
+    check_number,
+    check_time,
+    check_within,
+    unpack,
+)
 
 LONG_MAGIC = 123456789
 SHORT_MAGIC = 1234567891
 _LONG = struct.Struct('<4i24f7d')
 _SHORT = struct.Struct('<6i14f4d')
 _MOTORS = 8
+_MOST_GPS = 1e10    # not used, in whatever unit
+_LIMITS = {'position_ned': FARTHEST_M, 'velocity_ned': FASTEST_M_S, 'euler_rad': MOST_ANGLE_RAD, 'quaternion_wxyz': 1.05,
+           'motor_rpm': MOST_RPM, 'acceleration_frd': MOST_ACCELERATION_M_S2, 'rate_frd': MOST_RATE_RAD_S, 'gps': _MOST_GPS}
 
 
 @dataclass(frozen=True)
@@ -72,12 +88,21 @@ def is_truth(datagram: bytes) -> bool:
 def decode_truth(datagram: bytes) -> VehicleTruth:
     """Decode either layout, distinguished by size and magic number. Raises WireError."""
     truth = _decode_short(datagram) if len(datagram) == _SHORT.size else _decode_long(datagram)
-    check_finite([truth.time, *truth.position_ned, *truth.velocity_ned, *truth.euler_rad, *truth.quaternion_wxyz],
-                 'truth')
+    check_truth(truth)
+    return truth
+
+
+def check_truth(truth: VehicleTruth) -> None:
+    """Raise WireError for a state whose numbers are not within their limits."""
+    check_number(truth.copter_id, 'truth: copter id')
+    check_time(truth.time, 'truth')
+    for name, limit in _LIMITS.items():
+        values = getattr(truth, name)
+        if values is not None:
+            check_within(values, limit, f'truth: {name}')
     norm = np.linalg.norm(truth.quaternion_wxyz)
     if abs(norm - 1) > 0.05:
         raise WireError(f'truth: quaternion has norm {norm:.3g}, expected 1')
-    return truth
 
 
 def _decode_long(datagram: bytes) -> VehicleTruth:
@@ -93,7 +118,7 @@ def _decode_short(datagram: bytes) -> VehicleTruth:
     fields = unpack(_SHORT, datagram, 'truth')
     check_magic(fields[0], SHORT_MAGIC, 'truth')
     rpm, velocity, euler = np.split(np.array(fields[6:20]), [_MOTORS, _MOTORS + 3])
-    check_finite(euler, 'truth')
+    check_within(euler, MOST_ANGLE_RAD, 'truth: euler_rad')
     return VehicleTruth(fields[1], fields[2], fields[23], np.array(fields[20:23]), velocity, euler,
                         _quaternion(*euler), rpm, gps=np.array(fields[3:6]) / [1e7, 1e7, 1e3])
 
