@@ -49,6 +49,7 @@ class BridgeRig:
         while time.monotonic() < end:
             self.executor.spin_once(timeout_sec=0.05)
             if command is not None:
+                command.header.stamp = self.listener.get_clock().now().to_msg()
                 self.commander.publish(command)
 
     def spin_until(self, condition, what):
