@@ -118,10 +118,11 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
     parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
-                  'bind_address': arguments['bind_address'], 'control_host': arguments['control_host'],
                   **{f'{name}_port': port for name, port in ports.items()}}
-    if arguments['allowed_senders']:
-        parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
+    if arguments['source'] == 'udp':    # the built-in simulator is on this machine
+        parameters |= {'bind_address': arguments['bind_address'], 'control_host': arguments['control_host']}
+        if arguments['allowed_senders']:
+            parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
     return [node, detector_node(arguments, {})] if arguments['model'] else [node]
 

@@ -1,5 +1,7 @@
 """The audio stream against a known sample sequence: loss, order, alignment, clock, garbage."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -211,3 +213,13 @@ def test_too_many_channels_for_a_datagram_are_an_error():
 def test_unknown_sample_format_is_named():
     with pytest.raises(ValueError, match="'u8'.*s16le, f32le"):
         AudioFormat('u8')
+
+
+@pytest.mark.parametrize('size', [1, 3])
+def test_tiny_datagrams_of_a_stream_without_headers_are_not_kept_for_ever(size):
+    """A little too slow for the stream, so that it lags ever more and no loss explains it."""
+    decoder, rate = AudioDecoder(AudioFormat()), 192_000.0
+    for number in range(20_000):
+        with contextlib.suppress(WireError):
+            decoder.decode(bytes(size), 10.0 + 1.01 * number * size / rate)
+    assert len(decoder._stream._held) <= 500 and len(decoder._stream._recent) <= 500

@@ -52,7 +52,7 @@ def image_from_message(message: Any, most_pixels: int = MOST_PIXELS) -> NDArray:
     if hasattr(message, 'format'):
         return decode_image(memoryview(message.data), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH, most_pixels)
     if message.encoding not in ENCODINGS:
-        raise ValueError(f'encoding {message.encoding!r} is not known, expected one of {", ".join(ENCODINGS)}')
+        raise ValueError(f'encoding {message.encoding[:40]!r} is not known, expected one of {", ".join(ENCODINGS)}')
     kind, channels, conversion = ENCODINGS[message.encoding]
     dtype = np.dtype(kind).newbyteorder('>' if message.is_bigendian else '<')
     row = message.width * channels * dtype.itemsize

@@ -1,5 +1,6 @@
 """The nodes as ROS sees them: headers, ids, stamps, latest-frame policy, errors that heal."""
 
+import math
 import time
 from array import array
 from threading import Event
@@ -228,3 +229,35 @@ def test_a_realsense_publishes_colour_depth_and_motion(rig, monkeypatch):
     assert motions[0].linear_acceleration.y == pytest.approx(-9.81)
     assert motions[0].orientation_covariance[0] == -1.0
     assert {message.header.stamp.nanosec for message in depths} & {message.header.stamp.nanosec for message in images}
+
+
+def test_absurd_images_and_cameras_are_counted_and_the_node_goes_on(rig, model):
+    """Sizes that the data does not have, encodings that it is not in, bombs, and cameras that cannot be."""
+    found = rig.collect(Detection2DArray, 'detections', RESULT)
+    node = rig.start(DetectorNode, model=model, camera_height=1.5, max_image_pixels=500_000)
+    images = rig.observer.create_publisher(Image, 'camera/image_raw', IMAGE)
+    depths = rig.observer.create_publisher(Image, 'camera/depth/image_raw', IMAGE)
+    infos = rig.observer.create_publisher(CameraInfo, 'camera/camera_info', RESULT)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count() and infos.get_subscription_count()
+                   and depths.get_subscription_count())
+    most = 2**32 - 1
+    absurd = [{'height': most}, {'width': most}, {'height': most, 'width': most, 'step': most}, {'step': 1}, {'step': most},
+              {'encoding': 'yuv422', 'width': 415}, {'encoding': '32FC1'}, {'encoding': 'x' * 1000}, {'height': 0}]
+    absurd_images = [image_at(image=np.zeros((1000, 501, 3), np.uint8))]
+    for fields in absurd:
+        absurd_images.append(image_at())
+        for name, value in fields.items():
+            setattr(absurd_images[-1], name, value)
+    for publisher in (images, depths):
+        for message in absurd_images:
+            before = node._unusable
+            publisher.publish(message)
+            rig.spin_until(lambda before=before: node._unusable > before)
+            assert len(node._image_problem) < 500
+    for k, width in (([math.inf] * 9, 640), ([1e300] * 9, 640), ([500.0] * 9, most), ([1e-300] * 9, 640)):
+        before = node._unusable
+        infos.publish(CameraInfo(width=width, height=480, k=k, distortion_model='plumb_bob', d=[0.0] * 5))
+        rig.spin_until(lambda before=before: node._unusable > before)
+    images.publish(image_at(9))
+    rig.spin_until(lambda: found)
+    assert [message.header.stamp.sec for message in found] == [9]

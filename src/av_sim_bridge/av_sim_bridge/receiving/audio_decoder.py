@@ -161,6 +161,7 @@ class _BareStream:
     SETTLING = 30      # number of datagrams after which the earliest arrival counts as known
     MOST_EARLY = 15    # consecutive early datagrams after which a jump of the clock is assumed
     DRIFT = 200e-6     # maximum relative error of the sender's clock
+    MOST_KEPT = 500    # datagrams that are held back, and lags that are kept, however small and many the datagrams are
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, lateness: Callable[[], float]):
         self.layout, self.counts, self._lateness = layout, counts, lateness
@@ -168,7 +169,7 @@ class _BareStream:
         self._position = next_sample * layout.frame_bytes      # position of the next byte to be released
         self._partial = b''
         self._held: list[tuple[bytes, float]] = []
-        self._recent: deque[tuple[float, float]] = deque()     # arrival and lag
+        self._recent: deque[tuple[float, float]] = deque(maxlen=self.MOST_KEPT)    # arrival and lag
         self._offset: float | None = None                      # smallest arrival - position / rate
         self._updated = 0.0
         self._length = 0.0                                     # mean length of a datagram, bytes
@@ -190,7 +191,7 @@ class _BareStream:
             self._recent.popleft()
         missing = self._missing(half)
         whole = not self._partial and all(len(held) % self.layout.frame_bytes == 0 for held, _ in self._held)
-        if lag > half and not missing and not whole:
+        if lag > half and not missing and not whole and len(self._held) < self.MOST_KEPT:
             return []
         return self._release(missing)
 

@@ -107,7 +107,7 @@ class DetectorNode(RigNode):
     def _skip(self, error: Exception) -> None:
         self._unusable += 1
         if str(error) != self._image_problem:
-            self.get_logger().error(f'input skipped: {error}')
+            self.get_logger().error(f'input skipped: {error}', throttle_duration_sec=1.0)
         self._image_problem = str(error) or repr(error)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
