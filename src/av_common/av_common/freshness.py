@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 FUTURE_S = 0.1  # a stamp further ahead than this proves that a clock is wrong
-DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: then what it marked is at least 1 s old
+DISTRUST_S = 1.1  # after such a stamp nothing counts as new for this long: what had been captured by then is 1 s old
+REMEMBERED = 64  # number of stamps from the future that never become new, when their time has come
 
 
 class Instant(NamedTuple):
@@ -28,13 +30,18 @@ class FreshInput:
     the steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
     step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count.
 
+    Attributes:
+        refused: number of stamps from the future, and of steps of the node's clock back.
+
     Parameters:
         latency (s): delay from capture to arrival that adds nothing to the age.
     """
 
     def __init__(self, latency: float = 0.0) -> None:
+        self.refused = 0
         self._latency = latency
-        self._newest = self._arrived = self._captured = self._distrusted = -math.inf
+        self._future: deque[float] = deque(maxlen=REMEMBERED)
+        self._newest = self._fresh = self._distrusted = -math.inf
 
     def take(self, stamp: float, now: Instant) -> bool:
         """Note a message; returns whether it carries new data.
@@ -44,16 +51,17 @@ class FreshInput:
             now: its arrival.
         """
         if not max(stamp, self._newest) <= now.ros + FUTURE_S:
+            if stamp not in self._future:
+                self._future.append(stamp)
             self._newest, self._distrusted = -math.inf, now.steady
+            self.refused += 1
             return False
-        if stamp <= self._newest:
+        if stamp <= self._newest or stamp in self._future:
             return False
         self._newest = stamp
         if now.steady - self._distrusted < DISTRUST_S:
             return False
-        self._arrived = now.steady
-        # A later stamp is of a later capture, whatever the node's clock says since it was set.
-        self._captured = max(self._captured, now.steady - max(now.ros - stamp, 0.0))
+        self._fresh = max(self._fresh, now.steady - max(now.ros - stamp - self._latency, 0.0))
         return True
 
     def age(self, now: Instant) -> float:
@@ -61,4 +69,4 @@ class FreshInput:
 
         inf before the first.
         """
-        return now.steady - min(self._arrived, self._captured + self._latency)
+        return now.steady - self._fresh

@@ -57,3 +57,21 @@ def test_a_step_of_the_clock_renews_nothing(step):
         time = 5.0 + 0.05 * k
         data.take(START + time + step, at(time, time + step))
     assert data.age(at(time, time + step)) < 0.1
+
+
+def test_a_stamp_from_the_future_never_becomes_new_however_rarely_it_is_repeated():
+    data = FreshInput(latency=0.7)
+    for k in range(10):
+        data.take(START + 3.0, at(1.2 * k))
+        assert data.age(at(1.2 * k)) == math.inf and data.refused == min(k + 1, 3)
+
+
+def test_after_a_step_back_the_data_of_the_new_time_counts():
+    """Although its stamps are earlier than those before."""
+    data = FreshInput()
+    for k in range(200):
+        time = 0.05 * k
+        step = 0.0 if k < 100 else -3600.0
+        data.take(START + time + step, at(time, time + step))
+        assert k < 100 or k > 120 or data.age(at(time)) > 0.05 * (k - 100)
+    assert data.age(at(time)) == 0.0 and data.refused == 1

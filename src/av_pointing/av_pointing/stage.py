@@ -42,6 +42,11 @@ class PointingStage:
         self._arrived, self._age = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._measured, self._odometry = FreshInput(OLDEST_MEASUREMENT_S - BODY_TIMEOUT_S), FreshInput()
 
+    @property
+    def refused(self) -> int:
+        """Number of bearings and poses whose stamps were in the future, or that arrived as the node's clock stepped back."""
+        return self._measured.refused + self._odometry.refused
+
     def on_bearing(self, message: Bearing, arrival: Instant) -> PointingCommand:
         """The command that follows from a bearing.
 

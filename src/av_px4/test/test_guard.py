@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from av_px4.guard import OFFBOARD, BodyGuard, GuardSettings, Inputs, VehicleStatus
+from av_px4.guard import MARGIN, OFFBOARD, BodyGuard, GuardSettings, Inputs, VehicleStatus
 
 SEQUENCES, STEPS = 10_000, 40
 MODES = (0, 2, 4, 5, 14, 14, 14, 18, 23, 24)
@@ -66,6 +66,8 @@ def test_no_history_leads_to_harm():
                 assert abs(decision.yaw_rate) <= SETTINGS.max_rate + 1e-12
                 before = 0.0 if previous is None else previous
                 assert abs(decision.yaw_rate - before) <= SETTINGS.max_acceleration * dt + 1e-9
+                newest = max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
+                assert decision.yaw_rate == 0.0 or newest < 0.3 - MARGIN    # the next step comes within MARGIN
                 sent = decision.yaw_rate
                 turned += sent != 0.0
             previous = decision.yaw_rate if decision.setpoint else None

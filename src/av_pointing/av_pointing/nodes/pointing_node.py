@@ -35,6 +35,7 @@ class PointingNode(RigNode):
         self._settings = self.settings
         self._stage = make_pointing_stage(self._settings)
         self._stage.controller.enabled = self._enabled.value
+        self._refused = 0
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
 
@@ -91,6 +92,11 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'no target/bearing')
         if self._settings.move_body and self._meters['odometry'].age > 1.0:
             status.mergeSummary(DiagnosticStatus.WARN, 'no odometry: the body does not move')
+        if self._stage.refused > self._refused:
+            status.mergeSummary(DiagnosticStatus.WARN, f'{self._stage.refused - self._refused} stamps from the future: are the '
+                                'clocks synchronised? Nothing counts as new for 1.1 s after each')
+        self._refused = self._stage.refused
+        status.add('stamps from the future', str(self._refused))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('enabled', str(self._stage.controller.enabled))

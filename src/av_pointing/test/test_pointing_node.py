@@ -1,0 +1,95 @@
+"""pointing_node in its own process: nothing that happens to the clock moves the body."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import time
+
+import pytest
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
+
+from av_common.qos import RESULT, STREAM
+from av_common.stamps import to_stamp
+from av_interfaces.msg import Bearing, PointingCommand
+
+pytestmark = pytest.mark.system
+START = 1000.0
+
+
+class Bench:
+    """Publishes clock, odometry and bearings at 50 Hz, and receives commands as (monotonic time in s, yaw rate)."""
+
+    def __init__(self):
+        domain = random.SystemRandom().randrange(1, 100)
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args',
+             '-p', 'enabled:=true', '-p', 'use_sim_time:=true', '-p', 'move_gimbal:=false'],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)})
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('bench', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.clock = self.node.create_publisher(Clock, '/clock', RESULT)
+        self.odometry = self.node.create_publisher(Odometry, 'odometry', STREAM)
+        self.bearing = self.node.create_publisher(Bearing, 'target/bearing', RESULT)
+        self.commands = []
+        self.node.create_subscription(PointingCommand, 'pointing/command',
+                                      lambda m: self.commands.append((time.monotonic(), m.yaw_rate)), RESULT)
+
+    def run(self, seconds, time_of, measured_of):
+        """Publish for some seconds; the functions give clock and `measured` from the seconds since the begin."""
+        began = time.monotonic()
+        while (elapsed := time.monotonic() - began) < seconds:
+            now = time_of(elapsed)
+            self.clock.publish(Clock(clock=to_stamp(now)))
+            pose = Odometry()
+            bearing = Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, azimuth=2.5, azimuth_world=2.5, resolved=True)
+            pose.pose.pose.orientation.w = 1.0
+            pose.header.stamp = bearing.header.stamp = to_stamp(now)
+            bearing.measured = to_stamp(measured_of(elapsed))
+            self.odometry.publish(pose)
+            self.bearing.publish(bearing)
+            end = time.monotonic() + 0.02
+            while time.monotonic() < end:
+                self.executor.spin_once(timeout_sec=0.005)
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def bench():
+    started = Bench()
+    yield started
+    started.close()
+
+
+CLOCKS = {'runs': lambda t: t, 'stands': lambda t: 0.0, 'runs back': lambda t: -t,
+          'jumps back and forth': lambda t: -5.0 if int(10 * t) % 2 else t, 'leaps': lambda t: t + 0.5 * int(4 * t)}
+
+
+@pytest.mark.parametrize('clock', CLOCKS.values(), ids=CLOCKS)
+def test_whatever_the_clock_does_the_body_stops_with_the_measurements(bench, clock):
+    """0.3 s after `measured` stood still the node commands 0, and goes on commanding it."""
+    steady = time.monotonic()
+    for _ in range(20):  # until the node is up
+        bench.run(1.0, lambda t: START + time.monotonic() - steady, lambda t: START + time.monotonic() - steady - 0.1)
+        if bench.commands and bench.commands[-1][1] > 0.3:
+            break
+    assert bench.commands[-1][1] > 0.3
+    last = time.monotonic()
+    now = START + last - steady
+    bench.run(3.0, lambda t: now + clock(t), lambda t: now - 0.1)
+    late = [(arrival - last, rate) for arrival, rate in bench.commands if arrival > last + 0.3 + 1.0 / 30.0]
+    assert len(late) > 40 and all(rate == 0.0 for _, rate in late), late[:5]
