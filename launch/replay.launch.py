@@ -22,6 +22,7 @@ from av_fusion.launching import (
     recorder_nodes,
     require,
     rig_node,
+    security,
 )
 
 BAG_TIME = {'use_sim_time': True}
@@ -88,6 +89,6 @@ def player_node(arguments: Arguments, receivers: list[str]) -> Node:
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
     return Node(package='av_bags', executable='player_node', name='player_node', namespace=arguments['namespace'],
-                output='screen', parameters=[{
+                output='screen', additional_env=security(arguments, 'player_node'), parameters=[{
                     **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': receivers,
                     'detections': not arguments['model']}])

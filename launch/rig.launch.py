@@ -5,6 +5,7 @@ ros2 launch av_fusion rig.launch.py source:=udp                                 
 ros2 launch av_fusion rig.launch.py source:=file audio:=X.wav video:=Y.mp4      recordings
 ros2 launch av_fusion rig.launch.py source:=hardware                            microphones and camera
 ros2 launch av_fusion rig.launch.py source:=hardware px4:=true                  ... on a vehicle with PX4
+ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          encrypted, among nodes with keys only
 """
 
 from __future__ import annotations

@@ -33,6 +33,7 @@ setup(
         'console_scripts': [
             'fusion_node = av_fusion.nodes.fusion_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
+            'security = av_fusion.cli.security:main',
         ],
     },
 )

@@ -27,7 +27,8 @@ OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'lz4', 'onnx', 'pyroa
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},
-    'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp'},  # nodes that every launch file starts
+    'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp',  # nodes that every launch file starts
+                  'openssl'},
     'av_simulator': {'av_fusion'},   # av_fusion installs the configuration
 }
 # Permitted pairs of a package and a module that its tests import although that module depends on the package.

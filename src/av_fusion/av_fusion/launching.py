@@ -33,6 +33,7 @@ from launch_ros.actions import Node
 from av_common.launched import RUN_FOLDER
 from av_common.rig import load_rig
 from av_fusion import guard
+from av_fusion.security.keystore import check_enclave
 from av_fusion.supervision import MOST_RESTARTS, RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
@@ -50,6 +51,7 @@ RIG_ARGUMENTS: Declarations = {
                 ['auto', 'true', 'false']),
     'out': ('', 'folder for the table, the plot and the data of the run, needs the monitor; empty: none', None),
     'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
+    'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
 }
 
 RENAMED_ARGUMENTS = {'voice': 'drone_recording'}    # ROS ignores an argument that it does not know
@@ -143,7 +145,24 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
     """
     files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
     return Node(package=package, executable=executable, name=executable, namespace=arguments['namespace'],
-                parameters=files, **{'output': 'log', **RESPAWN, **options})
+                parameters=files, additional_env=security(arguments, executable),
+                **{'output': 'log', **RESPAWN, **options})
+
+
+def security(arguments: Arguments, node: str) -> dict[str, str]:
+    """The environment in which a node uses its enclave of the keystore, empty without one. Raises KeystoreError.
+
+    Parameters:
+        arguments: values of the launch arguments
+        node: the node's name
+    """
+    if not arguments['security']:
+        return {}
+    keystore = Path(arguments['security']).resolve()
+    enclave = '/'.join(['', *filter(None, arguments['namespace'].split('/')), node])
+    check_enclave(keystore, enclave)
+    return {'ROS_SECURITY_KEYSTORE': str(keystore), 'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
+            'ROS_SECURITY_ENCLAVE_OVERRIDE': enclave}
 
 
 def monitor_nodes(arguments: Arguments, parameters: dict) -> list[Node]:

@@ -1,0 +1,164 @@
+"""Prints the topics and services of a node as JSON: `python3 node_endpoints.py NODE VARIANT FOLDER`, in a process of its own.
+
+The node is configured and activated. Its variants together have everything that it ever has.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import time
+import types
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rclpy
+import soundfile
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from rosidl_runtime_py.utilities import get_message
+from std_msgs.msg import String
+
+from av_bags.topics import KINDS
+from av_bags.writer import BagWriter
+from av_common.node import RigNode
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
+RIG, ARRAY = str(CONFIG / 'rig.yaml'), str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
+# Parameters with which a node has everything that it can have, in one or several runs.
+VARIANTS: dict[str, list[dict]] = {
+    'audio_node': [{'file': '{folder}/sound.wav'}],
+    'audio_common_node': [{'direction': 'from_audio_common'}, {'direction': 'to_audio_common'}],
+    'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'depth_port': 9998, 'targets': 2},
+                    {'rig_file': RIG, 'follow_odometry': True}],
+    'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
+    'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
+    'doa_node': [{'array_file': ARRAY, 'ego_rotors': 'topic'}],
+    'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
+    'px4_node': [{'external_mode': True}],
+    'recorder_node': [{'path': '{folder}/recording.mcap'}],
+    'rig_frames_node': [{'rig_file': RIG}],
+}
+
+
+def variants(name: str) -> list[dict]:
+    """The parameters with which a node is started."""
+    return VARIANTS.get(name, [{}])
+
+
+class AnyMessages(types.ModuleType):
+    """Stands for a package of messages that need not be installed: names of topics do not depend on them."""
+
+    def __getattr__(self, name: str) -> type:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        return String
+
+
+def node_class(name: str) -> type[RigNode]:
+    """The class of the program `name`."""
+    program, = entry_points(group='console_scripts', name=name)
+    module = importlib.import_module(program.module)
+    found, = (value for value in vars(module).values()
+              if isinstance(value, type) and issubclass(value, RigNode) and value.__module__ == module.__name__)
+    return found
+
+
+def endpoints(node: Node) -> dict[str, set[str]]:
+    """Names of what a node publishes, subscribes, serves and calls, from the ROS graph, which is late."""
+    name, namespace = node.get_name(), node.get_namespace()
+    created = {'publish': {publisher.topic_name for publisher in node.publishers},
+               'subscribe': {subscription.topic_name for subscription in node.subscriptions},
+               'reply': {node.resolve_service_name(service.srv_name) for service in node.services},
+               'request': {node.resolve_service_name(client.srv_name) for client in node.clients}}
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        found = {kind: {topic for topic, _ in ask(name, namespace)} for kind, ask in (
+            ('publish', node.get_publisher_names_and_types_by_node), ('subscribe', node.get_subscriber_names_and_types_by_node),
+            ('reply', node.get_service_names_and_types_by_node), ('request', node.get_client_names_and_types_by_node))}
+        if all(names <= found[kind] for kind, names in created.items()):
+            return found
+        time.sleep(0.05)
+    raise TimeoutError(f'the graph shows {found}, not {created}')
+
+
+def write_sound_and_image(folder: Path) -> None:
+    """Recordings instead of sensors."""
+    soundfile.write(folder / 'sound.wav', np.zeros((4800, 2)), 48_000)
+    (folder / 'images').mkdir()
+    cv2.imwrite(str(folder / 'images' / '0.png'), np.zeros((48, 64, 3), np.uint8))
+
+
+def write_bag(file: Path) -> None:
+    """A bag with a message on each topic that can be played."""
+    with BagWriter(file) as bag:
+        for name, kinds in KINDS.items():
+            topic = name if name.startswith('/') else f'/{name}'
+            bag.add_topic(topic, kinds[0])
+            bag.write(topic, 1_000_000_000, serialize_message(get_message(kinds[0])()))
+
+
+@contextmanager
+def everything_published() -> Iterator[None]:
+    """Have a second node that publishes all topics of the rig."""
+    other = Node('everything')
+    for name, kinds in (KINDS | {'/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray',)}).items():
+        other.create_publisher(get_message(kinds[0]), name, QoSProfile(depth=1))
+    yield
+    other.destroy_node()
+
+
+def wait_for_recording(node: RigNode) -> None:
+    """Spin until the recorder has found the topics."""
+    deadline = time.monotonic() + 60.0
+    while len(list(node.subscriptions)) < len(KINDS) + 1 and time.monotonic() < deadline:
+        rclpy.spin_once(node, timeout_sec=0.1)
+
+
+def main(name: str, variant: str, folder: str) -> None:
+    """Print the endpoints of a node.
+
+    Parameters:
+        name: the node's name.
+        variant: index of its parameters in VARIANTS.
+        folder: an empty folder.
+    """
+    for package in ('audio_common_msgs', 'px4_msgs'):
+        sys.modules[f'{package}.msg'] = AnyMessages(f'{package}.msg')
+        sys.modules[package] = types.ModuleType(package)
+        sys.modules[package].msg = sys.modules[f'{package}.msg']
+    write_bag(Path(folder, 'bag.mcap'))
+    write_sound_and_image(Path(folder))
+    values = {key: value.format(folder=folder) if isinstance(value, str) else value
+              for key, value in variants(name)[int(variant)].items()}
+    parameters = Path(folder, 'parameters.yaml')
+    parameters.write_text(json.dumps({f'/{name}': {'ros__parameters': {'autostart': False, **values}}}))
+    rclpy.init(args=['--ros-args', '--params-file', str(parameters)])
+    print(json.dumps({kind: sorted(names) for kind, names in run(node_class(name)()).items()}))
+    rclpy.shutdown()
+
+
+def run(node: RigNode) -> dict[str, set[str]]:
+    """All endpoints of a node, which is configured and, where its sensors are here, activated."""
+    with everything_published():
+        node.trigger_configure()
+        configured = endpoints(node)
+        node.trigger_activate()
+        if node.get_name() == 'recorder_node':
+            wait_for_recording(node)
+        node.set_parameters([Parameter('use_sim_time', value=True)])
+        active = endpoints(node)
+    node.close()
+    node.destroy_node()
+    return {kind: configured[kind] | active[kind] for kind in active}
+
+
+if __name__ == '__main__':
+    main(*sys.argv[1:])

@@ -1,0 +1,58 @@
+"""The security policy and the nodes agree: each node is permitted what it has, and nothing else."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from fnmatch import fnmatchcase
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import node_endpoints
+import pytest
+from node_endpoints import variants
+
+from av_fusion.security.policy import DISCOVERY, RULES, read_policy
+
+CONFIG = Path(__file__).resolve().parent.parent / 'config'
+POLICY = {enclave.path.lstrip('/'): enclave for enclave in read_policy(CONFIG / 'security' / 'policy.xml')}
+NODES = sorted({program.name for program in entry_points(group='console_scripts')
+                if program.module.startswith('av_') and '.nodes.' in program.module})
+# Beside a vehicle only: PX4's topics, and the names of further targets in a simulator.
+ELSEWHERE = {'px4_node': {'rt/fmu/in/*', 'rt/fmu/out/*'}}
+KIND = {'publish': 'topics', 'subscribe': 'topics', 'reply': 'services', 'request': 'services'}
+
+
+def dds_topics(endpoints: dict[str, set[str]]) -> tuple[set[str], set[str]]:
+    """Names of the DDS topics that a node with these endpoints publishes, and subscribes to."""
+    found: tuple[set[str], set[str]] = {DISCOVERY}, {DISCOVERY}
+    for kind, names in endpoints.items():
+        for topics, patterns in zip(found, RULES[KIND[kind], kind], strict=True):
+            topics |= {pattern.format(name) for pattern in patterns for name in names}
+    return found
+
+
+def test_every_node_has_an_enclave_and_every_enclave_a_node():
+    assert set(POLICY) == {*NODES, 'operator'}
+
+
+@pytest.mark.system
+@pytest.mark.parametrize('name', NODES)
+def test_a_node_is_permitted_what_it_has_and_nothing_else(name, tmp_path):
+    has_by_kind, log = {}, ''
+    for variant in range(len(variants(name))):
+        (folder := tmp_path / str(variant)).mkdir()
+        command = [sys.executable, node_endpoints.__file__, name, str(variant), folder]
+        run = subprocess.run(command, text=True, capture_output=True, check=False)
+        assert run.returncode == 0, run.stderr
+        log += run.stderr
+        for kind, names in json.loads(run.stdout.splitlines()[-1]).items():
+            has_by_kind.setdefault(kind, set()).update(names)
+    permitted = POLICY[name].publish, POLICY[name].subscribe
+    for has, may, verb in zip(dds_topics(has_by_kind), permitted, ('publishes', 'subscribes to'), strict=True):
+        missing = {topic for topic in has if not any(fnmatchcase(topic, pattern) for pattern in may)}
+        unused = {pattern for pattern in may if not any(fnmatchcase(topic, pattern) for topic in has)}
+        assert not missing, f'config/security/policy.xml does not permit what {name} {verb}: {missing}; {log}'
+        assert not unused - ELSEWHERE.get(name, set()), \
+            f'config/security/policy.xml permits what {name} no longer {verb}: {unused}; {log}'
