@@ -98,6 +98,8 @@ class Sequence:
             return f'track is impossible: {track}'
         if not math.isfinite(track.requested_rotation):
             return f'requested rotation {track.requested_rotation}'
+        if command.yaw_rate != 0.0 and not self._ages.body_left > 0.0:
+            return f'the body moves by old data: {self._ages}'
         axes = (('pan', command.pan, command.pan_rate, settings.pan), ('tilt', command.tilt, command.tilt_rate, settings.tilt),
                 ('yaw', 0.0, command.yaw_rate, settings.yaw))
         before, self._before = self._before, command
