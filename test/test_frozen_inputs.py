@@ -9,11 +9,12 @@ from contextlib import contextmanager
 
 import pytest
 import rclpy
+from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rig_process import RigProcess
 from udp_ports import free_offset
 
-from av_common.qos import RESULT
+from av_common.qos import RESULT, STREAM
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 
@@ -23,11 +24,13 @@ PERIOD = 1.0 / 30.0    # of commands: one that is sent just before the time is u
 
 
 class Listener:
-    """Bearings and commands of a rig: (arrival, message), times of this machine's clock in s."""
+    """Bearings, commands and true yaw rates of a rig with their arrival, times of this machine's clock in s."""
 
     def __init__(self, node):
-        self.bearings, self.commands = [], []
+        self.bearings, self.commands, self.yaw_rates = [], [], []
         node.create_subscription(Bearing, 'target/bearing', lambda m: self.bearings.append((time.time(), m)), RESULT)
+        node.create_subscription(
+            Odometry, 'truth/rig', lambda m: self.yaw_rates.append((time.time(), m.twist.twist.angular.z)), STREAM)
         node.create_subscription(PointingCommand, 'pointing/command', lambda m: self.commands.append((time.time(), m)), RESULT)
 
     def newest_measurement(self):
@@ -87,5 +90,23 @@ def test_the_body_stands_still_0_3_s_after_the_last_measurement(frozen):
         continued = time.time()
         listen(30.0, lambda: len(seen.turning(continued + 1.0)) > 20)
         assert len(seen.turning(continued + 1.0)) > 20 and seen.newest_measurement() > continued
+    rig.interrupt()
+    rig.finish(timeout=60.0)
+
+
+def test_the_simulated_rig_stands_still_without_commands():
+    """pointing_node is stopped while the body turns: the rig brakes by itself. So it does when fusion_node is stopped."""
+    rig = RigProcess('scenario:=circle', f'port_offset:={free_offset()}')
+    with listening(rig.domain) as (seen, listen):
+        for frozen in ('lib/av_fusion/fusion_node', 'lib/av_pointing/pointing_node'):
+            listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)
+            assert seen.turning(time.time() - 2.0), rig.output
+            process = rig.processes(frozen)[0]
+            os.kill(process, signal.SIGSTOP)
+            stopped = time.time()
+            listen(3.0)
+            rates = [rate for arrival, rate in seen.yaw_rates if arrival > stopped + 1.0]
+            assert rates and max(map(abs, rates)) < 1e-3, (frozen, max(map(abs, rates)))
+            os.kill(process, signal.SIGCONT)
     rig.interrupt()
     rig.finish(timeout=60.0)
