@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.localizer import FULL_SCALE, DoaEstimate
+if TYPE_CHECKING:    # what computes them takes a while to import
+    from av_audio.localizer import DoaEstimate
 
+FULL_SCALE = 0.999    # amplitude from which a sample is clipped
 DEAD_DBFS = -100.0
 # A channel this much quieter than the loudest one is reported.
 QUIET_DB = 40.0

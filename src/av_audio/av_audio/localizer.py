@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
+from av_audio.health import FULL_SCALE
 from av_audio.narrowband import Music, Mvdr
 from av_audio.spectra import SpectrumAnalyzer
 from av_audio.steered_response import Peak, SteeredResponse
@@ -30,7 +31,6 @@ EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
 # Windows in which more of the samples clip have no confidence.
 CLIPPED_SHARE = 0.01
-FULL_SCALE = 0.999
 # Below this level a window holds quantisation noise only.
 SILENCE_DBFS = -100.0
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import array
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import Vector3
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 
-from av_audio.localizer import DoaEstimate
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, Doa, DoaArray
+
+if TYPE_CHECKING:    # what computes them takes a while to import
+    from av_audio.localizer import DoaEstimate
 
 
 def samples_of(frame: AudioFrame) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -23,7 +23,9 @@ from av_common.camera import PinholeCamera
 from av_interfaces.msg import Visibility as VisibilityMessage
 from av_vision.detections import Detections
 from av_vision.encoded_image import MOST_PIXELS, check_pixels, decode_image
-from av_vision.visibility import Visibility
+
+if TYPE_CHECKING:    # what computes them takes a while to import
+    from av_vision.visibility import Visibility
 
 # encoding -> (dtype, channels, OpenCV conversion to BGR or None)
 ENCODINGS: dict[str, tuple[str, int, int | None]] = {
