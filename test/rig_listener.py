@@ -1,19 +1,28 @@
-"""Receives the commands, bearings and diagnostics of a rig that runs in another ROS domain."""
+"""Receives the messages of a rig that runs in another ROS domain."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool
+from tf2_msgs.msg import TFMessage
 
 from av_common.node import Executor
-from av_common.qos import RESULT
+from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.track import State
-from av_interfaces.msg import Bearing, PointingCommand
+from av_interfaces.msg import AudioFrame, Bearing, DoaArray, PointingCommand
+
+GAP_S = 0.5
+# One topic of each process; the simulator's images come through the bridge.
+TOPICS = {'rig_frames_node': ('/tf_static', TFMessage, LATCHED), 'doa_node': ('doa', DoaArray, STREAM),
+          'fusion_node': ('target/bearing', Bearing, RESULT), 'pointing_node': ('pointing/command', PointingCommand, RESULT),
+          'bridge_node': ('odometry', Odometry, STREAM), 'simulator': ('audio/frames', AudioFrame, STREAM)}
 
 
 class RigListener:
@@ -21,7 +30,9 @@ class RigListener:
 
     Attributes:
         commands: the newest commands, the newest one last.
+        arrivals: time.monotonic() of the newest message of each process of TOPICS.
         tracked: time.monotonic() of the newest bearing with a target.
+        tracked_since: the same of the first one after a gap of GAP_S.
         values: values of /diagnostics by name of the node and of the value.
     """
 
@@ -31,19 +42,27 @@ class RigListener:
         self._node = rclpy.create_node('rig_listener', context=self._context)
         self._executor = Executor(context=self._context)
         self._executor.add_node(self._node)
+        self.arrivals = dict.fromkeys(TOPICS, 0.0)
         self.commands: list[PointingCommand] = []
-        self.tracked = 0.0
+        self.tracked = self.tracked_since = 0.0
         self.values: dict[str, dict[str, str]] = {}
+        for name, (topic, kind, qos) in TOPICS.items():
+            self._node.create_subscription(kind, topic, partial(self._on_message, name), qos)
         self._node.create_subscription(PointingCommand, 'pointing/command', self._on_command, RESULT)
         self._node.create_subscription(Bearing, 'target/bearing', self._on_bearing, RESULT)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, QoSProfile(depth=50))
+
+    def _on_message(self, name: str, message: object) -> None:
+        self.arrivals[name] = time.monotonic()
 
     def _on_command(self, message: PointingCommand) -> None:
         self.commands = [*self.commands[-99:], message]
 
     def _on_bearing(self, message: Bearing) -> None:
+        now = time.monotonic()
         if message.state != State.NONE:
-            self.tracked = time.monotonic()
+            self.tracked_since = now if now - self.tracked > GAP_S else self.tracked_since
+            self.tracked = now
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
