@@ -128,7 +128,9 @@ def test_nothing_outlives_the_launch(number, start):
     rig, listener = start()
     rig.signal(number)
     rig.finish(60.0)
+    ended = time.monotonic()
     left = rig.leftovers()
+    print(f'\n{number.name}: the last process ended {time.monotonic() - ended:.1f} s after the launch')
     assert not left
     listener.wait_for(lambda: False, timeout=0.5)
     assert still(listener.commands[-1])

@@ -6,7 +6,9 @@ no restarts.
 
 from __future__ import annotations
 
+import math
 import os
+import struct
 from contextlib import suppress
 from pathlib import Path
 
@@ -76,3 +78,39 @@ class KeptSwitch:
         with suppress(OSError):
             return self._file is not None and self._file.read_bytes() == ON
         return False
+
+
+class KeptNumbers:
+    """A few numbers that outlive the process of a node, but not the launch that started it.
+
+    Parameters:
+        name: name of their file in the folder of the run, unique in the launch.
+        initial: the numbers in the first process, and where those of the process before cannot be read.
+
+    Attributes:
+        values: the numbers that were kept last.
+    """
+
+    def __init__(self, name: str, initial: tuple[float, ...]) -> None:
+        self._layout = struct.Struct(f'<{len(initial)}d')
+        folder = run_folder()
+        self._file: int | None = None
+        with suppress(OSError):
+            if folder:
+                self._file = os.open(folder / name.strip('/').replace('/', '.'), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        self.values = (self._kept() or initial) if restarts() else initial
+
+    def keep(self, *values: float) -> None:
+        """Keep numbers for the next process; cheap enough for every message."""
+        self.values = values
+        with suppress(OSError):
+            if self._file is not None:
+                os.pwrite(self._file, self._layout.pack(*values), 0)
+
+    def _kept(self) -> tuple[float, ...] | None:
+        data = b''
+        with suppress(OSError):
+            if self._file is not None:
+                data = os.pread(self._file, self._layout.size + 1, 0)
+        values = self._layout.unpack(data) if len(data) == self._layout.size else ()
+        return values if values and all(map(math.isfinite, values)) else None

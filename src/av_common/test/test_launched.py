@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from av_common.launched import RESTARTS, RUN_FOLDER, KeptSwitch, restarts, run_folder
+from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers, KeptSwitch, restarts, run_folder
 
 
 @pytest.fixture
@@ -45,3 +45,26 @@ def test_what_cannot_be_read_is_off(content, folder, monkeypatch):
 def test_a_count_that_is_none_counts_nothing(text, monkeypatch):
     monkeypatch.setenv(RESTARTS, text)
     assert restarts() == 0
+
+
+def test_a_restarted_process_finds_the_last_numbers(folder, monkeypatch):
+    first = KeptNumbers('/pointing_node.angles', (0.0, 0.0))
+    first.keep(0.5, -0.25)
+    first.keep(0.7, -0.25)
+    assert KeptNumbers('/pointing_node.angles', (0.0, 0.0)).values == (0.0, 0.0)
+    monkeypatch.setenv(RESTARTS, '1')
+    assert KeptNumbers('/pointing_node.angles', (0.0, 0.0)).values == (0.7, -0.25)
+
+
+@pytest.mark.parametrize('content', [b'', b'\0' * 15, b'\0' * 17, b'\xff' * 16])
+def test_numbers_that_cannot_be_read_are_the_initial_ones(content, folder, monkeypatch):
+    (folder / 'angles').write_bytes(content)
+    monkeypatch.setenv(RESTARTS, '1')
+    assert KeptNumbers('angles', (1.0, 2.0)).values == (1.0, 2.0)
+
+
+def test_without_a_folder_numbers_are_kept_in_the_process(monkeypatch):
+    monkeypatch.delenv(RUN_FOLDER, raising=False)
+    numbers = KeptNumbers('angles', (1.0, 2.0))
+    numbers.keep(3.0, 4.0)
+    assert numbers.values == (3.0, 4.0)

@@ -130,6 +130,11 @@ class PointingController:
         self._time: float | None = None
         self._yaws: deque[tuple[float, float]] = deque()  # time in s and yaw in rad of the body
 
+    def start_at(self, pan: float, tilt: float) -> None:
+        """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
+        for axis, angle in ((self._pan, pan), (self._tilt, tilt)):
+            axis.position, axis.velocity = min(max(angle, axis.limits.lower), axis.limits.upper), 0.0
+
     def step(self, time: float, track: Track | None, ages: Ages) -> Command:
         """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
 

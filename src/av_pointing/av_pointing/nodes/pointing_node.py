@@ -13,7 +13,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import SetBool
 
 from av_common.freshness import Instant
-from av_common.launched import KeptSwitch
+from av_common.launched import KeptNumbers, KeptSwitch
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
@@ -27,14 +27,16 @@ class PointingNode(RigNode):
 
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)
-        # As it was left, also by the process before.
+        # As they were left, also by the process before.
         self._enabled = KeptSwitch(f'{self.get_fully_qualified_name()}.enabled', self.settings.enabled)
+        self._angles = KeptNumbers(f'{self.get_fully_qualified_name()}.angles', (0.0, 0.0))
 
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
         self._stage = make_pointing_stage(self._settings)
         self._stage.controller.enabled = self._enabled.value
+        self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
         self._meters = {'bearing': RateMeter(), 'odometry': RateMeter()}
         self._publisher = self.create_publisher(PointingCommand, 'pointing/command', RESULT)
@@ -81,6 +83,7 @@ class PointingNode(RigNode):
 
     def _publish(self, command: PointingCommand) -> None:
         self._timer.reset()  # the next command follows within one period
+        self._angles.keep(command.pan, command.tilt)
         self._publisher.publish(command)
 
     def _instant(self) -> Instant:
