@@ -6,6 +6,8 @@ import pytest
 
 # Test runs side by side do not hear each other's nodes. Above 101, ports collide with those the kernel lends.
 os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+# Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
+os.environ['AV_STRICT'] = '1'
 
 
 def pytest_sessionfinish(session):

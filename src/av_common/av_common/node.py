@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+import os
 import signal
 import socket
 import sys
 import threading
+import time
+import traceback
 from collections.abc import Callable
-from contextlib import suppress
-from typing import Any, ClassVar
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper, Updater
+from lifecycle_msgs.msg import State
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -21,37 +25,39 @@ from rclpy.exceptions import (
     InvalidParameterValueException,
 )
 from rclpy.executors import ExternalShutdownException
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.timer import Timer
 
 from av_common.launched import report_started, restarts
+from av_common.parameter_node import ParameterNode
+from av_common.parameter_rules import ParameterError, RenamedParameterError
+from av_common.refused_inputs import STRICT_VARIABLE
 
 try:  # uses a third of the processor time of SingleThreadedExecutor at the rates of the rig
     from rclpy.experimental import EventsExecutor as Executor
 except ImportError:
     from rclpy.executors import SingleThreadedExecutor as Executor
 
-__all__ = ('EXPECTED_ERRORS', 'Executor', 'RenamedParameterError', 'RigNode', 'run')
+__all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RenamedParameterError', 'RigNode', 'run')
 RETRY_S = 2.0
+MINIMAL_PERIOD_S = 0.01  # of diagnostics
+PAUSE_S = 0.01  # between errors of the middleware, so that a lasting one leaves the processor to others
 # Errors at start-up that may disappear until the next attempt: wrong values, missing files, absent devices.
 EXPECTED_ERRORS = (ValueError, OSError, RuntimeError, ImportError)
 
 
-class RenamedParameterError(ValueError):
-    """A parameter is given by a name that it no longer has; the message names the old and the new name."""
-
-    def __init__(self, old: str, new: str) -> None:
-        super().__init__(f'the parameter {old} is now named {new}')
-
-
-class RigNode(LifecycleNode):
+class RigNode(ParameterNode):
     """A lifecycle node that activates itself and reports its state in /diagnostics.
 
     A subclass overrides `configure` (build the algorithm, open publishers), `activate` (open the source, subscribe),
-    `deactivate` and `cleanup` (the reverse), and `diagnose`. When `configure` or `activate` raises one of
-    EXPECTED_ERRORS the node stays alive, reports the message and, with `autostart`, tries again every two seconds.
-    Subscriptions and timers made through `while_active` live from activation to deactivation.
+    `deactivate` and `cleanup` (the reverse), `diagnose`, `check_parameters` and `apply_parameters`. When `configure` or
+    `activate` raises one of EXPECTED_ERRORS the node stays alive, reports the message and, with `autostart`, tries again
+    every two seconds.
+
+    Publishers, subscriptions, timers, services and clients have an owner: those made in `configure` are destroyed after
+    `cleanup`, those made from `activate` on after `deactivate`. No message and no request can end the node: see `GuardedNode`.
 
     Parameters:
         name: the node's name.
@@ -59,35 +65,25 @@ class RigNode(LifecycleNode):
             without specific parameters.
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
-    Raises RenamedParameterError when a parameter is given by one of the names in RENAMED_PARAMETERS, and rclpy's
-    InvalidParameterTypeException or InvalidParameterValueException for values of a wrong type or out of bounds.
+    Raises ParameterError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException, for parameters that
+    are given by an old name (RENAMED_PARAMETERS), of a wrong type, out of bounds, or contradict each other.
     """
 
-    # Names that parameters had in earlier versions, and the names that they have now.
-    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
-
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
-        super().__init__(name, **kwargs)
-        self._refuse_renamed_parameters()
+        super().__init__(name, parameters, **kwargs)
         self.done = Future()  # the process of the node ends when it is done
         self._problem = ''
         self._active = False
-        self._entities: list[tuple[Callable[[Any], Any], Any]] = []
-        self._parameter_listener: Any = parameters.ParamListener(self) if parameters else None
+        self._unowned: set[Any] = set()  # entities that exist while unconfigured
+        self._configured: set[Any] = set()  # and those while inactive
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
             description='Configure and activate without a lifecycle manager, and try again when that fails.',
             read_only=True)).value
-        self._updater = Updater(self)
-        self._updater.node_name = self.get_fully_qualified_name().lstrip('/')  # distinguishes rigs in several namespaces
-        self._updater.setHardwareID('none')
-        self._updater.add('status', self._diagnose)
+        self._updater = self._make_updater()
+        self.guard_parameters((self._updater.period_parameter, self._updater.use_fqn_parameter))
         if autostart:
-            self._autostart_timer = self.create_timer(0.0, self._autostart, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    @property
-    def settings(self) -> Any:
-        """The current parameters, as the generated struct."""
-        return self._parameter_listener.get_params()
+            self._autostart_timer = self._steady_timer(0.0, self._autostart)
+        self.reserve_attributes()
 
     def now(self) -> float:
         """Time of the node's clock (ROS time, simulated with `use_sim_time`) in s since its epoch."""
@@ -108,102 +104,116 @@ class RigNode(LifecycleNode):
         """Close what `activate` opened; `activate` may follow."""
 
     def cleanup(self) -> None:
-        """Destroy what `configure` built; `configure` may follow."""
+        """Close what `configure` opened, except for publishers and subscriptions; `configure` may follow."""
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Add values to the diagnostics of an active node; problems by `status.mergeSummary`."""
 
     def while_active(self, create: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
-        """Create an entity that is destroyed on deactivation.
+        """Create an entity that is destroyed on deactivation, as all are that are made from `activate` on.
 
         Parameters:
             create: `self.create_subscription`, `create_timer`, `create_service` or `create_publisher`.
             args, kwargs: passed to `create`.
         """
-        entity = create(*args, **kwargs)
-        destroy = {self.create_subscription: self.destroy_subscription, self.create_timer: self.destroy_timer,
-                   self.create_service: self.destroy_service, self.create_publisher: self.destroy_publisher}[create]
-        self._entities.append((destroy, entity))
-        return entity
+        return create(*args, **kwargs)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        return self._attempt(self.configure)
+        self._unowned = set(self.entities())
+        result = self._attempt(self.configure)
+        if result != TransitionCallbackReturn.SUCCESS:
+            self._destroy_all_but(self._unowned)
+        return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
+        self._configured = set(self.entities())
         result = self._attempt(self.activate)
         self._active = result == TransitionCallbackReturn.SUCCESS
         if not self._active:
-            self._release()
+            self._destroy_all_but(self._configured)
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        self._active = False
-        self._release()
-        return self._attempt(self.deactivate)
+        self.close()
+        return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        return self._attempt(self.cleanup)
+        self._attempt(self.cleanup)
+        self._destroy_all_but(self._unowned)
+        return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.close()
-        return TransitionCallbackReturn.SUCCESS
+        return TransitionCallbackReturn.SUCCESS if state.state_id == State.PRIMARY_STATE_UNCONFIGURED \
+            else self.on_cleanup(state)
 
     def finish(self) -> None:
         """End the node's process because its work is done; callable from any thread."""
         self.done.set_result(None)
 
     def close(self) -> None:
-        """Deactivate before the process ends, in any state."""
+        """Deactivate, in any state; also before the process ends."""
         if self._active:
             self._active = False
-            self._release()
+            publishers = set(self.publishers)  # which `deactivate` may still need
+            self._destroy_all_but(self._configured | publishers)
             self._attempt(self.deactivate)
+            self._destroy_all_but(self._configured)
 
-    def _refuse_renamed_parameters(self) -> None:
-        """Raise RenamedParameterError when a file, the launch or the command line uses an old name."""
-        for old, new in self.RENAMED_PARAMETERS.items():
-            given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
-            self.undeclare_parameter(old)
-            if given is not None:
-                raise RenamedParameterError(old, new)
+    def _make_updater(self) -> Updater:
+        updater = Updater(self)
+        updater.node_name = self.get_fully_qualified_name().lstrip('/')  # distinguishes rigs in several namespaces
+        updater.setHardwareID('none')
+        updater.add('status', self._diagnose)
+        period = self.get_parameter(updater.period_parameter).value
+        if not MINIMAL_PERIOD_S <= period < math.inf:
+            raise ParameterError(f'{updater.period_parameter} is {period}, expected at least {MINIMAL_PERIOD_S} (s)')
+        self.destroy_timer(updater.timer)  # stands still with simulated time
+        updater.timer = self._steady_timer(period, updater.update)
+        return updater
 
-    def _release(self) -> None:
-        while self._entities:
-            destroy, entity = self._entities.pop()
-            destroy(entity)
+    def _steady_timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def _state(self) -> int:
+        """Identifier of the lifecycle state, of lifecycle_msgs/State."""
+        return int(self._state_machine.current_state[0])
+
+    def _destroy_all_but(self, kept: set[Any]) -> None:
+        self.destroy_entities(entity for entity in self.entities() if entity not in kept)
 
     def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
         try:
             step()
-        except EXPECTED_ERRORS as error:
+        except Exception as error:  # noqa: BLE001  rclpy would discard it
             problem = f'{step.__name__} failed: {error}'
+            expected = isinstance(error, EXPECTED_ERRORS)
             if problem != self._problem:
-                self.get_logger().error(problem)
+                self.get_logger().error(problem if expected else ''.join(traceback.format_exception(error)))
             self._problem = problem
+            if not expected and os.environ.get(STRICT_VARIABLE):
+                self.done.set_exception(error)
             return TransitionCallbackReturn.FAILURE
         self._problem = ''
         return TransitionCallbackReturn.SUCCESS
 
     def _autostart(self) -> None:
-        self._autostart_timer.cancel()
+        """Continue from the state that the node is in, to active; requests for transitions may have come in between."""
         self.destroy_timer(self._autostart_timer)
-        if (self.trigger_configure() == TransitionCallbackReturn.SUCCESS
-                and self.trigger_activate() != TransitionCallbackReturn.SUCCESS):
-            self.trigger_cleanup_keeping_problem()
-        if not self._active:
-            self._autostart_timer = self.create_timer(RETRY_S, self._autostart,
-                                                      clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def trigger_cleanup_keeping_problem(self) -> None:
-        """Return to unconfigured after a failed activation, so that the next attempt reads the parameters again."""
-        problem = self._problem
-        self.trigger_cleanup()
-        self._problem = problem
+        if self._state == State.PRIMARY_STATE_UNCONFIGURED:
+            self.trigger_configure()
+        if self._state == State.PRIMARY_STATE_INACTIVE and self.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+            problem = self._problem
+            self.trigger_cleanup()  # so that the next attempt reads the parameters again
+            self._problem = problem
+        if self._state == State.PRIMARY_STATE_UNCONFIGURED:
+            self._autostart_timer = self._steady_timer(RETRY_S, self._autostart)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:
         if self._problem:
@@ -212,7 +222,11 @@ class RigNode(LifecycleNode):
             status.summary(DiagnosticStatus.WARN, 'not active')
         else:
             status.summary(DiagnosticStatus.OK, 'active')
-            self.diagnose(status)
+            try:
+                self.diagnose(status)
+            except Exception as error:  # noqa: BLE001  the status of a node is published whatever it contains
+                self.refused.refuse('diagnostics', error)
+        self.refused.report(status)
         status.add('restarts', str(restarts()))
         return status
 
@@ -240,16 +254,34 @@ def run(node_class: Callable[[], RigNode]) -> None:
             signal.signal(number, lambda *_: None)
     try:
         node = node_class()
-    except (RenamedParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
+    except (ParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
         rclpy.logging.get_logger(node_class.__name__).fatal(str(error))
         rclpy.try_shutdown()
         sys.exit(1)
     report_started()
     threading.Thread(target=_finish_on_signal, args=(signals, node), daemon=True).start()
-    executor = Executor()
-    executor.add_node(node)
-    with suppress(ExternalShutdownException):
-        executor.spin_until_future_complete(node.done)  # a tenth cheaper than one event at a time
-    node.close()
-    node.destroy_node()
-    rclpy.try_shutdown()
+    try:
+        _spin(node)
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    if node.done.done():
+        node.done.result()  # raises what ended the node, in tests
+
+
+def _spin(node: RigNode) -> None:
+    """Run the callbacks of a node until it is done, also past errors of the middleware before a callback is called."""
+    while not node.done.done():
+        executor = Executor()  # a new one counts again what waits in the queues
+        executor.add_node(node)
+        try:
+            executor.spin_until_future_complete(node.done)  # a tenth cheaper than one event at a time
+        except ExternalShutdownException:
+            return
+        except Exception as error:  # noqa: BLE001  such as a malformed request to a service
+            node.refused.refuse('middleware', error)
+            time.sleep(PAUSE_S)
+        finally:
+            executor.remove_node(node)
+            executor.shutdown()

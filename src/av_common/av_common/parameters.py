@@ -13,6 +13,7 @@ from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 
 from av_common.files import one_line, shown
 from av_common.node import RenamedParameterError, RigNode
+from av_common.parameter_rules import ParameterError, check_together, check_value
 from av_common.yaml_reader import load_yaml
 
 
@@ -32,14 +33,17 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     for file in parameter_files:
         given.update(_read(Path(file), '/'.join(['', *filter(None, namespace.split('/')), node])))
     given.update(overrides or {})
-    for old, new in _node_class(package, node).RENAMED_PARAMETERS.items():
+    node_class = _node_class(package, node)
+    for old, new in node_class.RENAMED_PARAMETERS.items():
         if old in given:
             raise RenamedParameterError(old, new)
     generated = getattr(import_module(f'{package}.nodes.{node}_parameters'), node)
     try:
-        return generated.ParamListener(_Declarations(node, given)).get_params()
-    except ParameterException as error:
+        parameters = generated.ParamListener(_Declarations(node, given)).get_params()
+        check_together(node_class.check_parameters, parameters)
+    except (ParameterException, ParameterError) as error:
         raise ValueError(f'{node}: {error}') from error
+    return parameters
 
 
 LARGEST = 2**63     # of the integers of parameters
@@ -68,7 +72,12 @@ class _Declarations:
         if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             value = _real(value)
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
+<<<<<<< HEAD
             raise ValueError(f'{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
+=======
+            raise ValueError(f'{self._node}: {name} is {value!r}, expected {kind.name.lower()}')
+        check_value(name, value)
+>>>>>>> 9b379ae (Node base: no message, request or timer ends a node, phases own entities)
         self._declared[name] = Parameter(name, kind, value)
 
     def get_parameter(self, name: str) -> Parameter:

@@ -1,0 +1,196 @@
+"""A lifecycle node that no message can end, and that leaves nothing behind when it is cleaned up."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.lifecycle import LifecycleNode
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+
+from av_common.refused_inputs import RefusedInputs
+from av_common.stamps import to_seconds
+
+__all__ = ('GuardedNode',)
+
+# Largest serialised message in bytes. A message that claims more elements than it holds makes the middleware allocate
+# a multiple of its size before it fails.
+LARGEST_MESSAGE, LARGEST_BULK_MESSAGE = 1_000_000, 256_000_000
+SMALLEST_MESSAGE = 4  # of the encapsulation; rmw_cyclonedds_cpp reads beyond the end of shorter ones
+CLOCK_TOPIC = '/clock'
+BASES = (__name__, 'av_common.parameter_node', 'av_common.node')  # modules of base classes
+
+
+class GuardedNode(LifecycleNode):
+    """A lifecycle node whose callbacks cannot raise into the executor.
+
+    Every callback of a subscription, service or timer is guarded: what it raises is counted in `refused` under the name
+    of the topic, service or timer, and the node goes on. Messages arrive serialised and are decoded inside of the guard,
+    since the executor either ends on malformed ones or delivers them as zeros. A refused service request is answered
+    by `success: false` or, for parameters, by the reason.
+
+    Attributes that rclpy or this package's base classes use for themselves cannot be overwritten: see `__setattr__`.
+
+    Attributes:
+        refused: counts of inputs that could not be used.
+
+    Parameters:
+        name: the node's name.
+        kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
+    """
+
+    _reserved: frozenset[str] = frozenset()
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        self._early = dict(vars(self))  # set by a subclass before this constructor
+        self.refused = RefusedInputs(self.get_logger)
+        super().__init__(name, **kwargs)
+        for service in self.services:
+            if service.callback.__module__ != __name__:  # those of rclpy that were made without create_service
+                service.callback = _guarded_service(self.refused, service.srv_type, service.srv_name, service.callback)
+
+    def reserve_attributes(self) -> None:
+        """Protect what the base classes have set so far; to be called at the end of the last constructor of a base class.
+
+        Raises AttributeError when the node's own class has overwritten some of it.
+        """
+        bases, own = _split(type(self).__mro__)
+        reserved = set(vars(self)) - set(self._early)
+        private = {name for kind in bases for name in vars(kind) if name.startswith('_') and not name.startswith('__')}
+        hidden = {name for kind in own for name in vars(kind)} & (reserved | private)
+        hidden |= {name for name, value in self._early.items() if vars(self)[name] is not value}
+        if hidden:
+            raise AttributeError(f'{type(self).__name__} hides attributes of its base classes: {sorted(hidden)}')
+        self._reserved = frozenset(reserved)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Raise AttributeError when a subclass overwrites an attribute that a base class keeps its state in."""
+        if name in self._reserved and not _is_base(sys._getframe(1).f_globals['__name__']):
+            raise AttributeError(f'{type(self).__name__}.{name} would hide an attribute of its base class')
+        super().__setattr__(name, value)
+
+    def create_subscription(self, msg_type: Any, topic: str, callback: Callable[[Any], Any], qos_profile: Any, *,
+                            raw: bool = False, **kwargs: Any) -> Any:
+        """As in rclpy, guarded. The callback takes the message only.
+
+        Parameters:
+            msg_type: type of the messages.
+            topic: name of the topic.
+            callback: function that is called with each message.
+            qos_profile: quality of service, or depth of the queue.
+            raw: pass serialised messages to the callback.
+            kwargs: passed to rclpy.
+        """
+        decode = bytes if raw else functools.partial(_decode, msg_type, _largest(msg_type))
+
+        def take(data: bytes) -> None:
+            try:
+                callback(decode(data))
+            except Exception as error:  # noqa: BLE001  the guard of all subscriptions
+                self.refused.refuse(topic, error)
+
+        return super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **kwargs)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any) -> Any:
+        """As in rclpy, guarded.
+
+        Parameters:
+            srv_type: type of the service.
+            srv_name: its name.
+            callback: function from request and empty response to the response.
+            kwargs: passed to rclpy.
+        """
+        serve = _guarded_service(self.refused, srv_type, srv_name, callback)
+        return super().create_service(srv_type, srv_name, serve, **kwargs)
+
+    def create_timer(self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **kwargs: Any) -> Any:
+        """As in rclpy, guarded.
+
+        Parameters:
+            timer_period_sec (s): the period.
+            callback: function that is called at each period.
+            args, kwargs: passed to rclpy.
+        """
+        name = f'timer {getattr(callback, "__name__", callback)}'
+
+        def tick() -> None:
+            try:
+                callback()
+            except Exception as error:  # noqa: BLE001  the guard of all timers
+                self.refused.refuse(name, error)
+
+        return super().create_timer(timer_period_sec, tick, *args, **kwargs)
+
+    def entities(self) -> list[Any]:
+        """Publishers, subscriptions, services, clients and timers of the node, except for the subscription to /clock."""
+        subscriptions = (entity for entity in self.subscriptions if entity.topic != CLOCK_TOPIC)
+        return [*subscriptions, *self.timers, *self.services, *self.clients, *self.publishers]
+
+    def destroy_entities(self, entities: Iterable[Any]) -> None:
+        """Destroy entities of any kind.
+
+        Parameters:
+            entities: some of those that `entities` returns; others are ignored.
+        """
+        for entity in entities:
+            for destroy in (self.destroy_subscription, self.destroy_timer, self.destroy_service, self.destroy_client,
+                            self.destroy_publisher):
+                if destroy(entity):
+                    break
+
+
+def _guarded_service(refused: RefusedInputs, srv_type: Any, name: str,
+                     callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def serve(request: Any, response: Any) -> Any:
+        try:
+            return callback(request, response)
+        except Exception as error:  # noqa: BLE001  the guard of all services
+            refused.refuse(name, error)
+            return _refusal(srv_type, request, str(error))
+
+    return serve
+
+
+def _is_base(module: str) -> bool:
+    return module.partition('.')[0] in ('rclpy', 'builtins') or module in BASES
+
+
+def _split(kinds: Iterable[type]) -> tuple[list[type], list[type]]:
+    """Base classes of nodes, and the classes of one node."""
+    bases = [kind for kind in kinds if _is_base(kind.__module__)]
+    return bases, [kind for kind in kinds if kind not in bases]
+
+
+def _largest(msg_type: Any) -> int:
+    """Bytes that a message may have: more for bulk data, which are arrays of numbers named data or samples."""
+    fields = msg_type.get_fields_and_field_types()
+    bulk = any(fields.get(name, '').startswith('sequence<') for name in ('data', 'samples'))
+    return LARGEST_BULK_MESSAGE if bulk else LARGEST_MESSAGE
+
+
+def _decode(msg_type: Any, largest: int, data: bytes) -> Any:
+    """The message. Raises ValueError for malformed ones, RMWError for truncated ones."""
+    if not SMALLEST_MESSAGE <= len(data) <= largest:
+        raise ValueError(f'a message of {len(data)} bytes, expected {SMALLEST_MESSAGE} to {largest}')
+    message = deserialize_message(data, msg_type)
+    if msg_type is Clock:
+        to_seconds(message.clock)  # raises ValueError for times that no clock of a node can take
+    return message
+
+
+def _refusal(srv_type: Any, request: Any, reason: str) -> Any:
+    """The response to a request that could not be used: that of an empty response, with the reason where it has a place."""
+    response = srv_type.Response()
+    result = SetParametersResult(successful=False, reason=reason)
+    if srv_type is SetParameters:
+        response.results = [result] * len(request.parameters)
+    elif srv_type is SetParametersAtomically:
+        response.result = result
+    elif hasattr(response, 'message'):
+        response.message = reason
+    return response

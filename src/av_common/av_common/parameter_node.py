@@ -1,0 +1,103 @@
+"""A node whose parameters are checked, each and together, at its start and whenever they are set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, ClassVar
+
+from lifecycle_msgs.msg import State
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.parameter import Parameter
+from rclpy.time_source import USE_SIM_TIME_NAME
+
+from av_common.guarded_node import GuardedNode
+from av_common.parameter_rules import (
+    ParameterError,
+    RenamedParameterError,
+    check_together,
+    check_value,
+)
+
+__all__ = ('ParameterNode',)
+
+
+class ParameterNode(GuardedNode):
+    """A guarded node with the parameters of a YAML description.
+
+    Parameters:
+        name: the node's name.
+        parameters: the class that generate_parameter_library made of the description, or None.
+        kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
+
+    Raises RenamedParameterError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException.
+    """
+
+    # Names that parameters had in earlier versions, and the names that they have now.
+    RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self._refuse_renamed_parameters()
+        self._parameter_listener: Any = parameters.ParamListener(self) if parameters else None
+
+    @property
+    def settings(self) -> Any:
+        """The current parameters, as the generated struct."""
+        return self._parameter_listener.get_params()
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Raise ValueError that names the parameter, its value and what is expected, when parameters contradict each other.
+
+        Parameters:
+            settings: the generated struct; each parameter is within its own bounds.
+        """
+
+    def apply_parameters(self) -> None:
+        """Apply parameters that changed at run time; called in the states inactive and active."""
+
+    def guard_parameters(self, fixed: Iterable[str] = ()) -> None:
+        """Check all parameters now, raising ParameterError, and from now on before each change.
+
+        Parameters:
+            fixed: parameters that a library declared, and that have no effect after the start: they become read-only, as
+                does `use_sim_time`, since ages and rates do not survive a change of the clock.
+        """
+        for name in (USE_SIM_TIME_NAME, *fixed):
+            self.describe_parameter(name).read_only = True
+        for parameter in self.get_parameters(list(self.list_parameters([], 0).names)):
+            check_value(parameter.name, parameter.value)
+        if self._parameter_listener is not None:
+            check_together(self.check_parameters, self.settings)
+            self.remove_on_set_parameters_callback(self._parameter_listener.update)
+        self.add_on_set_parameters_callback(self._on_set_parameters)
+        self.add_post_set_parameters_callback(self._after_set_parameters)
+
+    def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        listener = self._parameter_listener
+        before = listener and listener.params_
+        try:
+            for change in changes:
+                check_value(change.name, change.value)
+            if listener is not None:
+                result = listener.update(changes)
+                if not result.successful:
+                    return result
+                check_together(self.check_parameters, self.settings)
+        except ParameterError as error:
+            if listener is not None:
+                listener.params_ = before
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _after_set_parameters(self, _changes: list[Parameter]) -> None:
+        if self._state_machine.current_state[0] in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE):
+            self.apply_parameters()
+
+    def _refuse_renamed_parameters(self) -> None:
+        """Raise RenamedParameterError when a file, the launch or the command line uses an old name."""
+        for old, new in self.RENAMED_PARAMETERS.items():
+            given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
+            self.undeclare_parameter(old)
+            if given is not None:
+                raise RenamedParameterError(old, new)
