@@ -66,7 +66,7 @@ class GuardedNode(LifecycleNode):
         hidden |= {name for name, value in self._early.items() if vars(self)[name] is not value}
         if hidden:
             raise AttributeError(f'{type(self).__name__} hides attributes of its base classes: {sorted(hidden)}')
-        self._reserved = frozenset(reserved)
+        self._reserved = frozenset(reserved | private)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Raise AttributeError when a subclass overwrites an attribute that a base class keeps its state in."""

@@ -181,7 +181,7 @@ class RigNode(ParameterNode):
         return self.create_timer(period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
-    def _state(self) -> int:
+    def _lifecycle_state(self) -> int:
         """Identifier of the lifecycle state, of lifecycle_msgs/State."""
         return int(self._state_machine.current_state[0])
 
@@ -206,13 +206,13 @@ class RigNode(ParameterNode):
     def _autostart(self) -> None:
         """Continue from the state that the node is in, to active; requests for transitions may have come in between."""
         self.destroy_timer(self._autostart_timer)
-        if self._state == State.PRIMARY_STATE_UNCONFIGURED:
+        if self._lifecycle_state == State.PRIMARY_STATE_UNCONFIGURED:
             self.trigger_configure()
-        if self._state == State.PRIMARY_STATE_INACTIVE and self.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+        if self._lifecycle_state == State.PRIMARY_STATE_INACTIVE and self.trigger_activate() != TransitionCallbackReturn.SUCCESS:
             problem = self._problem
             self.trigger_cleanup()  # so that the next attempt reads the parameters again
             self._problem = problem
-        if self._state == State.PRIMARY_STATE_UNCONFIGURED:
+        if self._lifecycle_state == State.PRIMARY_STATE_UNCONFIGURED:
             self._autostart_timer = self._steady_timer(RETRY_S, self._autostart)
 
     def _diagnose(self, status: DiagnosticStatusWrapper) -> DiagnosticStatusWrapper:

@@ -1,0 +1,83 @@
+"""Every node of the suite through its lifecycle, over and over: nothing is left behind."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import psutil
+import pytest
+import rclpy
+import soundfile
+from bag_messages import flight
+from rclpy.lifecycle import TransitionCallbackReturn
+
+from av_common.node import RigNode
+
+pytestmark = pytest.mark.system
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(f'{file.parents[1].name}.nodes.{file.stem}' for file in ROOT.glob('src/*/*/nodes/*_node.py'))
+CYCLES = 50
+RIG = ROOT / 'config' / 'rig.yaml'
+ARRAY = ROOT / 'config' / 'arrays' / 'two_microphones.yaml'
+
+
+def parameters(node: str, folder: Path) -> dict[str, object]:
+    """What a node needs to become active."""
+    sound = folder / 'sound.wav'
+    soundfile.write(sound, np.zeros((4800, 2)), 48000)
+    ports = ('audio', 'image', 'depth', 'rig_truth', 'target_truth', 'imu', 'time_sync')
+    return {
+        'audio_node': {'file': sound},
+        'bridge_node': {'rig_file': RIG} | {f'{name}_port': 20000 + os.getpid() % 20000 + 40 * i
+                                            for i, name in enumerate(ports)},
+        'camera_node': {'file': ROOT / 'docs' / 'images' / 'demo.png'},
+        'detector_node': {'threads': 1},
+        'doa_node': {'array_file': ARRAY},
+        'player_node': {'bag': folder / 'flight.mcap', 'only': 'all'},
+        'recorder_node': {'path': folder / 'bag-%f.mcap'},
+        'rig_frames_node': {'rig_file': RIG},
+    }.get(node, {})
+
+
+def made(module: str, folder: Path) -> RigNode:
+    """A node of a module that starts nothing by itself."""
+    name = module.rpartition('.')[2]
+    if name == 'player_node':
+        flight(folder / 'flight.mcap', duration=1.0)
+    given = {'autostart': 'false', **parameters(name, folder)}
+    rclpy.init(args=['--ros-args', *(word for key, value in given.items() for word in ('-p', f'{key}:={value}'))])
+    kinds = vars(importlib.import_module(module)).values()
+    return next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, RigNode)
+                and kind.__module__ == module)()
+
+
+def left(node: RigNode) -> tuple[int, int, int]:
+    """Numbers of entities, threads and file descriptors."""
+    return len(node.entities()), threading.active_count(), psutil.Process().num_fds()
+
+
+@pytest.mark.parametrize('module', MODULES)
+def test_cycles_leave_nothing_behind(module, tmp_path, monkeypatch):
+    """Entities, threads and descriptors are as many after fifty cycles of all states as after the second."""
+    if module.endswith('audio_common_node'):
+        pytest.importorskip('audio_common_msgs')
+    if module.endswith('px4_node'):  # without messages there are no topics of PX4; the node's own remain
+        monkeypatch.setitem(sys.modules, 'px4_msgs', ModuleType('px4_msgs'))
+        monkeypatch.setitem(sys.modules, 'px4_msgs.msg', ModuleType('px4_msgs.msg'))
+    node = made(module, tmp_path)
+    try:
+        counts = []
+        for _ in range(CYCLES):
+            for step in (node.trigger_configure, node.trigger_activate, node.trigger_deactivate, node.trigger_cleanup):
+                assert step() == TransitionCallbackReturn.SUCCESS, node._problem
+            counts.append(left(node))
+        assert counts[-1] <= counts[1], counts
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
