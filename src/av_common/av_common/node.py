@@ -208,7 +208,8 @@ class RigNode(ParameterNode):
         self.destroy_timer(self._autostart_timer)
         if self._lifecycle_state == State.PRIMARY_STATE_UNCONFIGURED:
             self.trigger_configure()
-        if self._lifecycle_state == State.PRIMARY_STATE_INACTIVE and self.trigger_activate() != TransitionCallbackReturn.SUCCESS:
+        if (self._lifecycle_state == State.PRIMARY_STATE_INACTIVE
+                and self.trigger_activate() != TransitionCallbackReturn.SUCCESS):
             problem = self._problem
             self.trigger_cleanup()  # so that the next attempt reads the parameters again
             self._problem = problem
