@@ -20,7 +20,6 @@ import numpy as np
 import rclpy
 import soundfile
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosidl_runtime_py.utilities import get_message
@@ -153,7 +152,7 @@ def run(node: RigNode) -> dict[str, set[str]]:
         node.trigger_activate()
         if node.get_name() == 'recorder_node':
             wait_for_recording(node)
-        node.set_parameters([Parameter('use_sim_time', value=True)])
+        node._time_source.ros_time_is_active = True  # as with use_sim_time from the start
         active = endpoints(node)
     node.close()
     node.destroy_node()

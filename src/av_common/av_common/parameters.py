@@ -72,12 +72,8 @@ class _Declarations:
         if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             value = _real(value)
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
-<<<<<<< HEAD
             raise ValueError(f'{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
-=======
-            raise ValueError(f'{self._node}: {name} is {value!r}, expected {kind.name.lower()}')
         check_value(name, value)
->>>>>>> 9b379ae (Node base: no message, request or timer ends a node, phases own entities)
         self._declared[name] = Parameter(name, kind, value)
 
     def get_parameter(self, name: str) -> Parameter:
