@@ -34,7 +34,7 @@ from av_common.launched import RUN_FOLDER
 from av_common.rig import load_rig
 from av_fusion import guard
 from av_fusion.security.keystore import check_enclave
-from av_fusion.supervision import MOST_RESTARTS, RESPAWN
+from av_fusion.supervision import RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 MONITOR_PACKAGE = 'av_evaluation'
@@ -220,8 +220,7 @@ def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     if not arguments['record']:
         return []
     require(f'record:={arguments["record"]}', 'av_bags')
-    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters},
-                     respawn_max_retries=MOST_RESTARTS)]
+    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters})]
 
 
 def ends_with(last: Node, processes: Sequence[Node]) -> list[LaunchDescriptionEntity]:

@@ -6,7 +6,8 @@ monitor alone is not: its table would begin again. The launch ends with an exit 
 - an essential process fails so at more than MOST_RESTARTS later starts in a row;
 - an essential process ends after MOST_RESTARTS restarts, in a run with a set duration;
 - the monitor ends with an error, in a run whose results it shall write.
-The end of another process than an essential one is no harm otherwise.
+The end of another process than an essential one is no harm otherwise. One that fails at more than MOST_RESTARTS later starts
+in a row is not started again.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from launch.actions import (
 )
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown
-from launch.events.process import ProcessExited
+from launch.events.matchers import matches_action
+from launch.events.process import ProcessExited, ShutdownProcess
 
 from av_common.launched import RESTARTS, RUN_FOLDER, started_file
 
@@ -73,9 +75,12 @@ class Supervision:
         if process is self._monitor:
             return self._on_monitor_exit(code, end)
         self._failures[process] = self._failures[process] + 1 if failed else 0
-        if process in self._essential and (self._failures[process] > MOST_RESTARTS
-                                           or (self._duration and self._restarts[process] >= MOST_RESTARTS)):
+        given_up = self._failures[process] > MOST_RESTARTS
+        if process in self._essential and (given_up or (self._duration and self._restarts[process] >= MOST_RESTARTS)):
             raise RuntimeError(f'{end}, after {self._restarts[process]} restarts')
+        if given_up:
+            return [LogInfo(msg=f'{end}, which goes on without it'),
+                    EmitEvent(event=ShutdownProcess(process_matcher=matches_action(process)))]
         self._restarts[process] += 1
         process.process_details['env'][RESTARTS] = str(self._restarts[process])    # read after RESPAWN_DELAY_S
         return [LogInfo(msg=f'{end}: restart {self._restarts[process]}')]

@@ -7,7 +7,7 @@ import itertools
 import pytest
 from launch import LaunchContext
 from launch.actions import EmitEvent, LogInfo, TimerAction
-from launch.events.process import ProcessExited
+from launch.events.process import ProcessExited, ShutdownProcess
 
 from av_common.launched import RESTARTS, RUN_FOLDER, started_file
 from av_fusion.supervision import MOST_RESTARTS, Supervision
@@ -88,6 +88,15 @@ def test_the_recorder_may_die_as_often_as_it_likes(tmp_path):
     for count in range(1, 9):
         rig.end('recorder', KILLED)
         assert rig.restarts('recorder') == count
+
+
+def test_a_recorder_that_does_not_start_any_more_is_given_up(tmp_path):
+    rig = Rig(tmp_path, duration=100.0)
+    rig.end('recorder', KILLED)
+    for _ in range(MOST_RESTARTS):
+        rig.end('recorder', FAILED, started=False)
+    line, stop = rig.end('recorder', FAILED, started=False)
+    assert isinstance(line, LogInfo) and isinstance(stop, EmitEvent) and isinstance(stop.event, ShutdownProcess)
 
 
 @pytest.mark.parametrize('code', [KILLED, FAILED, CLEAN])
