@@ -23,7 +23,8 @@ from av_common.node import Executor
 from av_common.qos import RESULT
 from av_interfaces.msg import Bearing, DoaArray, PointingCommand
 
-KINDS = {'target/bearing': Bearing, 'pointing/command': PointingCommand, 'doa': DoaArray}
+KINDS = {'target/bearing': Bearing, 'pointing/command': PointingCommand, 'doa': DoaArray,
+         'fmu/in/x': Bearing, 'fmu/out/x': Bearing}    # PX4's names; the type does not matter
 DISABLE = SetParameters.Request(parameters=[Parameter(name='enabled', value=ParameterValue(
     type=ParameterType.PARAMETER_BOOL, bool_value=False))])
 REQUESTS = {'pointing_node/set_parameters': (SetParameters, DISABLE), 'pointing_node/enable': (SetBool, SetBool.Request())}

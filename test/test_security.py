@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import random
 import subprocess
 import sys
 import threading
@@ -23,6 +24,13 @@ BEARING, COMMAND = 'target/bearing', 'pointing/command'
 PATIENCE_S = 200.0    # for a slow machine; without load, all is seen after some 15 s
 
 
+def environment(domain: int, node: str, keystore: Path | None) -> dict[str, str]:
+    """The environment of a process with the keys of a node; without security where there is no keystore."""
+    keys = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce', 'ROS_SECURITY_KEYSTORE': str(keystore),
+            'ROS_SECURITY_ENCLAVE_OVERRIDE': f'/{node}'} if keystore else {}
+    return {**os.environ, 'ROS_DOMAIN_ID': str(domain), **keys}
+
+
 class Participant:
     """A process of participant.py.
 
@@ -34,11 +42,9 @@ class Participant:
     """
 
     def __init__(self, domain: int, node: str, *words: str, keystore: Path | None = None) -> None:
-        keys = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce', 'ROS_SECURITY_KEYSTORE': str(keystore),
-                'ROS_SECURITY_ENCLAVE_OVERRIDE': f'/{node}'} if keystore else {}
         self._process = subprocess.Popen([sys.executable, participant.__file__, node, *words], text=True,
                                          stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                         env={**os.environ, 'ROS_DOMAIN_ID': str(domain), **keys})
+                                         env=environment(domain, node, keystore))
         self._lines: list[str] = []
         threading.Thread(target=lambda: self._lines.extend(self._process.stdout), daemon=True).start()
 
@@ -79,11 +85,12 @@ def keystores(tmp_path_factory):
     return made
 
 
-def wait_for(condition: Callable[[], bool], rig: RigProcess, *participants: Participant) -> None:
+def wait_for(condition: Callable[[], bool], *participants: Participant, rig: RigProcess | None = None) -> None:
     """Wait until the condition holds. Raises AssertionError where it never does."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
-        assert rig.running_now and time.monotonic() < deadline, (*(one.report for one in participants), rig.output)
+        assert rig is None or rig.running_now, rig.output
+        assert time.monotonic() < deadline, [one.report for one in participants]
         time.sleep(0.2)
 
 
@@ -93,7 +100,7 @@ def test_the_secured_rig_tracks_and_only_its_keys_take_part(keystores, join):
     ours, theirs = keystores
     rig = RigProcess(f'security:={ours}', f'port_offset:={free_offset()}', 'monitor:=false')
     operator = join(rig.domain, 'operator', 'test_operator', keystore=ours)
-    wait_for(lambda: operator.heard('tracks') > 20, rig, operator)
+    wait_for(lambda: operator.heard('tracks') > 20, operator, rig=rig)
 
     strangers = [join(rig.domain, f'stranger_{number}', f'test_stranger_{number}', '--call', BEARING, COMMAND)
                  for number in (1, 2)]
@@ -107,7 +114,7 @@ def test_the_secured_rig_tracks_and_only_its_keys_take_part(keystores, join):
              and strangers[1].heard(f'{COMMAND} of test_stranger_1') > 100
              and foreign[1].heard(f'{BEARING} of test_foreign_fusion') > 100
              and foreign[2].heard(f'{COMMAND} of test_foreign_pointing') > 100
-             and operator.heard('tracks') > before + 100 and bool(unpermitted.report['refused']), rig, *everybody)
+             and operator.heard('tracks') > before + 100 and bool(unpermitted.report['refused']), *everybody, rig=rig)
 
     assert not [what for what in operator.report['heard'] if 'test_' in what], 'the rig\'s participants heard a stranger'
     for one in (*strangers, *foreign, unpermitted):
@@ -117,10 +124,26 @@ def test_the_secured_rig_tracks_and_only_its_keys_take_part(keystores, join):
     assert set(unpermitted.report['refused']) >= {BEARING, COMMAND, f'hear {BEARING}', 'call pointing_node/set_parameters'}
 
     caller = join(rig.domain, 'operator', 'test_caller', '--call', keystore=ours)
-    wait_for(lambda: len(caller.report['answered']) == len(participant.REQUESTS), rig, caller)
+    wait_for(lambda: len(caller.report['answered']) == len(participant.REQUESTS), caller, rig=rig)
+    echo = subprocess.run(['ros2', 'topic', 'echo', '--no-daemon', '--once', f'/{BEARING}'], text=True, capture_output=True,
+                          check=False, timeout=PATIENCE_S, env=environment(rig.domain, 'operator', ours))
+    assert 'azimuth:' in echo.stdout, echo.stderr
     rig.interrupt()
     rig.finish()
     assert not rig.leftovers()
+
+
+@pytest.mark.timeout(600)
+def test_the_agent_of_px4_needs_no_keys_for_its_own_topics(tmp_path, join):
+    keystore, domain = tmp_path / 'keys', random.SystemRandom().randrange(1, 100)
+    assert security(['--keystore', str(keystore), '--px4']) == 0
+    agent = join(domain, 'agent', 'test_agent', 'fmu/out/x', BEARING)
+    px4 = join(domain, 'px4_node', 'test_px4', 'fmu/in/x', keystore=keystore)
+    fusion = join(domain, 'fusion_node', 'test_fusion', BEARING, keystore=keystore)
+    wait_for(lambda: agent.heard('fmu/in/x of test_px4') > 50 and px4.heard('fmu/out/x of test_agent') > 50
+             and px4.heard(f'{BEARING} of test_fusion') > 50, agent, px4, fusion)
+    assert not agent.heard(f'{BEARING} of test_fusion')
+    assert not px4.heard(f'{BEARING} of test_agent')
 
 
 def test_a_node_without_keys_is_named_before_anything_starts(tmp_path):

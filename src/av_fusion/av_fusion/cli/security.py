@@ -21,13 +21,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add('--keystore', required=True, type=Path, metavar='FOLDER', help='made; one that exists keeps its authorities')
     add('--namespace', default='', help="the rig's namespace; one keystore may hold several rigs")
     add('--policy', type=Path, default=shipped / 'policy.xml', metavar='FILE', help='what each node may do (the shipped one)')
-    add('--governance', type=Path, default=shipped / 'governance.xml', metavar='FILE',
-        help='how DDS protects topics (the shipped one)')
+    add('--px4', action='store_true', help="leave PX4's topics, fmu/*, open to its agent, which has no keys")
+    add('--governance', type=Path, metavar='FILE', help='how DDS protects topics (a shipped one)')
     add('--days', type=float, default=365.0, help='validity of certificates and permissions (%(default)g)')
     options = parser.parse_args(arguments)
     try:
         enclaves = read_policy(options.policy, options.namespace)
-        make_keystore(options.keystore, enclaves, options.governance, options.days)
+        governance = options.governance or shipped / ('governance_px4.xml' if options.px4 else 'governance.xml')
+        make_keystore(options.keystore, enclaves, governance, options.days)
     except (ValueError, OSError) as error:
         print(f'security: {error}', file=sys.stderr)
         return 1
