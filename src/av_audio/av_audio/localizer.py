@@ -68,8 +68,13 @@ class LocalizerSettings:
             raise ValueError(f'method={self.method!r}, expected one of {", ".join(METHODS)}')
         if not 0 <= self.estimated_rotors <= 16:
             raise ValueError(f'estimated_rotors={self.estimated_rotors}, expected 0..16')
-        if not -90.0 <= self.elevation_deg[0] < self.elevation_deg[1] <= 90.0:
-            raise ValueError(f'elevation_deg={self.elevation_deg}, expected a rising range within -90..90')
+        low, high = self.band_hz
+        if not 0.0 < low < high < np.inf:
+            raise ValueError(f'band_low is {low:g} Hz, expected more than 0 and less than band_high ({high:g} Hz)')
+        low, high = self.elevation_deg
+        if not -90.0 <= low < high <= 90.0:
+            raise ValueError(f'elevation_min_deg is {low:g}, expected at least -90 and less than elevation_max_deg ({high:g}), '
+                             'which is at most 90')
 
 
 @dataclass(frozen=True)

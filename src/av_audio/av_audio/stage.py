@@ -16,6 +16,10 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
 
+# Rates that a frame may claim, in Hz, and the longest frame in s: buffers are made for a window at the claimed rate.
+SAMPLE_RATES = (1000, 384_000)
+LONGEST_FRAME_S = 10.0
+
 
 class DoaStage:
     """Estimates directions of arrival in a stream of audio frames, by one method; several methods are several stages.
@@ -100,6 +104,12 @@ class DoaStage:
         if frame.channels != self._array.channels:
             raise ValueError(f'{frame.channels} channels, but the array {self._array.name} has {self._array.channels} '
                              f'microphones')
+        if not SAMPLE_RATES[0] <= frame.sample_rate <= SAMPLE_RATES[1]:
+            raise ValueError(f'sample_rate is {frame.sample_rate} Hz, expected {SAMPLE_RATES[0]} to {SAMPLE_RATES[1]}')
+        longest = round(LONGEST_FRAME_S * frame.sample_rate) * frame.channels
+        if len(frame.samples) > longest:
+            raise ValueError(f'{len(frame.samples)} samples in a frame, expected at most {longest} ({LONGEST_FRAME_S:g} s)')
+        to_seconds(frame.header.stamp)  # raises ValueError before anything is computed
         samples = samples_of(frame)
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)

@@ -2,6 +2,7 @@
 
 import importlib.util
 import itertools
+import re
 import time
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ import soundfile
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -26,6 +28,7 @@ from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
 from av_common.acoustics import speed_of_sound
 from av_common.clock import SampleCounter
+from av_common.node import ParameterError
 from av_common.qos import RESULT, STREAM
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
@@ -160,12 +163,39 @@ def test_parameters_change_while_running(rig, tmp_path, array_file):
     assert np.degrees(rig.received['doa'][-1].hypotheses[0].azimuth) == pytest.approx(27.7, abs=0.3)
 
 
+@pytest.mark.parametrize(('name', 'value', 'words'), [
+    ('band_low', 1e9, 'band_low is 1e+09 Hz, expected more than 0 and less than band_high'),
+    ('elevation_min_deg', 90.0, 'elevation_min_deg is 90, expected'), ('window', float('nan'), 'window'),
+    ('band_high', float('inf'), 'band_high is inf'), ('array_file', 'x' * 10_000_000, ''), ('method', 'magic', 'method')])
+def test_parameters_that_do_not_fit_each_other_are_refused_at_the_start_and_later(rig, array_file, name, value, words):
+    """The answer names parameter, value and what is expected; the former value stays."""
+    node = rig.add(DoaNode, array_file=array_file)
+    before = node.get_parameter(name).value
+    refused, = node.set_parameters([Parameter(name, value=value)])
+    assert not refused.successful and refused.reason and words in refused.reason
+    assert node.get_parameter(name).value == before and getattr(node.settings, name) == before
+    if name != 'array_file':
+        with pytest.raises((ParameterError, ParameterException), match=re.escape(words)):
+            DoaNode(parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_changed_elevations_are_applied(rig, array_file):
+    """At once."""
+    node = rig.add(DoaNode, array_file=array_file)
+    assert node.set_parameters([Parameter('elevation_min_deg', value=-30.0)])[0].successful
+    assert node._stage.settings.elevation_deg == (-30.0, 90.0)
+
+
 def test_channels_are_taken_in_the_order_given(rig, tmp_path):
     samples = np.zeros((RATE, 4), np.float32) + np.array([0.0, 0.1, 0.2, 0.3], np.float32)
     soundfile.write(tmp_path / 'four.wav', samples, RATE, subtype='FLOAT')
     node = rig.add(AudioNode, file=str(tmp_path / 'four.wav'), channels=[2, 0], loop=True)
     rig.spin(lambda: rig.received['audio/frames'])
     assert rig.received['audio/frames'][0].samples[:2] == pytest.approx([0.2, 0.0])
+    refused, = node.set_parameters([Parameter('channels', value=[0, 1])])
+    assert not refused.successful and 'channels takes effect when the node is configured' in refused.reason
+    node.trigger_deactivate()
+    node.trigger_cleanup()
     assert node.set_parameters([Parameter('channels', value=[0, 1])])[0].successful
 
 

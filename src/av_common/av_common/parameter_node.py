@@ -34,6 +34,8 @@ class ParameterNode(GuardedNode):
 
     # Names that parameters had in earlier versions, and the names that they have now.
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
+    # Parameters that `apply_parameters` applies at run time. All others take effect when the node is configured.
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -79,6 +81,9 @@ class ParameterNode(GuardedNode):
         try:
             for change in changes:
                 check_value(change.name, change.value)
+                if change.name not in self.RUNTIME_PARAMETERS and self._is_configured:
+                    raise ParameterError(f'{change.name} takes effect when the node is configured: deactivate it and clean it '
+                                         'up before')
             if listener is not None:
                 result = listener.update(changes)
                 if not result.successful:
@@ -91,8 +96,12 @@ class ParameterNode(GuardedNode):
         return SetParametersResult(successful=True)
 
     def _after_set_parameters(self, _changes: list[Parameter]) -> None:
-        if self._state_machine.current_state[0] in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE):
+        if self._is_configured:
             self.apply_parameters()
+
+    @property
+    def _is_configured(self) -> bool:
+        return self._state_machine.current_state[0] in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
 
     def _refuse_renamed_parameters(self) -> None:
         """Raise RenamedParameterError when a file, the launch or the command line uses an old name."""

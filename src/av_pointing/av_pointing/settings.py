@@ -11,6 +11,10 @@ from av_pointing.controller import PointingSettings
 
 def pointing_settings(p: Any) -> PointingSettings:
     """The settings that the parameters of pointing_node describe. Raises ValueError for stops that exclude 0."""
+    for name in ('pan_limits_deg', 'tilt_limits_deg'):
+        lower, upper = getattr(p, name)
+        if not lower <= 0.0 <= upper:
+            raise ValueError(f'{name} is [{lower:g}, {upper:g}], expected a lower and an upper limit around 0')
     gimbal = (math.radians(p.gimbal_rate_deg), math.radians(p.gimbal_acceleration_deg))
     return PointingSettings(
         pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),

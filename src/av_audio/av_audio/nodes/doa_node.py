@@ -17,7 +17,6 @@ from av_interfaces.msg import AudioFrame, DoaArray
 
 # An input without messages for this long is reported as missing.
 SILENT_S = 1.0
-PARAMETERS_S = 1.0
 
 
 class DoaNode(RigNode):
@@ -26,6 +25,10 @@ class DoaNode(RigNode):
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
         'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors', 'own_rotor_blades': 'ego_rotor_blades',
         'own_rotor_count': 'ego_rotor_count'}
+
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
+        'method', 'window', 'hop', 'band_low', 'band_high', 'temperature', 'elevation_min_deg', 'elevation_max_deg',
+        'ego_rotor_count'})
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('doa_node', parameters, **kwargs)
@@ -41,7 +44,6 @@ class DoaNode(RigNode):
     def activate(self) -> None:
         """Subscribe."""
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
-        self.while_active(self.create_timer, PARAMETERS_S, self._apply_parameters)
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_audio, STREAM)
         if self._needs_motor_speeds:
             self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
@@ -50,16 +52,14 @@ class DoaNode(RigNode):
         """Discard the samples of unfinished windows."""
         self._stage.reset()
 
-    def cleanup(self) -> None:
-        """Undo `configure`."""
-        self.destroy_publisher(self._publisher)
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Band and elevations must rise."""
+        localizer_settings(settings)
 
-    def _apply_parameters(self) -> None:
-        """Apply parameters that changed at run time. Invalid ones are reported and the previous settings stay."""
-        try:
-            self._stage.settings = localizer_settings(self.settings)
-        except ValueError as error:
-            self.get_logger().error(f'changed parameters not applied: {error}', throttle_duration_sec=10.0)
+    def apply_parameters(self) -> None:
+        """Use the new settings from the next window on."""
+        self._stage.settings = localizer_settings(self.settings)
 
     def _on_motor_speeds(self, message: Float32MultiArray) -> None:
         self._motor_speeds.tick()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -15,6 +15,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.tf_rotations import TfRotations
+from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
 
@@ -46,6 +47,11 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Thresholds and limits must fit each other."""
+        make_tracker(settings)
 
     def cleanup(self) -> None:
         """Close the publishers."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -19,6 +20,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
+from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
 
 
@@ -59,6 +61,11 @@ class PointingNode(RigNode):
         """Publish a last command that moves nothing."""
         self._stage.controller.enabled = False
         self._publisher.publish(self._stage.on_time(self._instant()))
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Limits must enclose the neutral angle."""
+        pointing_settings(settings)
 
     def cleanup(self) -> None:
         """Close the publisher."""

@@ -18,6 +18,7 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.gimbal import Claim
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
+from av_px4.settings import px4_settings
 from av_px4.stage import ODOMETRY_TOPIC, STATE_TOPIC, Outgoing, make_px4_stage
 
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
@@ -67,6 +68,11 @@ class Px4Node(RigNode):
         """Stop the vehicle's motion, release the gimbal and unregister the mode."""
         self._send(self._stage.stop(self._instant()))
         self._link.close()
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Limits must leave time to stop."""
+        px4_settings(settings)
 
     def cleanup(self) -> None:
         """Close the publishers."""
