@@ -22,6 +22,7 @@ from av_fusion.measurement.measurements import (
 from av_interfaces.msg import Doa, DoaArray
 from av_vision.bearing import BearingModel, bearings_of_boxes
 
+UNIT_TOLERANCE = 0.01  # of the length of an axis
 LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
 
@@ -37,8 +38,13 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
     Parameters:
         message: the directions.
         rotation (3, 3): rotation matrix from the array's frame to the body frame.
+
+    Raises ValueError for an impossible stamp, and for an axis that is neither a unit vector nor zero.
     """
     rows = rotation.tolist()
+    length = math.hypot(message.axis.x, message.axis.y, message.axis.z)
+    if not (length == 0.0 or abs(length - 1.0) < UNIT_TOLERANCE):
+        raise ValueError(f'axis of length {length:g}, expected a unit vector, or zero without an axis')
     time, axis = to_seconds(message.header.stamp), _turned(rows, (message.axis.x, message.axis.y, message.axis.z))
     groups: dict[int, list[Doa]] = {}
     for hypothesis in message.hypotheses:

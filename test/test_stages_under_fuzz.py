@@ -1,0 +1,159 @@
+"""Random messages for every stage: ValueError for what cannot be used, finite results for the rest, bounded memory."""
+
+from __future__ import annotations
+
+import array
+import math
+from random import Random
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+from nav_msgs.msg import Odometry
+from rosidl_runtime_py.utilities import get_message
+from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Float32MultiArray
+from vision_msgs.msg import Detection2DArray
+
+from av_audio.stage import make_doa_stage
+from av_common.freshness import Instant
+from av_common.microphone_array import MicrophoneArray
+from av_common.parameters import node_parameters
+from av_fusion.stage import make_fusion_stage
+from av_interfaces.msg import AudioFrame, Bearing, DoaArray, Visibility
+from av_pointing.stage import make_pointing_stage
+
+MESSAGES, GROWTH_MB = 1000, 60.0
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair')
+INTEGERS = {f'{sign}int{bits}': (0 if sign else -2**(bits - 1), 2**bits - 1 if sign else 2**(bits - 1) - 1)
+            for sign in ('', 'u') for bits in (8, 16, 32, 64)}
+NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, -1e300, 3e38, 1e9, math.pi)
+UNKNOWN = ('variance', 'cosine', 'visibility')  # fields that may be infinite, or NaN for unknown
+FRAMES = ('microphones', 'camera_optical_frame', 'base_link', '', 'x' * 300)
+
+
+class Fuzzer:
+    """Random messages: most fields plausible, some absurd.
+
+    Parameters:
+        seed: of the random draws.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.random = Random(seed)
+        self.now = 1000.0
+
+    def message(self, kind: type) -> Any:
+        self.now += self.random.choice((0.0, 0.02, 0.1, 0.1, 30.0, -0.1))
+        self._absurd = self.random.choice((0.0, 0.05, 0.5))
+        message = kind()
+        for name, spelled in kind.get_fields_and_field_types().items():
+            setattr(message, name, self._value(spelled, name))
+        return message
+
+    def _value(self, spelled: str, name: str) -> Any:
+        if spelled.startswith('sequence<'):
+            inner, count = spelled[9:-1].partition(',')[0], self.random.choice((0, 0, 1, 2, 3, 8, 40))
+            return self._list(inner, count, name)
+        if spelled.endswith(']'):
+            inner, _, count = spelled[:-1].rpartition('[')
+            return self._list(inner, int(count), name)
+        if spelled == 'builtin_interfaces/Time':
+            return self._stamp()
+        if '/' in spelled:
+            return self._message(spelled, name)
+        if spelled in ('float', 'double'):
+            # as a subscriber receives it: numbers beyond float32 arrive as infinite
+            value = self.random.choice(NUMBERS) if self._wild() else self.random.gauss(0.0, 1.0)
+            with np.errstate(over='ignore'):
+                return float(np.float32(value)) if spelled == 'float' else value
+        if spelled in INTEGERS:
+            low, high = INTEGERS[spelled]
+            wild = self.random.choice((low, high, 0, high // 2))
+            return wild if self._wild() else {'channels': 2, 'sample_rate': 48000, 'width': 640, 'height': 480}.get(
+                name, self.random.randrange(4))
+        if spelled == 'boolean':
+            return self.random.random() < 0.5
+        if spelled == 'octet':
+            return bytes([self.random.randrange(256)])
+        return self.random.choice(FRAMES) if name == 'frame_id' else self.random.choice(('drone', '', 'x' * 300))
+
+    def _message(self, spelled: str, name: str) -> Any:
+        package, kind = spelled.split('/')
+        message = get_message(f'{package}/msg/{kind}')()
+        if name == 'axis' and not self._wild():
+            message.y = self.random.choice((0.0, 1.0))  # a unit vector, or none
+            return message
+        for inner, part in type(message).get_fields_and_field_types().items():
+            setattr(message, inner, self._value(part, inner))
+        return message
+
+    def _list(self, inner: str, count: int, name: str) -> Any:
+        values = [self._value(inner, name) for _ in range(count)]
+        codes = {'float': 'f', 'double': 'd', 'int32': 'i', 'uint32': 'I', 'uint8': 'B'}
+        return array.array(codes[inner], values) if inner in codes else values
+
+    def _stamp(self) -> Any:
+        stamp = get_message('builtin_interfaces/msg/Time')()
+        near = self.now + self.random.choice((0.0, -0.1, -0.3, 1.0))
+        stamp.sec, stamp.nanosec = math.floor(near), int(1e9 * (near % 1.0))
+        if self._wild():
+            stamp.sec = self.random.choice((0, -1, -2**31, 2**31 - 1, 5))
+            stamp.nanosec = self.random.choice((0, 10**9, 2**32 - 1))
+        return stamp
+
+    def _wild(self) -> bool:
+        return self.random.random() < self._absurd
+
+
+def inputs_of(name: str) -> dict[type, Any]:
+    """The inputs of a stage by type: functions of message and time that return messages."""
+    if name == 'doa':
+        stage = make_doa_stage(node_parameters('av_audio', 'doa_node'), PAIR)
+        return {AudioFrame: stage.on_audio, Float32MultiArray: lambda message, _: stage.on_motor_speeds(message)}
+    if name == 'pointing':
+        stage = make_pointing_stage(node_parameters('av_pointing', 'pointing_node'))
+        return {Bearing: lambda message, now: stage.on_bearing(message, Instant(now, now)),
+                Odometry: lambda message, now: stage.on_odometry(message, Instant(now, now))}
+    fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': name}), lambda _: np.eye(3))
+    return {DoaArray: fusion.on_doa, Detection2DArray: fusion.on_detections, Odometry: fusion.on_odometry,
+            Visibility: lambda message, _: fusion.on_visibility(message),
+            CameraInfo: lambda message, _: fusion.on_camera_info(message)}
+
+
+def numbers(message: Any) -> list[float]:
+    """All floating-point numbers of a message that must be finite."""
+    found = []
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if isinstance(value, float):
+            found += [] if any(word in name for word in UNKNOWN) else [value]
+        elif hasattr(value, 'get_fields_and_field_types'):
+            found += numbers(value)
+        elif isinstance(value, list):
+            found += [number for item in value if hasattr(item, 'get_fields_and_field_types') for number in numbers(item)]
+    return found
+
+
+@pytest.mark.parametrize('name', ['doa', 'bayes', 'gated', 'pointing'])
+@pytest.mark.parametrize('seed', [1, 2])
+def test_random_messages_raise_nothing_but_value_errors(name, seed):
+    """And what the stage answers is finite."""
+    fuzzer, inputs, refused = Fuzzer(seed), inputs_of(name), 0
+    before = psutil.Process().memory_info().rss
+    for _ in range(MESSAGES):
+        kind = fuzzer.random.choice(list(inputs))
+        message = fuzzer.message(kind)
+        try:
+            with np.errstate(all='ignore'):
+                answer = inputs[kind](message, fuzzer.now)
+        except ValueError:
+            refused += 1
+            continue
+        answers = answer if isinstance(answer, list | tuple) else [answer]
+        for output in filter(None, answers):
+            if hasattr(output, 'get_fields_and_field_types') and getattr(output, 'state', None) != Bearing.STATE_NONE:
+                assert all(map(math.isfinite, numbers(output))), (message, output)
+    assert 0 < refused < MESSAGES
+    assert (psutil.Process().memory_info().rss - before) / 1e6 < GROWTH_MB
