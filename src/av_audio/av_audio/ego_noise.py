@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.file_source import open_sound
+from av_audio.file_source import read_sound
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
 # Width of the running mean over frequency: the speeds of rotors vary, and their spectral lines with them.
@@ -35,9 +35,8 @@ class NoiseRecording(NamedTuple):
 
     @classmethod
     def load(cls, path: str | Path) -> NoiseRecording:
-        """Load a sound file. Raises OSError that names the file."""
-        with open_sound(path) as file:
-            return cls(file.read(dtype='float32', always_2d=True), file.samplerate, str(path))
+        """Load a sound file. Raises OSError or ValueError that names the file."""
+        return cls(*read_sound(path), str(path))
 
     def check(self, channels: int, sample_rate: int) -> None:
         """Raise ValueError when it does not fit an array of `channels` microphones sampled at `sample_rate` in Hz.

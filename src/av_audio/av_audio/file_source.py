@@ -12,6 +12,11 @@ import soundfile
 from numpy.typing import NDArray
 
 from av_audio.ring_buffer import RingBuffer
+from av_common.files import check_file, one_line
+
+SAMPLE_RATES = (1000, 768_000)    # Hz
+MOST_CHANNELS = 256
+MOST_SAMPLES = 50_000_000    # of a file that is read as a whole: two channels at 48 kHz for nine minutes
 
 
 def pick_channels(available: int, channels: Sequence[int], source: str) -> list[int]:
@@ -36,23 +41,32 @@ def read_sound(path: str | Path, channels: Sequence[int] = ()) -> tuple[NDArray,
     """Samples (n, m) in float32 and sample rate of a file that libsndfile reads. Raises OSError or ValueError.
 
     Parameters:
-        path: the file.
+        path: the file, of at most MOST_SAMPLES in all channels.
         channels: channels of the file in the order of the microphones; empty for all.
     """
     with open_sound(path) as file:
         picked = pick_channels(file.channels, channels, str(path))
-        return file.read(dtype='float32', always_2d=True)[:, picked], file.samplerate
+        if file.frames * file.channels > MOST_SAMPLES:
+            raise ValueError(f'sound file {path} has {file.frames} frames of {file.channels} channels, '
+                             f'expected at most {MOST_SAMPLES} samples')
+        try:
+            return file.read(dtype='float32', always_2d=True)[:, picked], file.samplerate
+        except soundfile.LibsndfileError as error:
+            raise OSError(f'sound file {path}: {one_line(error)}') from error
 
 
 def open_sound(path: str | Path) -> soundfile.SoundFile:
-    """Open a sound file. Raises OSError that names the file and what is wrong."""
-    path = Path(path).expanduser()
-    if not path.is_file():
-        raise FileNotFoundError(f'sound file {path} does not exist')
+    """Open a sound file. Raises OSError or ValueError that names the file and what is wrong."""
+    path = check_file(path, kind='sound file')
     try:
-        return soundfile.SoundFile(path)
-    except soundfile.LibsndfileError as error:
-        raise OSError(f'sound file {path}: {error}') from error
+        file = soundfile.SoundFile(path)
+    except (soundfile.LibsndfileError, TypeError, ValueError) as error:    # a file without header has no rate
+        raise OSError(f'sound file {path} cannot be read: {one_line(getattr(error, "error_string", error))}') from error
+    for name, (low, high) in {'samplerate': SAMPLE_RATES, 'channels': (1, MOST_CHANNELS)}.items():
+        if not low <= (value := getattr(file, name)) <= high:
+            file.close()
+            raise ValueError(f'sound file {path}: {name} is {value}, expected {low} to {high}')
+    return file
 
 
 class FileSource:

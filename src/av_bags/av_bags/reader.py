@@ -23,6 +23,7 @@ from rosidl_runtime_py.utilities import get_message
 from av_bags.definitions import AUDIO_COMMON, definition, installed, parse
 from av_bags.errors import BagError
 from av_bags.salvage import salvage
+from av_common.files import check_file, one_line, read_text
 
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -70,7 +71,7 @@ class Bag(AbstractContextManager['Bag']):
             self._opened.close()
             if isinstance(error, BagError) or not isinstance(error, Exception):
                 raise
-            raise BagError(f'{self.path} cannot be read: {error}') from error  # libraries raise any type on damaged bytes
+            raise BagError(f'{self.path} cannot be read: {one_line(error)}') from error  # libraries raise any type
         connections = [c for reader in self._readers for c in reader.connections if self._is_readable(c)]
         counts: Counter[str] = Counter()
         for connection in connections:
@@ -213,11 +214,12 @@ def _parts_of(path: Path) -> list[Path]:
     if not path.exists():
         raise BagError(f'{path}: no such bag')
     if not path.is_dir():
+        check_file(path)
         _check_kind(path)
         return [path]
     metadata = path / 'metadata.yaml'
     described = metadata.is_file()
-    compressed = described and re.search(r'^\s*compression_mode:\s*["\']?(file|message)', metadata.read_text(), re.I | re.M)
+    compressed = described and re.search(r'^\s*compression_mode:\s*["\']?(file|message)', read_text(metadata), re.I | re.M)
     files = [] if compressed else sorted(path.glob('*.mcap'))
     if files or described:
         return files or [path]

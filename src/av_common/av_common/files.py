@@ -59,9 +59,10 @@ def shown(value: Any) -> str:
     return one_line(_SHORT.repr(value))
 
 
-def one_line(text: object) -> str:
-    """A text without line breaks."""
-    return ' '.join(str(text).split())
+def one_line(text: object, longest: int = 300) -> str:
+    """A text without line breaks, cut after `longest` characters: messages of libraries may hold a whole file."""
+    words = ' '.join(str(text).split())
+    return words if len(words) <= longest else f'{words[:longest]} ...'
 
 
 def _kind(mode: int) -> str:

@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 
 from av_audio.calibration import Calibration, calibrate, measured_path, search_array
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
+from av_common.files import MEGABYTE, one_line, read_text
 from av_common.microphone_array import MicrophoneArray
+
+MOST_BYTES = 10 * MEGABYTE
 
 
 def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
     """Times (n,) in s and azimuths (n,) in rad, unwrapped. Raises OSError or ValueError that names the file."""
-    with Path(path).open(newline='', encoding='utf-8') as file:
-        try:
-            rows = [(float(row['time']), float(row['azimuth_deg'])) for row in csv.DictReader(file)]
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f'{path}: expected the columns time and azimuth_deg, a number in each row ({error})') from error
+    lines = read_text(path, MOST_BYTES).splitlines()
+    try:
+        rows = [(float(row['time']), float(row['azimuth_deg'])) for row in csv.DictReader(lines)]
+    except (csv.Error, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f'{path}: expected columns time and azimuth_deg, numbers in each row ({one_line(error)})') from error
     if not rows:
         raise ValueError(f'{path} has no rows')
     times, azimuths = np.array(rows).T

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import soundfile
 from numpy.typing import NDArray
 from scipy.signal import resample_poly
 
+from av_audio.file_source import open_sound, read_sound
+from av_common.config_reader import bounded
 from av_simulator.sound.delays import Position
 from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream
@@ -55,8 +56,8 @@ class ToneSignal:
         level_db_spl (dB SPL): level at 1 m.
     """
 
-    frequency_hz: float = 1000.0
-    level_db_spl: float = 74.0
+    frequency_hz: float = bounded(1000.0, above=0.0, high=1e5)
+    level_db_spl: float = bounded(74.0, low=-100.0, high=200.0)
 
     def stream(self, sample_rate: int, key: Sequence[int], position: Position) -> Stream:
         """See SourceSignal."""
@@ -79,16 +80,15 @@ class RecordedSignal:
     """
 
     file: str | Path
-    level_db_spl: float = 74.0
-    pitch: float = 1.0
+    level_db_spl: float = bounded(74.0, low=-100.0, high=200.0)
+    pitch: float = bounded(1.0, low=0.1, high=10.0)
     loop: bool = True
     start_s: float = 0.0
     channel: int | None = None
-    fade_s: float = 0.05
+    fade_s: float = bounded(0.05, low=0.0, high=10.0)
 
     def __post_init__(self) -> None:
-        if not Path(self.file).is_file():
-            raise FileNotFoundError(f'recording: {str(self.file)!r} does not exist')
+        open_sound(self.file).close()
         if not 0.1 <= self.pitch <= 10.0:
             raise ValueError(f'recording: pitch is {self.pitch}, expected 0.1 to 10')
 
@@ -109,10 +109,7 @@ class RecordedSignal:
         return Stream(make, SIGNAL_CHUNKS)
 
     def _load(self, sample_rate: int) -> NDArray:
-        try:
-            recorded, rate = soundfile.read(self.file, always_2d=True)
-        except RuntimeError as error:
-            raise ValueError(f'recording: {str(self.file)!r} cannot be read: {error}') from error
+        recorded, rate = read_sound(self.file)
         if self.channel is not None and not 0 <= self.channel < recorded.shape[1]:
             raise ValueError(f'recording: channel is {self.channel}, but {str(self.file)!r} has channels 0 to '
                              f'{recorded.shape[1] - 1}')

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 from numpy.typing import NDArray
 
+from av_common.files import check_file
 from av_vision.sources.capture import CapturedImage, SourceError
 
 IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
@@ -49,7 +50,10 @@ class Recording:
         video = self._open_video()
         self.rate = rate or video.get(cv2.CAP_PROP_FPS) or 30.0
         self.count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        readable = video.grab()
         video.release()
+        if not readable:
+            raise SourceError(f'{self.path} holds no images that can be read')
 
     def frames(self, wanted: Callable[[int], bool] = lambda index: True) -> Iterator[tuple[int, NDArray]]:
         """Frames as (index, image) in order; frames for which `wanted(index)` is false are not decoded."""
@@ -69,16 +73,26 @@ class Recording:
         video.release()
 
     def _open_video(self) -> cv2.VideoCapture:
+        _checked(self.path)
         video = cv2.VideoCapture(str(self.path))
         if not video.isOpened():
             raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
         return video
 
     def _read_image(self, path: Path) -> NDArray:
+        _checked(path)
         image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
         if image is None:
             raise SourceError(f'{path} ({path.stat().st_size} bytes) cannot be read as an image')
         return image
+
+
+def _checked(path: Path) -> None:
+    """Raise SourceError for what is no file: OpenCV would wait for a pipe."""
+    try:
+        check_file(path)
+    except OSError as error:
+        raise SourceError(str(error)) from error
 
 
 class FileSource:

@@ -12,11 +12,13 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from av_common.files import check_file, one_line
 from av_vision.yolo.coco import COCO
 from av_vision.yolo.layout import LAYOUTS, Layout, LayoutError, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 
 RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
+MOST_BYTES = 500_000_000
 FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
 
 
@@ -68,7 +70,7 @@ class Model:
         try:
             output = self.session.run([self._output_name], {self._input.name: tensor})[0]
         except Exception as error:  # onnxruntime's exceptions have no common base
-            raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {error}') from error
+            raise ModelError(f'{self.path} does not run on images of shape {tensor.shape}: {one_line(error)}') from error
         return output.astype(np.float32, copy=False)
 
     def _check_input(self) -> onnxruntime.NodeArg:
@@ -153,8 +155,10 @@ def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxrunt
     if missing or not providers:
         raise ModelError(f'providers are {list(providers)}, but onnxruntime has {installed} here; install the onnxruntime '
                          'package of the accelerator (onnxruntime-gpu, onnxruntime-openvino) or choose among these')
-    if not path.is_file():
-        raise ModelError(f'model {path} does not exist')
+    try:
+        check_file(path, MOST_BYTES, 'model')
+    except OSError as error:
+        raise ModelError(str(error)) from error
     if path.stat().st_size == 0:
         raise ModelError(f'model {path} is empty (0 bytes)')
     options = onnxruntime.SessionOptions()
@@ -165,7 +169,7 @@ def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxrunt
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
     except Exception as error:  # onnxruntime's exceptions have no common base
-        raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {error}') from error
+        raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {one_line(error)}') from error
 
 
 def names_of(metadata: dict[str, str]) -> tuple[str, ...]:

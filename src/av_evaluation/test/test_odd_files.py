@@ -1,0 +1,160 @@
+"""Every reader of files, given what is no such file: one line that names it, soon, and with little memory."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from av_audio.cli.calibrate import read_truth
+from av_audio.ego_noise import NoiseRecording
+from av_audio.file_source import FileSource, read_sound
+from av_bags.reader import Bag
+from av_common.microphone_array import MicrophoneArray
+from av_common.parameters import node_parameters
+from av_common.rig import load_rig
+from av_evaluation.runs.cases import Case
+from av_evaluation.runs.runs import changed_scenario
+from av_simulator.scenario import load_scenario
+from av_simulator.sound.profiles import load_profile
+from av_simulator.sound.source_signals import RecordedSignal
+from av_vision.calibration import load_calibration
+from av_vision.sources import SourceError
+from av_vision.sources.files import Recording
+from av_vision.yolo.model import Model
+
+SECONDS = 2.0       # of this process, so that the load of the machine does not count
+MEGABYTES = 200.0
+YAML = {
+    'scenario': load_scenario,
+    'changed scenario': lambda path: changed_scenario(Case(str(path))),
+    'rig': load_rig,
+    'drone': load_profile,
+    'array': MicrophoneArray.load,
+    'camera': load_calibration,
+    'parameters': lambda path: node_parameters('av_fusion', 'fusion_node', [path]),
+}
+SOUND = {
+    'sound': read_sound,
+    'played sound': FileSource,
+    'ego-noise': NoiseRecording.load,
+    'recorded signal': lambda path: RecordedSignal(path).stream(48_000, (1,), None),
+}
+OTHERS = {
+    'model': Model,
+    'video': lambda path: list(Recording(path).frames()),
+    'bag': Bag,
+    'azimuths': read_truth,
+}
+ENDINGS = dict.fromkeys(YAML, '.yaml') | dict.fromkeys(SOUND, '.wav') | {
+    'model': '.onnx', 'video': '.mp4', 'bag': '.mcap', 'azimuths': '.csv'}
+READERS = YAML | SOUND | OTHERS
+
+
+def refused(read, path):
+    """The reason for which a file is refused: one line that names it, soon, without much memory."""
+    began, held = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises((ValueError, OSError, SourceError)) as error:
+        read(path)
+    assert time.process_time() - began < SECONDS
+    assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - held) / 1024 < MEGABYTES
+    text = str(error.value)
+    assert str(path) in text
+    assert '\n' not in text
+    assert len(text) < 400 + 2 * len(str(path)), text
+    return text
+
+
+def missing(path):
+    """Create nothing."""
+
+
+def sparse(path):
+    with path.open('wb') as file:
+        file.truncate(10**9)
+
+
+def unreadable_name(path):
+    path.symlink_to(path)
+
+
+def device(path):
+    path.symlink_to('/dev/zero')
+
+
+ODD = {
+    'missing': missing,
+    'folder': Path.mkdir,
+    'empty': Path.touch,
+    'pipe': os.mkfifo,
+    'device': device,
+    'loop': unreadable_name,
+    'a gigabyte of zeros': sparse,
+    'noise': lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)),
+    'text': lambda path: path.write_text('what is this?\n' * 1000),
+    'page': lambda path: path.write_text('<!DOCTYPE html><html><body>404</body></html>'),
+    'picture': lambda path: path.write_bytes(b'\x89PNG\r\n\x1a\n' + bytes(1000)),
+    'archive': lambda path: zipfile.ZipFile(path, 'w').writestr('a', bytes(1000)),
+}
+
+
+@pytest.mark.parametrize('odd', ODD)
+@pytest.mark.parametrize('reader', READERS)
+def test_what_is_no_such_file_is_refused(tmp_path, reader, odd):
+    if (reader, odd) == ('parameters', 'empty'):
+        pytest.skip('an empty file sets no parameters')
+    path = tmp_path / f'odd{ENDINGS[reader]}'
+    ODD[odd](path)
+    refused(READERS[reader], path)
+
+
+BOMB = 'a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n' + ''.join(
+    f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]\n' for k in range(1, 12))
+ODD_YAML = {
+    'deep list': '[' * 3000 + ']' * 3000,
+    'deep mapping': ''.join(f'{" " * k}a:\n' for k in range(1000)),
+    'deep and open': '{a: ' * 100_000,
+    'bomb': BOMB,
+    'recursive': 'a: &a [*a]\n',
+    'merged bomb': BOMB + '<<: *a0\n',
+    'unknown alias': 'name: *nothing\n',
+    'many values': f'name: [{"1, " * 300_000}]\n',
+    'huge integer': f'name: {"9" * 400}\n',
+    'larger integer': f'name: {"9" * 5000}\n',
+    'hexadecimal': f'name: 0x{"f" * 100_000}\n',
+    'sexagesimal': f'name: {"1:" * 100_000}1\n',
+    'long text': f'name: [{"x" * 900_000}]\n',
+    'long key': f'{"x" * 900_000}: 1\n',
+    'no date': 'name: 2001-13-45\n',
+    'list as key': '? [a, b]\n: 1\n',
+    'python object': 'name: !!python/object/apply:os.system ["true"]\n',
+    'binary': 'name: !!binary "####"\n',
+    'number': '4\n',
+    'null': '~\n',
+    'list': '- a\n- b\n',
+    'two documents': 'a: 1\n---\na: 2\n',
+    'tabs': 'a:\n\t- b\n',
+    'control characters': 'a: \x01\n',
+    'zero byte': 'a: "\\0"\n',
+    'unknown key': 'nonsense: 1\n',
+    'not UTF-8': 'name: \xff\xfe\n',
+}
+
+
+@pytest.mark.parametrize('odd', ODD_YAML)
+@pytest.mark.parametrize('reader', YAML)
+def test_odd_yaml_is_refused(tmp_path, reader, odd):
+    content = ODD_YAML[odd]
+    if reader == 'parameters':
+        if odd == 'null':
+            pytest.skip('an empty file sets no parameters')
+        content = re.sub(r'^name: (.{,10000})\n$', r'/**: {ros__parameters: {tau: \1}}\n', content, flags=re.DOTALL)
+    path = tmp_path / 'odd.yaml'
+    path.write_bytes(content.encode('latin-1'))
+    refused(YAML[reader], path)
