@@ -30,19 +30,24 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     Raises ValueError naming the parameter, RenamedParameterError for an old name, OSError for an unreadable file.
     """
     given: dict[str, Any] = {}
+    files: dict[str, str] = {}
     for file in parameter_files:
-        given.update(_read(Path(file), '/'.join(['', *filter(None, namespace.split('/')), node])))
-    given.update(overrides or {})
+        found = _read(Path(file), '/'.join(['', *filter(None, namespace.split('/')), node]))
+        given.update(found)
+        files.update(dict.fromkeys(found, f'{file}: '))
+    for name, value in (overrides or {}).items():
+        given[name], files[name] = value, ''
     node_class = _node_class(package, node)
     for old, new in node_class.RENAMED_PARAMETERS.items():
         if old in given:
             raise RenamedParameterError(old, new)
     generated = getattr(import_module(f'{package}.nodes.{node}_parameters'), node)
     try:
-        parameters = generated.ParamListener(_Declarations(node, given)).get_params()
+        parameters = generated.ParamListener(_Declarations(node, given, files)).get_params()
         check_together(node_class.check_parameters, parameters)
     except (ParameterException, ParameterError) as error:
-        raise ValueError(f'{node}: {error}') from error
+        named = sorted({file for name, file in files.items() if name in str(error)})
+        raise ValueError(f'{"".join(named)}{node}: {error}') from error
     return parameters
 
 
@@ -55,10 +60,11 @@ class _Declarations:
     Parameters:
         node: the node's name, for error messages.
         given: values by names with dots; those that are not declared are ignored, as by a node.
+        files: prefix of error messages on each of them.
     """
 
-    def __init__(self, node: str, given: Mapping[str, Any]) -> None:
-        self._node, self._given = node, given
+    def __init__(self, node: str, given: Mapping[str, Any], files: Mapping[str, str]) -> None:
+        self._node, self._given, self._files = node, given, files
         self._declared: dict[str, Parameter] = {}
 
     def has_parameter(self, name: str) -> bool:
@@ -72,7 +78,7 @@ class _Declarations:
         if kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY):
             value = _real(value)
         if not kind.check(value) or isinstance(value, bool) != (kind is Parameter.Type.BOOL):  # True is an int
-            raise ValueError(f'{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
+            raise ValueError(f'{self._files.get(name, "")}{self._node}: {name} is {shown(value)}, expected {kind.name.lower()}')
         check_value(name, value)
         self._declared[name] = Parameter(name, kind, value)
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import re
 import resource
+import struct
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
 from av_audio.cli.calibrate import read_truth
 from av_audio.ego_noise import NoiseRecording
@@ -27,7 +30,7 @@ from av_simulator.sound.source_signals import RecordedSignal
 from av_vision.calibration import load_calibration
 from av_vision.sources import SourceError
 from av_vision.sources.files import Recording
-from av_vision.yolo.model import Model
+from av_vision.yolo.detector import Detector
 
 SECONDS = 2.0       # of this process, so that the load of the machine does not count
 MEGABYTES = 200.0
@@ -47,7 +50,7 @@ SOUND = {
     'recorded signal': lambda path: RecordedSignal(path).stream(48_000, (1,), None),
 }
 OTHERS = {
-    'model': Model,
+    'model': Detector,
     'video': lambda path: list(Recording(path).frames()),
     'bag': Bag,
     'azimuths': read_truth,
@@ -158,3 +161,79 @@ def test_odd_yaml_is_refused(tmp_path, reader, odd):
     path = tmp_path / 'odd.yaml'
     path.write_bytes(content.encode('latin-1'))
     refused(YAML[reader], path)
+
+
+def save_model(path, nodes, shape=(1, 3, 'h', 'w'), kind='FLOAT', metadata=(), side=10**6):
+    """An ONNX file with an input x of a shape, an output y, and an integer constant s = (1, side, side)."""
+    onnx = pytest.importorskip('onnx')
+    tensor, number = onnx.helper.make_tensor_value_info, getattr(onnx.TensorProto, kind)
+    size = onnx.helper.make_tensor('s', onnx.TensorProto.INT64, [3], [1, side, side])
+    graph = onnx.helper.make_graph([onnx.helper.make_node(*node[:3], **node[3]) for node in nodes], 'odd',
+                                   [tensor('x', number, shape)], [tensor('y', number, None)], [size])
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid('', 17)], ir_version=8)
+    onnx.helper.set_model_props(model, dict(metadata))
+    onnx.save(model, path)
+
+
+MEAN = ('ReduceMean', ['x'], ['r'], {'keepdims': 0})
+SMALL = [MEAN, ('Expand', ['r', 's'], ['y'], {})]
+FOLDED = [MEAN, ('ConstantOfShape', ['s'], ['c'], {}), ('Add', ['c', 'r'], ['y'], {})]
+ODD_MODELS = {
+    'output of 4 TB': partial(save_model, nodes=SMALL),
+    'output of 10 GB': partial(save_model, nodes=SMALL, side=50_000),
+    'constant of 4 TB': partial(save_model, nodes=FOLDED),
+    'constant of 10 GB': partial(save_model, nodes=FOLDED, side=50_000),
+    'output 3 x 3': partial(save_model, nodes=SMALL, side=3),
+    'image of a million pixels a side': partial(save_model, nodes=SMALL, shape=(1, 3, 10**6, 10**6), side=3),
+    'image of no pixels': partial(save_model, nodes=SMALL, shape=(1, 3, 0, 0), side=3),
+    'images of integers': partial(save_model, nodes=SMALL, kind='INT64', side=3),
+    'no image': partial(save_model, nodes=SMALL, shape=(), side=3),
+    'unknown size': partial(save_model, nodes=SMALL, side=3, metadata={'imgsz': 'large'}),
+    'huge size': partial(save_model, nodes=SMALL, side=3, metadata={'imgsz': '[32000000, 32000000]'}),
+    'deep metadata': partial(save_model, nodes=SMALL, side=3, metadata={'imgsz': '[' * 100_000}),
+    'no threshold': partial(save_model, nodes=SMALL, side=3, metadata={'score_threshold': 'high'}),
+    'threshold nan': partial(save_model, nodes=SMALL, side=3, metadata={'score_threshold': 'nan'}),
+}
+
+
+@pytest.mark.parametrize('odd', ODD_MODELS)
+def test_odd_models_are_refused(tmp_path, odd):
+    ODD_MODELS[odd](tmp_path / 'odd.onnx')
+    refused(Detector, tmp_path / 'odd.onnx')
+
+
+def header(rate=48_000, channels=2, bits=16, form=1, size=2**31):
+    """The beginning of a WAV file."""
+    frame = channels * bits // 8 % 2**16
+    return struct.pack('<4sI4s4sIHHIIHH4sI', b'RIFF', 36 + size & 0xffffffff, b'WAVE', b'fmt ', 16, form, channels, rate,
+                       rate * frame % 2**32, frame, bits, b'data', size & 0xffffffff)
+
+
+ODD_SOUNDS = {
+    'rate 2^32-1': header(rate=2**32 - 1),
+    'rate 0': header(rate=0),
+    'rate 1': header(rate=1),
+    '65535 channels': header(channels=65_535),
+    'no channels': header(channels=0),
+    '257 bits': header(bits=257),
+    'unknown format': header(form=4321),
+    'cut': header()[:30],
+}
+
+
+@pytest.mark.parametrize('odd', ODD_SOUNDS)
+@pytest.mark.parametrize('reader', SOUND)
+def test_odd_sounds_are_refused(tmp_path, reader, odd):
+    path = tmp_path / 'odd.wav'
+    path.write_bytes(ODD_SOUNDS[odd] + bytes(10_000))
+    refused(SOUND[reader], path)
+
+
+@pytest.mark.parametrize('reader', ['sound', 'ego-noise', 'recorded signal'])
+def test_a_sound_too_long_to_be_read_as_a_whole_is_refused(tmp_path, reader):
+    path = tmp_path / 'long.flac'
+    soundfile.write(path, np.zeros((1000, 2), np.int16), 48_000)
+    with path.open('r+b') as file:
+        file.seek(22)       # the lower 32 bits of the number of frames in a FLAC header
+        file.write(b'\xff\xff\xff\xff')
+    refused(SOUND[reader], path)

@@ -74,7 +74,7 @@ class Detector:
         self.settings = settings
         self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
                            settings.input_size)
-        self.threshold = settings.score_threshold or float(self.model.metadata.get('score_threshold', 0.25))
+        self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
             if unknown := sorted(set(given) - set(known)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,15 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from av_common.files import check_file, one_line
+from av_common.files import check_file, one_line, shown
 from av_vision.yolo.coco import COCO
 from av_vision.yolo.layout import LAYOUTS, Layout, LayoutError, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
 
 RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
 MOST_BYTES = 500_000_000
+MOST_MEMORY = 2_000_000_000    # bytes for an image on its way through the network
+LONGEST = 8192                 # pixels of a side of the input
 FLOATS = {'tensor(float)': np.float32, 'tensor(float16)': np.float16}
 
 
@@ -31,7 +34,7 @@ class Model:
 
     The layout is recognised from the output for one grey image, which also warms the session up. From the metadata come
     `box_padding` (2,), by how many pixels of the input the model's boxes are wider and higher than the objects, and `near`,
-    the longer side in pixels of a second, smaller input for large objects (0 for none).
+    the longer side in pixels of a second, smaller input for large objects (0 for none), and `score_threshold`.
     Raises ModelError for a file that is missing, damaged or no YOLO detector, and for a provider that is not installed.
 
     Parameters:
@@ -46,7 +49,7 @@ class Model:
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
                  layout: str = 'auto', class_names: Sequence[str] = (), input_size: int = 0) -> None:
         self.path = Path(path)
-        self.session = open_session(self.path, providers, threads)
+        self.session = open_session(self.path, providers, threads, folded=False)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         self._refuse_renamed_metadata()
         self._input = self._check_input()
@@ -58,10 +61,15 @@ class Model:
         self.size = (self.longest, self.longest) if self.dynamic_size else tuple(size)
         self.box_padding = self._box_padding()
         self.near = self._near()
+        self.score_threshold = self._score_threshold()
         self._output_name = self.session.get_outputs()[0].name
         output = self._probe()
         self.layout = self._layout(layout, output)
         self.class_names = self._class_names(tuple(class_names), self.layout.class_count(output.shape[1:]))
+        # Constants that onnxruntime computes when it opens a model do not count towards MOST_MEMORY. Those of this model are
+        # known to be small now.
+        self.session = open_session(self.path, providers, threads)
+        self._probe()
 
     def run(self, tensor: NDArray) -> NDArray[np.float32]:
         """Output (n, a, b) of a batch (n, 3, height, width); images are run one by one when the model has no dynamic batch."""
@@ -87,6 +95,8 @@ class Model:
             raise ModelError(f'{self.path} has an input of shape {one.shape}, expected (batch, 3, height, width)')
         if isinstance(one.shape[0], int) and one.shape[0] != 1:
             raise ModelError(f'{self.path} has batches of {one.shape[0]}, expected 1 or a dynamic batch')
+        if any(isinstance(side, int) and not 32 <= side <= LONGEST for side in one.shape[2:]):
+            raise ModelError(f'{self.path} has an input of shape {one.shape}, expected 32 to {LONGEST} pixels')
         return one
 
     def _longest(self, wanted: int, size: list[Any]) -> int:
@@ -96,9 +106,10 @@ class Model:
             return int(max(size))
         if wanted == 0:
             stated: Any = parsed(self.metadata.get('imgsz', '640'))
-            wanted = max(stated) if isinstance(stated, (list, tuple)) else int(stated)
-        if wanted < 32 or wanted % 32:
-            raise ModelError(f'input_size is {wanted}, expected a multiple of 32')
+            sides = stated if isinstance(stated, (list, tuple)) else [stated]
+            wanted = max([side for side in sides if isinstance(side, int)], default=0)
+        if not 32 <= wanted <= LONGEST or wanted % 32:
+            raise ModelError(f'{self.path}: input_size is {wanted}, expected a multiple of 32, at most {LONGEST}')
         return wanted
 
     def _refuse_renamed_metadata(self) -> None:
@@ -110,13 +121,19 @@ class Model:
         given = self.metadata.get('padding', '[0, 0]')
         padding = np.array(parsed(given), object)  # any object; that of a list of two has the shape (2,)
         if padding.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in padding):
-            raise ModelError(f'{self.path} has padding {given!r} in its metadata, expected [width, height], 0 to 100 pixels')
+            raise ModelError(f'{self.path} has padding {shown(given)} in its metadata, expected [width, height] up to 100 pixels')
         return padding.astype(np.float32)
+
+    def _score_threshold(self) -> float:
+        given = parsed(self.metadata.get('score_threshold', '0.25'))
+        if not isinstance(given, (int, float)) or not 0.0 <= given <= 1.0:
+            raise ModelError(f'{self.path} has score_threshold {shown(given)} in its metadata, expected 0 to 1')
+        return float(given)
 
     def _near(self) -> int:
         given = parsed(self.metadata.get('near_imgsz', '0'))
         if not isinstance(given, int) or given < 0 or given % 32:
-            raise ModelError(f'{self.path} has near_imgsz {given!r} in its metadata, expected a multiple of 32')
+            raise ModelError(f'{self.path} has near_imgsz {shown(given)} in its metadata, expected a multiple of 32')
         # Only where the first input is so much larger that the second costs little.
         return given if self.dynamic_size and self.longest >= 3 * given else 0
 
@@ -133,22 +150,37 @@ class Model:
             raise ModelError(f'{self.path}: {error}') from error
 
     def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
-        names = given or names_of(self.metadata)
+        try:
+            names = given or names_of(self.metadata)
+        except ValueError as error:
+            raise ModelError(f'{self.path}: the keys of names in its metadata are no numbers: {one_line(error)}') from error
         if names and count and len(names) != count:
-            raise ModelError(f'{self.path} has {count} classes, but {len(names)} class names are given: {names}')
+            raise ModelError(f'{self.path} has {count} classes, but {len(names)} class names are given: {shown(names)}')
         if not names and count == len(COCO):
             return COCO  # exports without names and with 80 classes are COCO models
         # The output of an end-to-end export does not show the number of classes.
         return names or tuple(f'class_{i}' for i in range(count or 1000))
 
 
-def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxruntime.InferenceSession:
+@cache
+def limit_memory() -> None:
+    """Limit the memory that all sessions of this process take for images and results to MOST_MEMORY.
+
+    A model of some bytes may make any amount of output. Without the limit the kernel may end another process instead.
+    """
+    memory = onnxruntime.OrtMemoryInfo('Cpu', onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0,
+                                       onnxruntime.OrtMemType.DEFAULT)
+    onnxruntime.create_and_register_allocator(memory, onnxruntime.OrtArenaCfg({'max_mem': MOST_MEMORY}))
+
+
+def open_session(path: Path, providers: Sequence[str], threads: int, folded: bool = True) -> onnxruntime.InferenceSession:
     """Open an onnxruntime session; raises ModelError for an unusable file and for a provider that is not installed.
 
     Parameters:
         path: ONNX file.
         providers: execution providers in order of preference.
         threads: number of threads for one image; 0 uses the default of onnxruntime.
+        folded: whether constants are computed now rather than with each image.
     """
     installed = onnxruntime.get_available_providers()
     missing = [provider for provider in providers if provider not in installed]
@@ -163,11 +195,14 @@ def open_session(path: Path, providers: Sequence[str], threads: int) -> onnxrunt
         raise ModelError(f'model {path} is empty (0 bytes)')
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
-    options.log_severity_level = 3
+    options.log_severity_level = 4   # errors are raised; this would print them as well
+    limit_memory()
+    options.add_session_config_entry('session.use_env_allocators', '1')
     # Spinning of idle threads would take processor time from the other nodes.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=list(providers))
+        return onnxruntime.InferenceSession(str(path), options, providers=list(providers),
+                                            disabled_optimizers=[] if folded else ['ConstantFolding'])
     except Exception as error:  # onnxruntime's exceptions have no common base
         raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {one_line(error)}') from error
 
@@ -185,6 +220,6 @@ def parsed(text: str) -> object:
     for parse in (ast.literal_eval, json.loads):
         try:
             return parse(text)
-        except (ValueError, SyntaxError):
+        except (ValueError, SyntaxError, RecursionError, MemoryError):   # nested too deep
             continue
     return None
