@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_common.config_reader import ConfigError
+from av_common.config_reader import LARGEST, LONGEST, ConfigError, number
+from av_common.files import shown
 
 
 @dataclass(frozen=True)
@@ -35,24 +36,20 @@ class Profile:
             content: content of the YAML node.
             key: path of the node, for the error message.
         """
-        table = [[0.0, content]] if _is_number(content) else content
-        if not (isinstance(table, list) and table
-                and all(isinstance(row, list) and len(row) == 2 and all(map(_is_number, row)) for row in table)):
-            raise ConfigError(f'{key}: {content!r}, expected a number or a list of [time, value]')
-        times, values = zip(*table, strict=True)
+        table = content if isinstance(content, list) else [[0.0, content]]
+        if not 0 < len(table) <= LONGEST or not all(isinstance(row, list) and len(row) == 2 for row in table):
+            raise ConfigError(f'{key}: {shown(content)}, expected a number or a list of 1 to {LONGEST} [time, value]')
+        times = tuple(number(row[0], f'{key}[{index}][0]') for index, row in enumerate(table))
+        name = f'{key}[{{}}][1]' if isinstance(content, list) else key
+        values = tuple(number(row[1], name.format(index), bounds={'low': 0}) for index, row in enumerate(table))
         if any(later <= earlier for earlier, later in pairwise(times)):
-            raise ConfigError(f'{key}: times are {list(times)}, expected increasing times')
-        if min(values) < 0:
-            raise ConfigError(f'{key}: {min(values)}, expected 0 or more')
-        return cls(tuple(map(float, times)), tuple(map(float, values)))
+            raise ConfigError(f'{key}: times are {shown(times)}, expected increasing times')
+        return cls(times, values)
 
     @staticmethod
     def yaml_schema() -> dict:
         """JSON Schema of the content that `from_yaml` accepts."""
-        point = {'type': 'array', 'prefixItems': [{'type': 'number'}, {'type': 'number', 'minimum': 0}],
-                 'minItems': 2, 'maxItems': 2}
-        return {'anyOf': [{'type': 'number', 'minimum': 0}, {'type': 'array', 'items': point, 'minItems': 1}]}
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
+        value = {'type': 'number', 'minimum': 0, 'maximum': LARGEST}
+        point = {'type': 'array', 'minItems': 2, 'maxItems': 2,
+                 'prefixItems': [{'type': 'number', 'minimum': -LARGEST, 'maximum': LARGEST}, value]}
+        return {'anyOf': [value, {'type': 'array', 'items': point, 'minItems': 1, 'maxItems': LONGEST}]}

@@ -32,6 +32,7 @@ from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
 SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal}
 SourceSignal = Annotated[Any, SIGNALS]
+FARTHEST = 10_000.0    # m, largest coordinate on a trajectory
 Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
 
 
@@ -103,7 +104,7 @@ class Smoke:
     growth: float = bounded(0.0, low=0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
     begin: float = 0.0
-    end: float = bounded(1e9, above=0.0)
+    end: float = bounded(1e9, above=0.0, high=1e9)
 
     def at(self, time: float) -> Cloud | None:
         """The cloud at a time (s), None outside its interval."""
@@ -182,7 +183,7 @@ class Scenario:
     """
 
     name: str
-    targets: tuple[Target, ...]
+    targets: tuple[Target, ...] = bounded(longest=100)
     duration: float = bounded(60.0, above=0.0, high=86_400.0)
     seed: int = bounded(1, low=0)
     description: str = ''
@@ -199,13 +200,18 @@ class Scenario:
     def __post_init__(self) -> None:
         if not self.targets:
             raise ValueError('targets: none, expected at least one')
+        if self.noise.snr is not None and self.noise.snr.source >= len(self.targets):
+            raise ValueError(f'noise.snr.source: {self.noise.snr.source}, expected less than the {len(self.targets)} targets')
         _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)
         trajectories = {'rig': self.rig.trajectory} | {f'targets[{k}]': each.trajectory for k, each in enumerate(self.targets)}
         for key, trajectory in trajectories.items():
+            farthest = np.abs(trajectory(times)).max()
+            if not farthest <= FARTHEST:
+                raise ValueError(f'{key}.trajectory: {farthest:.3g} m from the origin, expected at most {FARTHEST:g} m')
             speed = np.linalg.norm(velocity(trajectory, times), axis=1)
-            if speed.max() > fastest:
+            if not speed.max() <= fastest:
                 raise ValueError(f'{key}.trajectory: {speed.max():.0f} m/s at {times[speed.argmax()]:.1f} s, '
                                  f'expected at most {fastest:.0f} m/s ({FASTEST} of the speed of sound)')
 

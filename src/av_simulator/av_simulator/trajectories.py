@@ -62,7 +62,7 @@ class Circle:
 
     center: Vector
     radius: float = bounded(10.0, above=0.0)
-    period: float = 60.0
+    period: float = bounded(60.0, low=-1e5, high=1e5)
     start_deg: float = 0.0
     radius_swing: float = bounded(0.0, low=0.0)
     radius_period: float = bounded(20.0, above=0.0)
@@ -117,7 +117,7 @@ class FigureEight:
 class Waypoints:
     """A cubic spline through points [time (s), x, y, z (m)], at rest before the first and after the last point."""
 
-    points: tuple[tuple[float, float, float, float], ...]
+    points: tuple[tuple[float, float, float, float], ...] = bounded(longest=10_000)
 
     def __post_init__(self) -> None:
         if len(self.points) < 2:
@@ -181,7 +181,7 @@ class RandomFlight:
     center: Vector
     extent: Vector = (10.0, 10.0, 2.0)
     period: float = bounded(12.0, above=0.0)
-    seed: int = 1
+    seed: int = bounded(1, low=0)
 
     def __call__(self, times: ArrayLike) -> NDArray:
         """Positions (k, 3) at times (k,)."""

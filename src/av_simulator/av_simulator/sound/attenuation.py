@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
+
 _NEAREST_M = 0.1
 _CURVES = ('spherical', 'linear', 'logarithmic', 'inverse', 'table')
 
@@ -32,7 +34,7 @@ class Attenuation:
     inner_m: float = 1.0
     outer_m: float = 200.0
     distances_m: Sequence[float] = ()
-    gains: Sequence[float] = ()
+    gains: Sequence[float] = bounded((), low=0.0, high=1e3)
 
     def __post_init__(self) -> None:
         if self.curve not in _CURVES:

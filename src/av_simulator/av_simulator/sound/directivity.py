@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
+
 # Unit vectors (n, 3) from the source in ENU, frequencies (Hz, (F,)), time of emission (s) -> amplitude factors (n, F).
 Directivity = Callable[[NDArray, NDArray, float], NDArray]
 
@@ -25,9 +27,9 @@ class RotorDirectivity:
         meet_hz (Hz): frequency of the transition.
     """
 
-    tone_axis_db: float = -6.0
-    noise_side_db: float = -6.0
-    meet_hz: float = 800.0
+    tone_axis_db: float = bounded(-6.0, low=-200.0, high=200.0)
+    noise_side_db: float = bounded(-6.0, low=-200.0, high=200.0)
+    meet_hz: float = bounded(800.0, above=0.0)
 
     def __call__(self, directions: NDArray, frequency_hz: NDArray, time_s: float) -> NDArray:
         """See Directivity."""

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
 from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate
 from av_simulator.sound.rotor import RotorSignal
 from av_simulator.sound.stream import CHUNK, Stream
@@ -27,8 +28,8 @@ class EgoRotors:
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'voice': 'signal'}
 
     signal: RotorSignal
-    rotors: Sequence[Sequence[float]]
-    microphones: Sequence[Sequence[float]] = ()
+    rotors: Sequence[Sequence[float]] = bounded(low=-100.0, high=100.0)
+    microphones: Sequence[Sequence[float]] = bounded((), low=-100.0, high=100.0)
 
     def __post_init__(self) -> None:
         if np.shape(self.rotors) != (len(self.signal.rotor_hz), 3):

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import wofz
 
+from av_common.config_reader import bounded
+
 # Effective flow resistivity in Pa s/m^2 (Attenborough, Li and Horoshenkov, Predicting Outdoor Sound, 2007, chapter 3; rounded).
 FLOW_RESISTIVITY = {
     'snow': 10e3, 'forest': 40e3, 'grass': 200e3, 'soil': 500e3, 'gravel': 1e6, 'asphalt': 20e6, 'concrete': 100e6,
@@ -25,7 +27,7 @@ class Ground:
     """
 
     surface: str = 'grass'
-    flow_resistivity: float | None = None
+    flow_resistivity: float | None = bounded(None, low=1e3, high=1e9)
     height_m: float = 0.0
 
     def __post_init__(self) -> None:

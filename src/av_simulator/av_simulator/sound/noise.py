@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
 from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.fields import corcos, diffuse, field_noise, horizontal
 from av_simulator.sound.levels import spl_to_pascal
@@ -32,10 +33,10 @@ class Snr:
         band_hz (Hz): lower and upper end of the band.
     """
 
-    ratio_db: float
-    distance_m: float = 10.0
-    source: int = 0
-    band_hz: tuple[float, float] = (200.0, 4000.0)
+    ratio_db: float = bounded(low=-200.0, high=200.0)
+    distance_m: float = bounded(10.0, above=0.0)
+    source: int = bounded(0, low=0, high=99)
+    band_hz: tuple[float, float] = bounded((200.0, 4000.0), above=0.0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -48,12 +49,12 @@ class Wind:
         gusts: relative RMS variation of the speed, at frequencies up to 1 Hz.
     """
 
-    velocity: Sequence[float] = (5.0, 0.0, 0.0)
-    level_db_spl: float | None = None
-    gusts: float = 0.25
+    velocity: Sequence[float] = bounded((5.0, 0.0, 0.0), low=-100.0, high=100.0, longest=3)
+    level_db_spl: float | None = bounded(None, low=-200.0, high=200.0)
+    gusts: float = bounded(0.25, low=0.0, high=10.0)
 
     def __post_init__(self) -> None:
-        if not np.linalg.norm(self.velocity) > 0.0:
+        if len(self.velocity) != 3 or not np.linalg.norm(self.velocity) > 0.0:
             raise ValueError(f'wind velocity is {list(self.velocity)}, expected a speed above 0 (omit wind for calm air)')
 
     def stream(self, sample_rate: int, layout: NDArray, key: Sequence[int]) -> Stream:
@@ -89,11 +90,11 @@ class Noise:
 
     RENAMED_KEYS: ClassVar[dict[str, str]] = {'own_rotors': 'ego_rotors'}
 
-    self_noise_db_spl: float | None = 30.0
+    self_noise_db_spl: float | None = bounded(30.0, low=-200.0, high=200.0)
     wind: Wind | None = None
-    urban_db_spl: float | None = None
-    urban_swing_db: float = 3.0
-    diffuse_db_spl: float | None = None
+    urban_db_spl: float | None = bounded(None, low=-200.0, high=200.0)
+    urban_swing_db: float = bounded(3.0, low=0.0, high=100.0)
+    diffuse_db_spl: float | None = bounded(None, low=-200.0, high=200.0)
     ego_rotors: EgoRotors | None = None
     snr: Snr | None = None
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, rfft
 
+from av_common.config_reader import bounded
 from av_simulator.sound.delays import BlockGrid, along_block, retarded_delay
 from av_simulator.sound.fields import diffuse, field_noise
 from av_simulator.sound.interpolation import AFTER, BEFORE, interpolate, kernels
@@ -17,6 +18,7 @@ from av_simulator.sound.medium import Medium
 from av_simulator.sound.source import Source
 from av_simulator.sound.stream import Stream
 
+NARROWEST = 0.1  # m, least extent of a zone or a room
 _PRE_DELAY_S = 0.02  # s, start of the late reverberation; earlier reflections are computed as rays
 _ALIKE_M = 0.1  # m, correlation length of the response along the motion, that of a diffuse field at 1 kHz
 
@@ -36,18 +38,19 @@ class ReverbZone:
         edge_m (m): distance from the box over which the reverberation fades in.
     """
 
-    minimum: Sequence[float]
-    maximum: Sequence[float]
-    decay_s: float = 1.0
-    gain_db: float | None = None
-    density: float = 2000.0
-    diffusion: float = 0.7
-    edge_m: float = 1.0
+    minimum: Sequence[float] = bounded(longest=3)
+    maximum: Sequence[float] = bounded(longest=3)
+    decay_s: float = bounded(1.0, low=0.05, high=20.0)
+    gain_db: float | None = bounded(None, low=-200.0, high=200.0)
+    density: float = bounded(2000.0, low=1.0, high=1e5)
+    diffusion: float = bounded(0.7, low=0.0, high=1.0)
+    edge_m: float = bounded(1.0, above=0.0)
 
     def __post_init__(self) -> None:
-        if not np.all(np.less(self.minimum, self.maximum)):
+        if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
             raise ValueError(f'zone minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
-                             'expected minimum < maximum')
+                             'expected x, y, z, '
+                             f'minimum < maximum by at least {NARROWEST} m')
         for name, value, low, high in (('decay_s', self.decay_s, 0.05, 20.0), ('density', self.density, 1.0, 1e5),
                                        ('diffusion', self.diffusion, 0.0, 1.0)):
             if not low <= value <= high:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import firwin
 
+from av_common.config_reader import bounded
 from av_simulator.sound.delays import Position
 from av_simulator.sound.levels import db_to_ratio, spl_to_pascal
 from av_simulator.sound.stream import CHUNK, SIGNAL_CHUNKS, Stream, filtered, white_noise
@@ -68,18 +69,18 @@ class RotorSignal:
         speed: speeds relative to `rotor_hz` as a function of time, None for `follow`.
     """
 
-    rotor_hz: Sequence[float] = (92.0, 94.5, 90.5, 96.0)
-    blades: int = 2
-    tone_db_spl: float = 72.0
-    harmonics_db: Sequence[float] = (0.0, -3.0, -6.0, -7.0, -9.0, -11.0)
-    rolloff_db: float = 1.0
-    harmonics: int = 30
-    imbalance_db: float = -20.0
-    jitter: float = 0.004
-    jitter_hz: float = 12.0
-    broadband_db_spl: float = 70.0
-    broadband_hz: tuple[float, float] = (400.0, 7000.0)
-    modulation: float = 0.3
+    rotor_hz: Sequence[float] = bounded((92.0, 94.5, 90.5, 96.0), above=0.0, high=1000.0, longest=32)
+    blades: int = bounded(2, low=1, high=20)
+    tone_db_spl: float = bounded(72.0, low=-200.0, high=200.0)
+    harmonics_db: Sequence[float] = bounded((0.0, -3.0, -6.0, -7.0, -9.0, -11.0), low=-200.0, high=200.0)
+    rolloff_db: float = bounded(1.0, low=0.0, high=200.0)
+    harmonics: int = bounded(30, low=1, high=1000)
+    imbalance_db: float = bounded(-20.0, low=-200.0, high=200.0)
+    jitter: float = bounded(0.004, low=0.0, high=0.1)
+    jitter_hz: float = bounded(12.0, above=0.0, high=1000.0)
+    broadband_db_spl: float = bounded(70.0, low=-200.0, high=200.0)
+    broadband_hz: tuple[float, float] = bounded((400.0, 7000.0), above=0.0, high=1e6)
+    modulation: float = bounded(0.3, low=0.0, high=1.0)
     follow: bool = True
     speed: Speed | None = None
 
@@ -88,6 +89,10 @@ class RotorSignal:
             raise ValueError(f'rotor_hz is {self.rotor_hz}, expected a positive speed (Hz) for each rotor')
         if self.blades < 1:
             raise ValueError(f'blades is {self.blades}, expected 1 or more')
+        if not len(self.harmonics_db):
+            raise ValueError('harmonics_db is empty, expected the level of the first harmonic at least')
+        if self.blades * self.harmonics > _TABLE // 2:
+            raise ValueError(f'harmonics is {self.harmonics}, expected at most {_TABLE // 2} over {self.blades} blades')
         low, high = self.broadband_hz
         if not 0.0 < low < high:
             raise ValueError(f'broadband_hz is {self.broadband_hz}, expected two increasing positive frequencies')

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import numpy as np
 
+from av_common.config_reader import bounded
 from av_simulator.sound.ground import Ground
 from av_simulator.sound.materials import Absorption, reflection_factor
 from av_simulator.sound.obstacles import OBSTACLES, Obstacle
-from av_simulator.sound.reverberation import ReverbZone
+from av_simulator.sound.reverberation import NARROWEST, ReverbZone
 
 
 @dataclass(frozen=True)
@@ -25,16 +26,17 @@ class Room:
         order: maximum number of reflections of a ray.
     """
 
-    minimum: Sequence[float]
-    maximum: Sequence[float]
+    minimum: Sequence[float] = bounded(longest=3)
+    maximum: Sequence[float] = bounded(longest=3)
     absorption: Absorption = (0.2,)
     wall_absorption: Sequence[Absorption] | None = None
-    order: int = 2
+    order: int = bounded(2, low=0, high=8)
 
     def __post_init__(self) -> None:
-        if not np.all(np.less(self.minimum, self.maximum)):
+        if not len(self.minimum) == len(self.maximum) == 3 or np.subtract(self.maximum, self.minimum).min() < NARROWEST:
             raise ValueError(f'room minimum is {list(self.minimum)} and maximum {list(self.maximum)}, '
-                             'expected minimum < maximum')
+                             'expected x, y, z, '
+                             f'minimum < maximum by at least {NARROWEST} m')
         if self.order < 0:
             raise ValueError(f'room order is {self.order}, expected 0 or more')
         if len(self.walls) != 6:

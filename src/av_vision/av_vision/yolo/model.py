@@ -121,7 +121,7 @@ class Model:
         given = self.metadata.get('padding', '[0, 0]')
         padding = np.array(parsed(given), object)  # any object; that of a list of two has the shape (2,)
         if padding.shape != (2,) or not all(isinstance(one, (int, float)) and 0 <= one <= 100 for one in padding):
-            raise ModelError(f'{self.path} has padding {shown(given)} in its metadata, expected [width, height] up to 100 pixels')
+            raise ModelError(f'{self.path} has padding {shown(given)} in its metadata, expected [width, height] to 100 pixels')
         return padding.astype(np.float32)
 
     def _score_threshold(self) -> float:
