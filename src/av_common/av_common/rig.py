@@ -26,7 +26,7 @@ class Mount:
         rpy_deg (degrees): fixed-axis roll, pitch, yaw of the rotation from this frame to the body's.
     """
 
-    position: Vector = bounded((0.0, 0.0, 0.0), low=-100.0, high=100.0)
+    position: Vector = (0.0, 0.0, 0.0)
     rpy_deg: Vector = (0.0, 0.0, 0.0)
 
     @cached_property
