@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.config_reader import bounded
 from av_simulator.sound.materials import Absorption, reflection_factor
 
 _GAP_M = 0.05  # m, height of the bottom edge below which there is no path under an obstacle
@@ -64,8 +65,8 @@ class Box(Obstacle):
         reflects: whether the faces reflect sound.
     """
 
-    center: Sequence[float]
-    size: Sequence[float]
+    center: Sequence[float] = bounded(low=-1e4, high=1e4, longest=3)
+    size: Sequence[float] = bounded(low=0.0, high=1e4, longest=3)
     yaw_deg: float = 0.0
     absorption: Absorption = (0.1,)
     reflects: bool = True
@@ -105,8 +106,8 @@ class Trunk(Obstacle):
         top, bottom (m): z of the ends.
     """
 
-    center: Sequence[float]
-    radius: float = 0.2
+    center: Sequence[float] = bounded(low=-1e4, high=1e4, longest=2)
+    radius: float = bounded(0.2, above=0.0, high=1e3)
     top: float = 10.0
     bottom: float = 0.0
 

@@ -38,8 +38,8 @@ class ReverbZone:
         edge_m (m): distance from the box over which the reverberation fades in.
     """
 
-    minimum: Sequence[float] = bounded(longest=3)
-    maximum: Sequence[float] = bounded(longest=3)
+    minimum: Sequence[float] = bounded(low=-1e4, high=1e4, longest=3)
+    maximum: Sequence[float] = bounded(low=-1e4, high=1e4, longest=3)
     decay_s: float = bounded(1.0, low=0.05, high=20.0)
     gain_db: float | None = bounded(None, low=-200.0, high=200.0)
     density: float = bounded(2000.0, low=1.0, high=1e5)

@@ -26,8 +26,8 @@ class Room:
         order: maximum number of reflections of a ray.
     """
 
-    minimum: Sequence[float] = bounded(longest=3)
-    maximum: Sequence[float] = bounded(longest=3)
+    minimum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
+    maximum: Sequence[float] = bounded(low=-1e3, high=1e3, longest=3)
     absorption: Absorption = (0.2,)
     wall_absorption: Sequence[Absorption] | None = None
     order: int = bounded(2, low=0, high=8)
