@@ -27,6 +27,7 @@ setup(
     entry_points={
         'console_scripts': [
             'monitor_node = av_evaluation.nodes.monitor_node:main',
+            'attack = av_evaluation.cli.attack:main',
             'benchmark = av_evaluation.cli.benchmark:main',
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from random import Random
 
 from av_common.track import State, Track
+from av_evaluation.metrics.command_limits import CommandLimits
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
-from av_pointing.controller import Ages, Command, PointingController
+from av_pointing.controller import Ages, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
 STEP = 0.02
-TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Sequence:
         self._pointing, self._ages = PointingController(), Ages()
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])
-        self._before: Command | None = None
+        self._limits = CommandLimits(self._pointing.settings)
         self._sent: list[DoaMeasurement | CameraMeasurement] = []
 
     def run(self, messages: int = 20) -> Broken | None:
@@ -89,7 +89,7 @@ class Sequence:
 
     def _check(self, elapsed: float) -> str:
         """The fault of track or command after a step of `elapsed` (s), '' for none."""
-        track, command, settings = self._track, self._command, self._pointing.settings
+        track, command = self._track, self._command
         if track.state != State.NONE and not all(map(math.isfinite, (
                 track.azimuth, track.azimuth_world, track.azimuth_world_rate, track.azimuth_variance, track.front_probability,
                 track.elevation))):
@@ -100,18 +100,7 @@ class Sequence:
             return f'requested rotation {track.requested_rotation}'
         if command.yaw_rate != 0.0 and not self._ages.body_left > 0.0:
             return f'the body moves by old data: {self._ages}'
-        axes = (('pan', command.pan, command.pan_rate, settings.pan), ('tilt', command.tilt, command.tilt_rate, settings.tilt),
-                ('yaw', 0.0, command.yaw_rate, settings.yaw))
-        before, self._before = self._before, command
-        for name, angle, rate, limits in axes:
-            if not (math.isfinite(angle) and math.isfinite(rate)):
-                return f'{name} is not finite: {command}'
-            if not (limits.lower - TOLERANCE <= angle <= limits.upper + TOLERANCE and abs(rate) <= limits.rate + TOLERANCE):
-                return f'{name} is out of its limits: {command}'
-            change = 0.0 if before is None else abs(rate - getattr(before, f'{name}_rate'))
-            if change > limits.acceleration * elapsed + TOLERANCE:
-                return f'{name} accelerates by {change:.3g} rad/s in {elapsed:.3g} s'
-        return ''
+        return self._limits.check(command, elapsed)
 
     def _send(self, message: DoaMeasurement | CameraMeasurement) -> None:
         self._sent.append(message)

@@ -1,0 +1,82 @@
+"""Whether bearings are true: resolved, and near the target's true direction."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from nav_msgs.msg import Odometry
+
+from av_common.angles import wrap
+from av_common.frames import attitude_of, yaw_of
+from av_common.stamps import to_seconds
+from av_interfaces.msg import Bearing
+
+LARGEST_ERROR = math.radians(5.0)
+STEADY = 0.5              # s during which all bearings are true before tracking counts as back
+LARGEST_GAP = 0.3         # s between bearings
+FARTHEST_TRUTH = 0.1      # s from a bearing to the truth that it is compared with
+
+
+class BearingCheck:
+    """Compares bearings with the truth. Times are in s of the system's clock."""
+
+    DELAY = 0.2   # s after which a bearing is compared: the truth of its stamp has arrived by then
+
+    def __init__(self) -> None:
+        self._truth: dict[str, deque[tuple[float, float, float, float]]] = {
+            'rig': deque(maxlen=400), 'target': deque(maxlen=400)}
+        self._waiting: deque[tuple[float, Bearing]] = deque(maxlen=1000)
+        self._verdicts: deque[tuple[float, bool]] = deque(maxlen=6000)
+
+    def on_truth(self, name: str, message: Odometry) -> None:
+        """The true state of `rig` or `target`."""
+        position, orientation = message.pose.pose.position, message.pose.pose.orientation
+        self._truth[name].append((to_seconds(message.header.stamp), position.x, position.y, yaw_of(attitude_of(orientation))))
+
+    def on_bearing(self, message: Bearing, now: float) -> None:
+        """A bearing, and the time (s) of its arrival."""
+        self._waiting.append((now, message))
+
+    def judge(self, now: float) -> None:
+        """Compare the bearings that arrived long enough before `now` (s)."""
+        while self._waiting and self._waiting[0][0] < now - self.DELAY:
+            time, message = self._waiting.popleft()
+            self._verdicts.append((time, self._is_true(message)))
+
+    def forget_truth(self) -> None:
+        """Drop what an attack may have said about the truth."""
+        for rows in self._truth.values():
+            rows.clear()
+        self._waiting.clear()
+
+    def recovered(self, since: float) -> float | None:
+        """Time (s) after `since` from which on bearings are true for half a second; None where they are not yet."""
+        start: float | None = None
+        before = math.nan
+        for time, true in self._verdicts:
+            if time < since:
+                continue
+            if not true or time - before > LARGEST_GAP:
+                start = None
+            if true and start is None:
+                start = time
+            before = time
+            if start is not None and time - start >= STEADY:
+                return start - since
+        return None
+
+    def share(self, begin: float, end: float) -> float:
+        """Share of true bearings (0 to 1) between two times (s); 0 without any."""
+        chosen = [true for time, true in self._verdicts if begin <= time <= end]
+        return sum(chosen) / max(len(chosen), 1)
+
+    def _is_true(self, message: Bearing) -> bool:
+        if message.state == Bearing.STATE_NONE or not message.resolved or not math.isfinite(message.azimuth):
+            return False
+        stamp = to_seconds(message.header.stamp)
+        rig, target = (min(rows, key=lambda row: abs(row[0] - stamp), default=None) for rows in self._truth.values())
+        if rig is None or target is None or max(abs(rig[0] - stamp), abs(target[0] - stamp)) > FARTHEST_TRUTH:
+            return False
+        azimuth = math.atan2(target[2] - rig[2], target[1] - rig[1]) - rig[3]
+        return abs(float(wrap(message.azimuth - azimuth))) < LARGEST_ERROR

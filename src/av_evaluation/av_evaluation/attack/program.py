@@ -1,0 +1,266 @@
+"""Runs attacks on a rig, one after the other, until the time is over, and judges each."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from random import Random
+
+from av_evaluation.attack.attacks import ATTACKS, PROCESS_ATTACKS, Arena, victims
+from av_evaluation.attack.network import OtherHost, is_inside
+from av_evaluation.attack.rig import Memory, Rig, free_domain, growth
+from av_evaluation.attack.verdicts import Result, sent_by_target, table, verdicts
+from av_evaluation.attack.worker import Worker, WorkerError
+
+GOAL = 100_000             # messages to each topic and datagrams to each port in an hour
+MESSAGE_ATTACKS = 3.5      # of one round, which send to every topic
+DATAGRAM_ATTACKS = 3.5     # of one round, which send to every port
+SHORTEST, LONGEST = 3.0, 40.0   # s of one attack
+OVERHEAD = 4.0             # s between attacks
+MOST_RATE = 400.0          # Hz for each topic and each port
+START = 90.0               # s in which the rig must track
+PATIENCE = 12.0            # s for which tracking is awaited after an attack
+SETTLE = 11.0              # s of tracking before the first attack
+# Cyclone DDS would choose the cable to the other host.
+LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
+ARGUMENTS = ('scenario:=circle',)
+
+
+@dataclass(frozen=True)
+class Options:
+    """What to run.
+
+    Parameters:
+        minutes: duration of all attacks.
+        out: folder for the table, the data and what the rig prints.
+        only: names of attacks, empty for all.
+        seed: of all random values.
+        offset: of the rig's UDP ports.
+        arguments: further launch arguments.
+    """
+
+    minutes: float
+    out: Path
+    only: tuple[str, ...] = ()
+    seed: int = 0
+    offset: int = 0
+    arguments: tuple[str, ...] = ()
+
+    @property
+    def seconds(self) -> float:
+        """Duration of one attack: all kinds have their turn."""
+        return min(max(60.0 * self.minutes / (2.0 * len(ATTACKS)) - OVERHEAD, SHORTEST), LONGEST)
+
+    @property
+    def victims(self) -> int:
+        """Processes that are killed, and stopped, in one round."""
+        return 1 if self.minutes < 3.0 else 3
+
+
+class Program:
+    """The attacks on one rig.
+
+    Parameters:
+        options: what to run.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self._options, self._random = options, Random(options.seed)
+        self._results: list[Result] = []
+        self._first: Memory = {}    # before the first attack on each process, and after the last
+        self._last: Memory = {}
+        self._opened = ExitStack()
+        self._next_victims: dict[str, list[str]] = {kind: [] for kind in PROCESS_ATTACKS}
+
+    def run(self) -> int:
+        """Attack, print and write the results; returns 1 where a verdict fails."""
+        options = self._options
+        options.out.mkdir(parents=True, exist_ok=True)
+        with self._opened:
+            self._open()
+            if not self._tracks(time.time() - 5.0, START):
+                print(f'attack: the rig does not track without an attack, see {options.out / "rig.log"}', file=sys.stderr)
+                return 1
+            print(f'topics: {" ".join(self._arena.messages.call("find"))}', flush=True)
+            time.sleep(SETTLE)
+            self._begun = time.monotonic()
+            with suppress(KeyboardInterrupt):
+                for kind, name in self._plan():
+                    self._attack(kind, name)
+            return self._report()
+
+    def _open(self) -> None:
+        options, opened = self._options, self._opened
+        environment = {'ROS_DOMAIN_ID': str(free_domain()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                       'CYCLONEDDS_URI': LOOPBACK_ONLY}
+        other_host = self._other_host()
+        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.arguments)]
+        given = [*defaults, f'record:={self._bag()}', f'port_offset:={options.offset}', *options.arguments]
+        rig = Rig(given, options.out / 'rig.log', environment)
+        opened.callback(rig.close)
+        workers = [Worker(module, environment) for module in ('observer', 'messages', 'datagrams')]
+        for worker in workers:
+            opened.callback(worker.close)
+        hours = options.minutes / 60.0
+        rounds = max(60.0 * options.minutes / self._round_seconds(), 1.0)
+        rates = [min(GOAL * hours / (rounds * attacks * options.seconds), MOST_RATE)
+                 for attacks in (MESSAGE_ATTACKS, DATAGRAM_ATTACKS)]
+        self._arena = Arena(rig, *workers, other_host, options.offset, options.seconds, *rates, self._random)
+
+    def _bag(self) -> Path:
+        """A bag that the recorder writes during the attacks, in a folder that is removed with it."""
+        folder = tempfile.mkdtemp(prefix='attack_')
+        self._opened.callback(shutil.rmtree, folder, ignore_errors=True)
+        return Path(folder) / 'rig_%H%M%S.mcap'
+
+    def _round_seconds(self) -> float:
+        options = self._options
+        return len(ATTACKS) * (options.seconds + OVERHEAD) + len(PROCESS_ATTACKS) * options.victims * 2.0 * OVERHEAD
+
+    def _other_host(self) -> Worker | None:
+        if not is_inside():
+            return None
+        try:
+            host = OtherHost()
+        except (OSError, subprocess.SubprocessError) as error:
+            print(f'attack: no other host: {error}', file=sys.stderr)
+            return None
+        self._opened.callback(host.close)
+        worker = Worker('datagrams', prefix=host.prefix)
+        self._opened.callback(worker.close)
+        return worker
+
+    def _plan(self) -> Iterator[tuple[str, str]]:
+        """Kinds of attacks with the process that they concern, round after round until the time is over."""
+        end = self._begun + 60.0 * self._options.minutes
+        kinds = [kind for kind in (*ATTACKS, *PROCESS_ATTACKS) if not self._options.only or kind in self._options.only]
+        if self._arena.other_host is None and 'another host' in kinds:
+            kinds.remove('another host')
+        while True:
+            for kind in kinds:
+                names = self._victims(kind) if kind in PROCESS_ATTACKS else ['']
+                for name in names:
+                    if time.monotonic() > end:
+                        return
+                    yield kind, name
+
+    def _victims(self, kind: str) -> list[str]:
+        """The next processes, each in its turn."""
+        chosen = []
+        for _ in range(self._options.victims):
+            if not self._next_victims[kind]:
+                self._next_victims[kind] = victims(self._arena.rig)
+                self._random.shuffle(self._next_victims[kind])
+            chosen += self._next_victims[kind][:1]
+            del self._next_victims[kind][:1]
+        return chosen
+
+    def _attack(self, kind: str, name: str) -> None:
+        arena = self._arena
+        result = Result(' '.join(filter(None, (kind, name))))
+        deaths, begun = len(arena.rig.deaths), time.monotonic()
+        before = arena.rig.measure()
+        self._first = before | self._first
+        arena.observer.call('begin')
+        try:
+            if kind in ATTACKS:
+                ATTACKS[kind](arena, result)
+            else:
+                PROCESS_ATTACKS[kind](arena, result, name)
+        except KeyError as error:
+            result.faults.append(f'{error} does not run')
+        result.seconds = time.monotonic() - begun
+        self._judge(result, kind)
+        result.growth = growth(before, self._measure())
+        result.deaths = [f'{name} at {moment:.1f}' for moment, name in arena.rig.deaths[deaths:]]
+        self._results.append(result)
+        self._show(result)
+        if result.recovery is None or arena.rig.ended:
+            arena.rig.restart()
+            self._tracks(time.time(), START)
+            arena.observer.call('forget')
+
+    def _judge(self, result: Result, kind: str) -> None:
+        """Restore what a permitted peer changed, wait for tracking, and collect what was observed."""
+        arena, end = self._arena, time.time()
+        if kind in ('lifecycle requests', 'parameter requests', 'disabled'):
+            for name in arena.messages.call('restore', timeout=60.0):
+                with suppress(KeyError, ProcessLookupError):    # shut down by request: only a new process can be active
+                    arena.rig.signal(name.rpartition('/')[2], signal.SIGKILL)
+                    result.diagnostics[name] = 'killed after its shutdown was requested'
+            end = time.time()
+        arena.observer.call('quiet')
+        result.recovery = self._tracks(end, PATIENCE)
+        found = arena.observer.call('findings')
+        for key in ('commands', 'bad', 'moves', 'bad_count', 'move_count', 'largest_yaw_rate'):
+            setattr(result, key, found[key])
+        result.diagnostics |= found['diagnostics']
+
+    def _measure(self) -> Memory:
+        now = self._arena.rig.measure()
+        self._last |= now
+        return now
+
+    def _tracks(self, since: float, timeout: float) -> float | None:
+        """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
+        deadline = time.time() + timeout
+        while time.time() < deadline:
+            recovered = self._arena.observer.call('recovered', since=since)
+            if recovered is not None:
+                return float(recovered)
+            if self._arena.rig.ended:
+                return None
+            time.sleep(0.2)
+        return None
+
+    def _show(self, result: Result) -> None:
+        spent, load = time.monotonic() - self._begun, os.getloadavg()[0]
+        back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
+        print(f'{spent:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} deaths, '
+              f'{result.bad_count} bad commands, {result.move_count} wrong moves, memory {result.largest_growth:+.1f} MiB, '
+              f'tracking back: {back} (load {load:.0f})', flush=True)
+        for fault in (*result.deaths, *result.bad[:2], *result.moves[:2], *result.faults):
+            print(f'         {fault}', flush=True)
+
+    def _report(self) -> int:
+        failed = verdicts(self._results, growth(self._first, self._last))
+        sent = sent_by_target(self._results)
+        lines = [table(self._results), '', '| verdict | |', '|---|---|']
+        lines += [f'| {verdict} | {"holds" if not reasons else "FAILED: " + "; ".join(reasons[:5])} |'
+                  for verdict, reasons in failed.items()]
+        lines += ['', 'Sent: ' + ', '.join(f'{target} {count:,}' for target, count in sorted(sent.items())) + '.']
+        text = '\n'.join(lines)
+        print(f'\n{text}', flush=True)
+        (self._options.out / 'table.md').write_text(text + '\n')
+        data = {'options': {**asdict(self._options), 'out': str(self._options.out)}, 'verdicts': failed, 'sent': sent,
+                'results': [asdict(result) for result in self._results], 'load': os.getloadavg(), 'cores': os.cpu_count(),
+                'processes': self._processes()}
+        (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
+        return 1 if any(failed.values()) or not self._results else 0
+
+    def _processes(self) -> list[dict[str, object]]:
+        """Memory, threads and descriptors of each process before its first attack and after its last."""
+        return [{'name': name, 'pid': process_id, 'first': asdict(self._first[process_id][1]), 'last': asdict(last)}
+                for process_id, (name, last) in self._last.items() if process_id in self._first]
+
+
+def attack(options: Options) -> int:
+    """Run the attacks; returns the exit code: 0, 1 where a verdict fails, 2 where the attack itself failed."""
+    if not math.isfinite(options.minutes) or options.minutes <= 0.0:
+        raise ValueError(f'minutes is {options.minutes}, expected a positive number')
+    try:
+        return Program(options).run()
+    except WorkerError as error:
+        print(f'attack: {error}', file=sys.stderr)
+        return 2
