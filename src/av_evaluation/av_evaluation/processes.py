@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-MARK = 'AV_RIG_RUN'
+MARK = 'AV_MARKED_RUN'   # no other program's: the launch has a variable of its own, AV_RIG_RUN
 MIB = 1 / 1024   # per KiB
 NODE_NAME = '__node:='
 INTERPRETERS = ('python', 'bash', 'sh')

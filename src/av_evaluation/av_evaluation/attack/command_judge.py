@@ -14,6 +14,7 @@ MOTION_LIFETIME = 0.3    # s after the arrival of the newest measurement
 SLACK = 0.1              # s that a message may take through the middleware
 LONGEST_STEP = 1.0       # s; commands may be lost on the way to the observer
 ROUNDING = 1e-4          # of float32
+JITTER = 0.03            # s between the two clocks that give a command's stamp and its motion, read one after the other
 MOST_KEPT = 20
 
 
@@ -46,7 +47,7 @@ class CommandJudge:
     DELAY = 0.5   # s after which a command is judged: what was published before it has arrived by then
 
     def __init__(self, settings: PointingSettings) -> None:
-        self._limits = CommandLimits(settings, ROUNDING)
+        self._limits = CommandLimits(settings, ROUNDING, JITTER)
         self._waiting: deque[tuple[float, float, PointingCommand]] = deque()
         self._arrivals: dict[str, deque[float]] = {'measurement': deque(maxlen=2000), 'odometry': deque(maxlen=2000)}
         self._still_from = math.inf

@@ -110,7 +110,7 @@ def genuine(name: str, number: int, moment: float, values: HostileValues) -> byt
         start = random.choice((0, 10**12, 2**62, int(1e3 * time.time())))
         return encode_time_sync(TimeSync(1, start, start + 1000 * number, number))
     if name == 'control' and random.random() < 0.7:
-        return encode_rig_control(RigControl(number, 1, random.choice((0.7, -0.7, 1e9)), 0.0, 0.0))
+        return encode_rig_control(RigControl(number, 1, random.choice((0.7, -0.7, 99.0)), 0.0, 0.0))
     truth = VehicleTruth(1 if name != 'target_truth' else 2, 3, moment, np.array([random.uniform(-20, 20), 0.0, -2.0]),
                          np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(8))
     if random.random() < 0.1:

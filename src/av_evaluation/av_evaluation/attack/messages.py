@@ -24,6 +24,7 @@ NAME = 'attack_messages'
 OWN = (NAME, observer.NAME)
 COMMAND = '/pointing/command'
 ALWAYS = {'/clock': 'rosgraph_msgs/msg/Clock', '/tf': 'tf2_msgs/msg/TFMessage'}
+HEADER = 4                 # bytes of any serialized message
 MOST_TEMPLATE = 100_000    # bytes; larger messages would make the load of the machine the attack
 # s by which a stamp jumps
 JUMPS = (1e-3, -1e-3, 0.05, -0.05, 0.4, -0.4, 1.0, -1.0, 10.0, -10.0, 1e3, -1e3, 1e6, -1e6, 2e9, -2e9)
@@ -138,10 +139,10 @@ def typed(target: Target, values: HostileValues) -> Any:
 
 
 def malformed(target: Target, values: HostileValues) -> bytes:
-    """A serialized message that is damaged."""
-    if target.topic == COMMAND or not target.template or values.stale:
-        return values.mutilate(serialize_message(typed(target, values)))
-    return values.mutilate(target.template)
+    """A serialized message that is damaged; never empty, which Cyclone DDS sends so that no receiver accepts its packet."""
+    made = target.topic == COMMAND or not target.template or values.stale
+    damaged = values.mutilate(serialize_message(typed(target, values)) if made else target.template)
+    return damaged.ljust(HEADER, b'\0')
 
 
 def jumping(target: Target, values: HostileValues) -> Any:

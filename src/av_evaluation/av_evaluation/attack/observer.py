@@ -14,7 +14,6 @@ import rclpy
 from ament_index_python.packages import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -34,7 +33,10 @@ DEEP = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=500, reliability=Reliab
 
 
 class Observer(Node):
-    """Subscribes serialized messages: what cannot be decoded is not the rig's, and is ignored."""
+    """Subscribes serialized messages: what cannot be decoded is not the rig's, and is ignored.
+
+    Messages are taken without an executor, which takes too long for as many as the attack sends.
+    """
 
     def __init__(self) -> None:
         super().__init__(NAME)
@@ -42,6 +44,7 @@ class Observer(Node):
         self.judge = CommandJudge(pointing_settings(node_parameters('av_pointing', 'pointing_node', [shipped])))
         self.check = BearingCheck()
         self._problems: dict[str, str] = {}
+        self._inputs: list[tuple[Any, Callable[[bytes, dict[str, int]], None]]] = []
         self._watch(PointingCommand, 'pointing/command', self._on_command)
         self._watch(Bearing, 'target/bearing', self._on_bearing)
         self._watch(DoaArray, 'doa', partial(self._on_measurement, 'hypotheses'))
@@ -59,7 +62,20 @@ class Observer(Node):
                 take(deserialize_message(data, kind), 1e-9 * info['source_timestamp'])
             except Exception as error:  # noqa: BLE001  an attacker's message; rclpy has no class for this error
                 self.get_logger().debug(str(error))
-        self.create_subscription(kind, topic, decode, DEEP, raw=True)
+        self._inputs.append((self.create_subscription(kind, topic, decode, DEEP, raw=True), decode))
+
+    def look(self) -> None:
+        """Take what has arrived, and judge what arrived long enough before."""
+        now = time.time()
+        for subscription, decode in self._inputs:
+            for _ in range(DEEP.depth):
+                with subscription.handle:
+                    taken = subscription.handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    break
+                decode(*taken)
+        self.judge.judge(now)
+        self.check.judge(now)
 
     def _on_command(self, message: PointingCommand, _: float) -> None:
         self.judge.on_command(message, to_seconds(message.header.stamp), time.time())
@@ -105,15 +121,10 @@ def main() -> None:
     """Observe until standard input is closed."""
     rclpy.init()
     observer = Observer()
-    executor = SingleThreadedExecutor()
-    executor.add_node(observer)
 
     def idle(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            executor.spin_once(timeout_sec=seconds)
-        observer.judge.judge(time.time())
-        observer.check.judge(time.time())
+        observer.look()
+        time.sleep(seconds)
     serve({'begin': observer.begin, 'quiet': observer.quiet, 'recovered': observer.recovered, 'share': observer.share,
            'findings': observer.findings, 'forget': observer.judge.forget}, idle)
     rclpy.try_shutdown()

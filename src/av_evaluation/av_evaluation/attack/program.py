@@ -76,7 +76,7 @@ class Program:
     """
 
     def __init__(self, options: Options) -> None:
-        self._options, self._random = options, Random(options.seed)
+        self._options, self._random, self._log = options, Random(options.seed), options.out / 'attack.log'
         self._results: list[Result] = []
         self._first: Memory = {}    # before the first attack on each process, and after the last
         self._last: Memory = {}
@@ -109,7 +109,7 @@ class Program:
         given = [*defaults, f'record:={self._bag()}', f'port_offset:={options.offset}', *options.arguments]
         rig = Rig(given, options.out / 'rig.log', environment)
         opened.callback(rig.close)
-        workers = [Worker(module, environment) for module in ('observer', 'messages', 'datagrams')]
+        workers = [Worker(module, self._log, environment) for module in ('observer', 'messages', 'datagrams')]
         for worker in workers:
             opened.callback(worker.close)
         hours = options.minutes / 60.0
@@ -137,7 +137,7 @@ class Program:
             print(f'attack: no other host: {error}', file=sys.stderr)
             return None
         self._opened.callback(host.close)
-        worker = Worker('datagrams', prefix=host.prefix)
+        worker = Worker('datagrams', self._log, prefix=host.prefix)
         self._opened.callback(worker.close)
         return worker
 

@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 CLOSED = ''
@@ -25,14 +26,17 @@ class Worker:
     Parameters:
         module: name of the module, which calls `serve`.
         environment: variables to set or replace.
+        log: file to which is appended what the process says; the middleware says much.
         prefix: words of a command that runs the process, such as `nsenter`.
     """
 
-    def __init__(self, module: str, environment: Mapping[str, str] | None = None, prefix: Sequence[str] = ()) -> None:
+    def __init__(self, module: str, log: Path, environment: Mapping[str, str] | None = None,
+                 prefix: Sequence[str] = ()) -> None:
         self._module = module
-        self._process = subprocess.Popen(
-            [*prefix, sys.executable, '-m', f'av_evaluation.attack.{module}'], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-            text=True, env={**os.environ, **(environment or {})})
+        with log.open('ab') as output:
+            self._process = subprocess.Popen(
+                [*prefix, sys.executable, '-m', f'av_evaluation.attack.{module}'], stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE, stderr=output, text=True, env={**os.environ, **(environment or {})})
         assert self._process.stdout is not None
         self._answers = _lines(self._process.stdout)
 

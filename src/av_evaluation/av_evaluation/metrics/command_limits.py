@@ -24,11 +24,13 @@ class CommandLimits:
     Parameters:
         settings: limits of the axes.
         tolerance (rad, rad/s): excess that is permitted for rounding.
+        jitter (s): by which a command's time may be wrong; over many commands that adds nothing to the acceleration.
     """
 
-    def __init__(self, settings: PointingSettings, tolerance: float = 1e-9) -> None:
-        self._settings, self._tolerance = settings, tolerance
+    def __init__(self, settings: PointingSettings, tolerance: float = 1e-9, jitter: float = 0.0) -> None:
+        self._settings, self._tolerance, self._jitter = settings, tolerance, jitter
         self._before: AxisCommand | None = None
+        self._credit: dict[str, float] = {}    # s of full acceleration by axis, ahead of the commands' times
 
     def forget(self) -> None:
         """The next command starts a new sequence: it has no acceleration."""
@@ -52,6 +54,8 @@ class CommandLimits:
                     and abs(rate) <= limits.rate + self._tolerance):
                 return f'{name} is out of its limits: {angle:.3g} rad, {rate:.3g} rad/s'
             change = 0.0 if before is None else abs(rate - getattr(before, f'{name}_rate'))
-            if change > limits.acceleration * elapsed + self._tolerance:
+            credit = self._credit.get(name, self._jitter) + elapsed - change / limits.acceleration
+            self._credit[name] = min(max(credit, 0.0), self._jitter)
+            if credit < -self._tolerance / limits.acceleration:
                 return f'{name} accelerates by {change:.3g} rad/s in {elapsed:.3g} s'
         return ''
