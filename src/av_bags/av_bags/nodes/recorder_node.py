@@ -23,8 +23,8 @@ from av_common.launched import restarts
 from av_common.node import RigNode, run
 
 DISCOVERY_PERIOD_S = 0.2
-# For the messages that arrive while another callback runs.
-QUEUE_DEPTH = 100
+# For the messages that arrive while another callback runs; of images some 10 MB.
+QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10
 
 
 class RecorderNode(RigNode):
@@ -73,12 +73,13 @@ class RecorderNode(RigNode):
         """Subscribe to a topic. Raises ValueError, ImportError or AttributeError when its type is not installed."""
         kind = publishers[0].topic_type
         recorded_as, recorded_kind, encode = name, kind, None
-        if kind == 'sensor_msgs/msg/Image' and self._settings.images != 'raw':
+        is_image = kind == 'sensor_msgs/msg/Image'
+        if is_image and self._settings.images != 'raw':
             if self._settings.images == 'none':
                 return
             recorded_as, recorded_kind = f'{name}/compressed', 'sensor_msgs/msg/CompressedImage'
             encode = partial(compress, quality=self._settings.jpeg_quality)
-        qos = common_qos(publishers)
+        qos = common_qos(publishers, IMAGE_QUEUE_DEPTH if is_image else QUEUE_DEPTH)
         offered = DEFAULT_QOS._replace(reliability=QosReliability(int(qos.reliability)),
                                        durability=QosDurability(int(qos.durability)))
         self._writer.add_topic(recorded_as, recorded_kind, offered, encode)
@@ -115,12 +116,17 @@ def numbered(path: str, number: int) -> str:
     return str(first.with_name(f'{first.stem}_{number}{first.suffix}')) if number else path
 
 
-def common_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
-    """The strictest profile that is compatible with all publishers."""
+def common_qos(publishers: list[TopicEndpointInfo], depth: int = QUEUE_DEPTH) -> QoSProfile:
+    """The strictest profile that is compatible with all publishers.
+
+    Parameters:
+        publishers: of the topic.
+        depth: largest number of messages that wait.
+    """
     reliable = all(p.qos_profile.reliability == ReliabilityPolicy.RELIABLE for p in publishers)
     latched = all(p.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in publishers)
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=QUEUE_DEPTH,
+        history=HistoryPolicy.KEEP_LAST, depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 

@@ -18,6 +18,7 @@ REQUEST_RATE = 20.0      # Hz, of lifecycle and parameter requests
 STOPPED = 2.0            # s for which a process is stopped
 STILL_AFTER = 0.5        # s from the stop of the simulator to the moment from which nothing may move
 DISABLED_AFTER = 0.5     # s from the request to the moment from which nothing may move
+NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
 COMMANDS = '/pointing/command'
 ANSWER = 30.0            # s for which a worker may be late
 
@@ -97,7 +98,7 @@ def other_host(arena: Arena, result: Result) -> None:
         arena.send_datagrams(kind, result, arena.other_host, host=HERE)
     share = arena.observer.call('share', begin=begun + 0.5, end=time.time())
     if share < LEAST_SHARE:
-        result.faults.append(f'only {share:.0%} of the bearings were true while another host sent')
+        result.late.append(f'only {share:.0%} of the bearings were true while another host sent')
 
 
 def clocks(arena: Arena, result: Result) -> None:
@@ -132,6 +133,7 @@ def still(arena: Arena, result: Result) -> None:
         arena.send_messages('mixed', result, stale=True, spare=[COMMANDS])
         _add(result, arena.datagrams.receive(arena.seconds + ANSWER))
     finally:
+        arena.observer.call('end')
         with suppress(KeyError, ProcessLookupError):
             arena.rig.signal('simulator', signal.SIGCONT)
     time.sleep(0.2)
@@ -147,6 +149,7 @@ def disabled(arena: Arena, result: Result) -> None:
                          offset=arena.offset)
     arena.send_messages('mixed', result, spare=[COMMANDS])
     _add(result, arena.datagrams.receive(arena.seconds + ANSWER))
+    arena.observer.call('end')
 
 
 def kill(arena: Arena, result: Result, name: str) -> None:
@@ -157,15 +160,15 @@ def kill(arena: Arena, result: Result, name: str) -> None:
     if name == 'pointing_node':
         arena.observer.call('forget')
     begun = time.monotonic()
-    while time.monotonic() - begun < 2 * MOST_RESPAWN:
+    while name not in NOT_RESPAWNED and time.monotonic() - begun < 2 * MOST_RESPAWN:
         if arena.rig.alive().get(name, killed) != killed:
             result.respawn = time.monotonic() - begun
             break
         time.sleep(0.05)
     if arena.rig.ended:
         result.faults.append(f'the rig ended when {name} was killed')
-    elif result.respawn is None or result.respawn > MOST_RESPAWN:
-        result.faults.append(f'{name} was not back in {MOST_RESPAWN:.0f} s: {result.respawn}')
+    elif name not in NOT_RESPAWNED and (result.respawn is None or result.respawn > MOST_RESPAWN):
+        result.late.append(f'{name} was not back in {MOST_RESPAWN:.0f} s: {result.respawn}')
 
 
 def stop(arena: Arena, result: Result, name: str) -> None:

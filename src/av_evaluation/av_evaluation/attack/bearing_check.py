@@ -26,7 +26,7 @@ class BearingCheck:
     def __init__(self) -> None:
         self._truth: dict[str, deque[tuple[float, float, float, float]]] = {
             'rig': deque(maxlen=400), 'target': deque(maxlen=400)}
-        self._waiting: deque[tuple[float, Bearing]] = deque(maxlen=1000)
+        self._waiting: deque[tuple[float, float, Bearing]] = deque(maxlen=1000)
         self._verdicts: deque[tuple[float, bool]] = deque(maxlen=6000)
 
     def on_truth(self, name: str, message: Odometry) -> None:
@@ -35,14 +35,14 @@ class BearingCheck:
         self._truth[name].append((to_seconds(message.header.stamp), position.x, position.y, yaw_of(attitude_of(orientation))))
 
     def on_bearing(self, message: Bearing, now: float) -> None:
-        """A bearing, and the time (s) of its arrival."""
-        self._waiting.append((now, message))
+        """A bearing, and the time (s) of its arrival. Raises ValueError for a stamp that is none."""
+        self._waiting.append((now, to_seconds(message.header.stamp), message))
 
     def judge(self, now: float) -> None:
         """Compare the bearings that arrived long enough before `now` (s)."""
         while self._waiting and self._waiting[0][0] < now - self.DELAY:
-            time, message = self._waiting.popleft()
-            self._verdicts.append((time, self._is_true(message)))
+            time, stamp, message = self._waiting.popleft()
+            self._verdicts.append((time, self._is_true(stamp, message)))
 
     def forget_truth(self) -> None:
         """Drop what an attack may have said about the truth."""
@@ -71,10 +71,9 @@ class BearingCheck:
         chosen = [true for time, true in self._verdicts if begin <= time <= end]
         return sum(chosen) / max(len(chosen), 1)
 
-    def _is_true(self, message: Bearing) -> bool:
+    def _is_true(self, stamp: float, message: Bearing) -> bool:
         if message.state == Bearing.STATE_NONE or not message.resolved or not math.isfinite(message.azimuth):
             return False
-        stamp = to_seconds(message.header.stamp)
         rig, target = (min(rows, key=lambda row: abs(row[0] - stamp), default=None) for rows in self._truth.values())
         if rig is None or target is None or max(abs(rig[0] - stamp), abs(target[0] - stamp)) > FARTHEST_TRUTH:
             return False

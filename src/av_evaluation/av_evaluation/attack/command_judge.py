@@ -50,7 +50,7 @@ class CommandJudge:
         self._limits = CommandLimits(settings, ROUNDING, JITTER)
         self._waiting: deque[tuple[float, float, PointingCommand]] = deque()
         self._arrivals: dict[str, deque[float]] = {'measurement': deque(maxlen=2000), 'odometry': deque(maxlen=2000)}
-        self._still_from = math.inf
+        self._still_from = self._still_until = math.inf
         self._stamp = math.nan
         self.findings = Findings()
 
@@ -60,7 +60,11 @@ class CommandJudge:
         Parameters:
             still_from (s): time from which nothing may move whatever arrives.
         """
-        self.findings, self._still_from = Findings(), still_from
+        self.findings, self._still_from, self._still_until = Findings(), still_from, math.inf
+
+    def end(self, now: float) -> None:
+        """From `now` (s) on motion is permitted again."""
+        self._still_until = now
 
     def forget(self) -> None:
         """The process that makes the commands starts again."""
@@ -110,7 +114,7 @@ class CommandJudge:
 
     def _unjustified(self, stamp: float) -> str:
         """Why nothing may move at `stamp` (s), '' where it may."""
-        if stamp >= self._still_from:
+        if self._still_from <= stamp < self._still_until:
             return f'{stamp - self._still_from:.2f} s after all motion had to end'
         for kind, arrivals in self._arrivals.items():
             age = stamp - max((time for time in arrivals if time <= stamp), default=-math.inf)

@@ -45,7 +45,7 @@ class Target:
     def __init__(self, node: Node, topic: str, kind: Any, qos: QoSProfile) -> None:
         self.topic, self.kind, self.template = topic, kind, b''
         self._node = node
-        self._subscription: Any = node.create_subscription(kind, topic, self._keep, 1, raw=True)
+        self._subscription: Any = node.create_subscription(kind, topic, self._keep, observer.DEEP, raw=True)
         self._publisher = node.create_publisher(kind, topic, qos)
 
     def listen(self) -> None:
@@ -139,10 +139,10 @@ def typed(target: Target, values: HostileValues) -> Any:
 
 
 def malformed(target: Target, values: HostileValues) -> bytes:
-    """A serialized message that is damaged; never empty, which Cyclone DDS sends so that no receiver accepts its packet."""
+    """A serialized message that is damaged behind its header, without which the middleware drops the packet it is in."""
     made = target.topic == COMMAND or not target.template or values.stale
-    damaged = values.mutilate(serialize_message(typed(target, values)) if made else target.template)
-    return damaged.ljust(HEADER, b'\0')
+    data = serialize_message(typed(target, values)) if made else target.template
+    return data[:HEADER] + values.mutilate(data[HEADER:])
 
 
 def jumping(target: Target, values: HostileValues) -> Any:

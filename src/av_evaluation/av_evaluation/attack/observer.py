@@ -100,6 +100,10 @@ class Observer(Node):
         """Start to judge another attack; nothing may move from `still_from` (s) on, None where it may."""
         self.judge.begin(math.inf if still_from is None else still_from)
 
+    def end(self) -> None:
+        """What was stopped or disabled goes on from now on, and may move."""
+        self.judge.end(time.time())
+
     def quiet(self) -> None:
         """The attack is over: what it said about the truth does not count."""
         self.check.forget_truth()
@@ -125,8 +129,9 @@ def main() -> None:
     def idle(seconds: float) -> None:
         observer.look()
         time.sleep(seconds)
-    serve({'begin': observer.begin, 'quiet': observer.quiet, 'recovered': observer.recovered, 'share': observer.share,
-           'findings': observer.findings, 'forget': observer.judge.forget}, idle)
+    functions = (observer.begin, observer.end, observer.quiet, observer.recovered, observer.share, observer.findings,
+                 observer.judge.forget)
+    serve({function.__name__: function for function in functions}, idle)
     rclpy.try_shutdown()
 
 

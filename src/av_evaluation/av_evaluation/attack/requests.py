@@ -42,24 +42,24 @@ class Requests:
         self._open: list[Any] = []
         self._values: dict[str, list[Any]] = {}
 
-    def lifecycle(self, seconds: float, rate: float, seed: int, shutdown: bool = False) -> dict[str, int]:
+    def lifecycle(self, seconds: float, rate: float, seed: int) -> dict[str, int]:
         """Request transitions in random order, most of them invalid; returns the number of requests by node.
+
+        None is shut down, after which only a new process could be active.
 
         Parameters:
             seconds: duration.
             rate (Hz): of all requests.
             seed: of the random values.
-            shutdown: whether nodes are also shut down, after which only a new process can be active.
         """
         random, sent, names = Random(seed), Counter[str](), self._nodes('lifecycle_msgs/srv/ChangeState')
         valid = [1, 2, 3, 4]
         for number in paced(seconds, rate if names else 0.0, lambda: self._spin(0.0)):
             name = names[number % len(names)]
             transition = random.choice(valid) if random.random() < 0.7 else random.randrange(256)
-            if transition in SHUTDOWNS and not shutdown:
+            if transition in SHUTDOWNS:
                 continue
-            label = random.choice(('', 'configure', 'shutdown', '\u202e', 'x' * 1000)) if shutdown else ''
-            request = ChangeState.Request(transition=Transition(id=transition, label=label))
+            request = ChangeState.Request(transition=Transition(id=transition))
             sent[name] += self._send(ChangeState, f'{name}/change_state', request)
         return dict(sent)
 
@@ -85,7 +85,7 @@ class Requests:
             sent[name] += self._send(kind, f'{name}/{_service(kind)}', request)
         return dict(sent)
 
-    def restore(self, timeout: float = 8.0) -> list[str]:
+    def restore(self, timeout: float = 20.0) -> list[str]:
         """Set what was before, activate every node, enable pointing; returns the nodes that cannot be active again."""
         deadline = time.monotonic() + timeout
         for name, before in self._values.items():

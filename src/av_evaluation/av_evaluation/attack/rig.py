@@ -16,6 +16,7 @@ from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
 EVERY = 0.2         # s between looks at the process table
 LAUNCH = 'ros2'
 SHUTDOWN = 20.0     # s
+SETTLED = 10.0      # s after which a process has all the memory that it needs
 Memory = dict[int, tuple[str, ProcessSample]]
 
 
@@ -52,6 +53,7 @@ class Rig:
                                        self._environment, output)
         with self._lock:
             self._processes, self._alive, self._watched = launched, dict[int, str](), True
+            self._since: dict[int, float] = {}    # times (s) at which processes were first seen
 
     @property
     def ended(self) -> bool:
@@ -77,8 +79,11 @@ class Rig:
         return process_id
 
     def measure(self) -> Memory:
-        """Name and measurements of each process, by process id."""
-        taken = {process_id: (name, sample(process_id)) for name, process_id in self.alive().items()}
+        """Name and measurements of each process that runs for at least SETTLED s, by process id."""
+        with self._lock:
+            old = {process_id: name for process_id, name in self._alive.items()
+                   if time.monotonic() - self._since[process_id] >= SETTLED}
+        taken = {process_id: (name, sample(process_id)) for process_id, name in old.items()}
         return {process_id: (name, one) for process_id, (name, one) in taken.items() if one is not None}
 
     def restart(self) -> None:
@@ -113,6 +118,7 @@ class Rig:
                 ended = [(process_id, name) for process_id, name in self._alive.items() if process_id not in alive]
                 self.deaths += [(time.time(), name) for process_id, name in ended if process_id not in self._killed]
                 self._alive = {process_id: name for process_id, name in alive.items() if process_id not in self._killed}
+                self._since = {process_id: self._since.get(process_id, time.monotonic()) for process_id in self._alive}
 
 
 def growth(before: Memory, after: Memory) -> dict[str, float]:

@@ -11,11 +11,25 @@ from av_pointing.controller import PointingSettings
 class AxisCommand(Protocol):
     """A pointing command, as plain data or as message: angles in rad, rates in rad/s."""
 
-    pan: float
-    tilt: float
-    pan_rate: float
-    tilt_rate: float
-    yaw_rate: float
+    @property
+    def pan(self) -> float:
+        """Angle of the gimbal about the vertical axis."""
+
+    @property
+    def tilt(self) -> float:
+        """Elevation of the gimbal."""
+
+    @property
+    def pan_rate(self) -> float:
+        """Rate of `pan`."""
+
+    @property
+    def tilt_rate(self) -> float:
+        """Rate of `tilt`."""
+
+    @property
+    def yaw_rate(self) -> float:
+        """Yaw rate of the body."""
 
 
 class CommandLimits:
