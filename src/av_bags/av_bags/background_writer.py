@@ -103,7 +103,7 @@ class BackgroundWriter:
             self._queued -= len(data)
             try:
                 encoded = self._encoders[topic](data) if topic in self._encoders else data
-            except ValueError as error:
+            except Exception as error:  # noqa: BLE001  whatever a message from outside makes an encoder raise
                 self.encoding_problem = f'{topic}: {error}'
                 self.dropped += 1
                 continue
