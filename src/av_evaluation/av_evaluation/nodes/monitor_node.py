@@ -9,6 +9,7 @@ import time as wall
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
@@ -31,6 +32,8 @@ from av_evaluation.report.table import LABEL_WIDTH, format_table
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
+
+LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
 
 
 class MonitorNode(RigNode):
@@ -72,25 +75,28 @@ class MonitorNode(RigNode):
         """Print the figures and write the files of the run."""
         self._report()
 
-    @property
-    def _logging(self) -> bool:
+    def _logs(self, message: Any) -> bool:
+        """Whether a message is logged. Raises ValueError for a foreign stamp: the log's memory grows with its span of time."""
+        off = to_seconds(message.header.stamp) - self.now()
+        if not abs(off) <= LARGEST_OFFSET_S:
+            raise ValueError(f'stamp is {off:.0f} s off this node\'s clock')
         return wall.monotonic() - self._started < 3600.0 * self._settings.max_hours
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
-        if self._logging:
+        if self._logs(message):
             self._recorder.on_doa(self._converter.doa(message), self.now())
 
     def _on_detections(self, message: Detection2DArray) -> None:
         self._meters['detections'].tick()
-        measurement = self._converter.detections(message) if self._logging else None
+        measurement = self._converter.detections(message) if self._logs(message) else None
         if measurement is not None:
             self._recorder.on_camera(measurement, message, self.now())
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
         self._bearing = message
-        if self._logging:
+        if self._logs(message):
             self._recorder.on_track(track_of_bearing(message), self.now())
 
     def _on_state(self, message: FusionState) -> None:
@@ -100,7 +106,7 @@ class MonitorNode(RigNode):
         self._command = message
 
     def _on_truth(self, name: str, message: Odometry) -> None:
-        if self._logging:
+        if self._logs(message):
             self._recorder.on_truth(name, message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

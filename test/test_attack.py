@@ -1,0 +1,40 @@
+"""A short attack on the live rig: `ros2 run av_evaluation attack`, each kind once."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+
+import pytest
+from machine_load import skip_figures_where_overloaded
+from udp_ports import free_offset
+
+from av_evaluation.attack.attacks import ATTACKS, PROCESS_ATTACKS
+from av_evaluation.attack.verdicts import IN_TIME
+
+pytestmark = pytest.mark.system
+BELIEVED = ('typed messages', 'malformed messages', 'clocks')    # attacks after which tracking returns after up to 6 s
+LONGEST_S = 600.0    # on a machine with much else to do; some 100 s without
+
+
+def test_a_short_attack_breaks_nothing(tmp_path):
+    """No death, no bad command, no wrong motion, no growth; tracking is back in time where the machine has time."""
+    ran = subprocess.run(['ros2', 'run', 'av_evaluation', 'attack', '--minutes', '1', '--out', str(tmp_path),
+                          '--port-offset', str(free_offset())],
+                         env={name: value for name, value in os.environ.items() if name != 'AV_STRICT'},    # as users run it
+                         capture_output=True, text=True, timeout=LONGEST_S, check=False)
+    print(ran.stdout, ran.stderr)
+    assert ran.returncode in (0, 1), ran.stderr
+    report = json.loads((tmp_path / 'attack.json').read_text())
+    done = {name for result in report['results'] for name in (*ATTACKS, *PROCESS_ATTACKS) if result['name'].startswith(name)}
+    assert done >= {*ATTACKS, *PROCESS_ATTACKS} - {'another host'}
+    assert min(report['sent'][name] for name in ('/doa', '/odometry', 'audio', 'image', 'control')) > 0
+    failed = {verdict: reasons for verdict, reasons in report['verdicts'].items() if reasons}
+    late = failed.pop(IN_TIME, [])
+    assert not failed
+    skip_figures_where_overloaded()
+    slow = [reason for reason in late if reason.startswith(BELIEVED)]
+    assert late == slow
+    if slow:
+        pytest.xfail(f'fusion believes a peer\'s plausible measurements for longer than a second: {slow}')
