@@ -14,6 +14,7 @@ from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
+from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message
@@ -72,7 +73,8 @@ class FusionStageSettings:
         base_frame: frame of the rig's body, in which bearings are given.
         rate (Hz): rate of outputs while no measurement arrives.
         min_doa_confidence: directions of arrival of lower confidence are not used.
-        clock_tolerance (s): a stamp further from the time of arrival belongs to another clock and is not used.
+        clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
+            not used.
         missing_after (s): an input without messages for this long is reported as missing.
         visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
     """
@@ -189,7 +191,9 @@ class FusionStage:
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
         self._arrivals[name] = arrival
-        accepted = abs(to_seconds(message.header.stamp) - arrival) <= self.settings.clock_tolerance
+        tolerance = self.settings.clock_tolerance
+        # A stamp from the future would let the tracker refuse all measurements until then.
+        accepted = -tolerance <= to_seconds(message.header.stamp) - arrival <= min(tolerance, FUTURE_S)
         self.foreign_stamps[name] += not accepted
         return accepted
 

@@ -105,6 +105,18 @@ def test_a_stamp_of_another_clock_is_counted_and_not_used():
     assert stage.on_time(START).bearing.azimuth_world != 1.0
 
 
+def test_a_stamp_from_the_future_does_not_keep_later_measurements_out():
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+    for k in range(5):
+        stage.on_detections(detections(START + 0.1 * k, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), START + 0.1 * k)
+    assert stage.on_doa(doa(START + 2.4, 0.2), START + 0.5) is None
+    assert stage.on_detections(detections(START + 2.4), START + 0.5) is None
+    assert stage.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 0}
+    output = stage.on_detections(detections(START + 0.5, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), START + 0.5)
+    assert to_seconds(output.bearing.measured) == pytest.approx(START + 0.5)
+
+
 def test_time_alone_gives_outputs_at_the_rate():
     stage = make_stage(rate=10.0)
     assert stage.on_time(START) is not None
