@@ -155,7 +155,7 @@ def disabled(arena: Arena, result: Result) -> None:
 def kill(arena: Arena, result: Result, name: str) -> None:
     """A process is killed: it is back within 2 s, and what it did within 3 s."""
     result.most_recovery = MOST_RECOVERY_PROCESS
-    killed = arena.rig.signal(name, signal.SIGKILL)
+    killed, result.ended = arena.rig.signal(name, signal.SIGKILL), time.time()
     result.sent = {f'SIGKILL to {name}': 1}
     if name == 'pointing_node':
         arena.observer.call('forget')

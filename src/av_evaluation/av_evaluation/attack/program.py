@@ -206,12 +206,13 @@ class Program:
 
     def _judge(self, result: Result, kind: str) -> None:
         """Restore what a permitted peer changed, wait for tracking, and collect what was observed."""
-        arena, end = self._arena, time.time()
+        arena = self._arena
+        result.ended = result.ended or time.time()
         if kind in ('lifecycle requests', 'parameter requests', 'disabled'):
             result.faults += [f'{name} cannot be active again' for name in arena.messages.call('restore', timeout=60.0)]
-            end = time.time()
+            result.ended = time.time()
         arena.observer.call('quiet')
-        result.recovery = self._tracks(end, PATIENCE)
+        result.recovery = self._tracks(result.ended, PATIENCE)
         found = arena.observer.call('findings')
         for key in ('commands', 'bad', 'moves', 'bad_count', 'move_count', 'largest_yaw_rate'):
             setattr(result, key, found[key])

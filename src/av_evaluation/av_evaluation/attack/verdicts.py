@@ -28,7 +28,8 @@ class Result:
         bad, moves: commands that are not finite or out of their limits, and that moved what must not move.
         bad_count, move_count: their numbers.
         growth (MiB): of the memory of each process.
-        recovery (s): from the end of the attack until tracking was back; None where it did not come back.
+        ended (s): time of its end, of a kill that of the signal; None until then.
+        recovery (s): from the end until tracking was back; None where it did not come back.
         most_recovery (s): that is permitted.
         respawn (s): time until a killed process ran again; None where it did not, or none was killed.
         faults, late: further reasons why the attack succeeded; `late` those that a busy machine alone may cause.
@@ -46,6 +47,7 @@ class Result:
     move_count: int = 0
     largest_yaw_rate: float = 0.0
     growth: dict[str, float] = field(default_factory=dict)
+    ended: float | None = None
     recovery: float | None = None
     most_recovery: float = MOST_RECOVERY
     respawn: float | None = None

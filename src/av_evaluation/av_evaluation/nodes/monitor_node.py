@@ -34,6 +34,7 @@ from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
 LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
+MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their characters
 
 
 class MonitorNode(RigNode):
@@ -111,10 +112,10 @@ class MonitorNode(RigNode):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            name = status.name.removesuffix(': status')
+            name = status.name.removesuffix(': status')[:LONGEST_PROBLEM]
             self._problems.pop(name, None)
-            if status.level != DiagnosticStatus.OK:
-                self._problems[name] = status.message
+            if status.level != DiagnosticStatus.OK and len(self._problems) < MOST_PROBLEMS:
+                self._problems[name] = status.message[:LONGEST_PROBLEM]
 
     def _each_second(self) -> None:
         elapsed = wall.monotonic() - self._started
