@@ -14,7 +14,7 @@ import numpy as np
 
 from av_audio.device_process import HEADER, READY
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import SampleClock
+from av_common.sample_clock import SampleClock
 
 # A device without a block for this long is considered lost.
 LOST_AFTER_S = 1.5
@@ -22,6 +22,7 @@ RETRY_S = 1.0
 OPEN_WITHIN_S = 15.0
 # The first blocks arrive in bursts and hold the transients of the converter: they initialise the clock only.
 WARM_UP_S = 0.5
+LONGEST_LOSS_S = 86_400.0    # a longer one is a step of the system's clock
 
 
 class DeviceSource:
@@ -77,7 +78,7 @@ class DeviceSource:
 
     def time_of(self, sample: int) -> float:
         """Capture time in s of a sample, on the clock `now`."""
-        return self.clock.to_ros(sample)
+        return self.clock.time_of(sample)
 
     def _open(self) -> subprocess.Popen:
         process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -120,11 +121,11 @@ class DeviceSource:
         begin = self._now() - age
         self.overflows += overflowed
         if (overflowed or self.lost) and self._next_sample:
-            missing = round((begin - self.clock.to_ros(self._next_sample)) * self.sample_rate)
-            self._next_sample += max(0, missing)
+            missing = min(begin - self.clock.time_of(self._next_sample), LONGEST_LOSS_S)
+            self._next_sample += max(0, round(missing * self.sample_rate))
         self.lost = False
         self.clock.observe(self._next_sample, begin)
-        if self._next_sample >= WARM_UP_S * self.sample_rate:
+        if self._next_sample >= WARM_UP_S * self.sample_rate and not self.clock.doubtful:
             self._buffer.write(samples, self._next_sample)
         self._next_sample += len(samples)
 

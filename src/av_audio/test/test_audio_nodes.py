@@ -27,9 +27,9 @@ from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode
 from av_audio.nodes.doa_node import DoaNode
 from av_common.acoustics import speed_of_sound
-from av_common.clock import SampleCounter
 from av_common.node import ParameterError
 from av_common.qos import RESULT, STREAM
+from av_common.sample_clock import SampleCounter
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
 

@@ -1,216 +1,227 @@
-"""Clocks that convert the stamps or sample counts of senders and devices to ROS time in s.
+"""The clock of a sender: converts its stamps to ROS time by their times of arrival.
 
-A `SenderClock` dates stamped data, such as datagrams of a simulator, messages of PX4 and frames of a camera. Arrivals can
-be late but never early, so the least delay gives the offset between the clocks. A `SampleClock` dates the blocks of a
-microphone array, which need evenly spaced stamps and the true sample rate: it fits a line to their arrivals. A
-`SampleCounter` gives indices to blocks that have only stamps.
+An arrival can be late but never early, so the least delay gives the offset between two clocks (Cristian 1989). Stamps come
+from outside and may be anything: only agreement over time sets or moves the offset, never a single stamp.
+`av_common.common_clock` joins the streams of one simulator, `av_common.sample_clock` dates samples by their number.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import math
 from collections import deque
+from collections.abc import Iterator
 
-# Time constant of the fit: long enough to average a jitter of milliseconds, short enough to follow drift.
-MEMORY_S = 60.0
-# Sample stamps move towards the fit by at most this much per block, so that they are regular from the first one on.
-SLEW_S = 2e-5
-# Number of blocks whose times are kept, for blocks that the reader has not fetched yet.
-REMEMBERED_BLOCKS = 64
-# A busy machine may deliver single blocks late. LATE_BLOCKS late blocks in succession mean that the clock was set, and the
-# fit restarts. Blocks are never early: an early one means that the first block was late.
-LATE_S = 0.05
-LATE_BLOCKS = 100
-MOST_DRIFT = 2e-3
-# The slope is used once the times have this standard deviation, after about ten seconds.
-SLOPE_SPREAD_S = 3.0
-# Streams without a sample index: a stamp further than this from where it was expected is a gap.
-GAP_S = 0.02
-
-
-class CaptureClock(ABC):
-    """Maps the time axis of a sender or device to ROS time.
-
-    Attributes:
-        restarts: number of times that the mapping was restarted.
-    """
-
-    restarts: int = 0
-
-    @abstractmethod
-    def observe(self, stamp: float, arrival: float) -> bool:
-        """Update the mapping by one arrival; returns False when the stamp is refused.
-
-        Parameters:
-            stamp: time or count on the sender's axis.
-            arrival (s): ROS time of its arrival.
-        """
-
-    @abstractmethod
-    def to_ros(self, stamp: float) -> float:
-        """ROS time in s of a stamp that was not refused. Raises RuntimeError before the first observation."""
-
-    def date(self, stamp: float, arrival: float) -> float | None:
-        """ROS time in s of a stamp, None when it is refused; parameters as for `observe`."""
-        return self.to_ros(stamp) if self.observe(stamp, arrival) else None
+AGREEMENT_S = 1.0        # stamps must agree for this long before they set the clock
+AGREEMENT_ERROR_S = 0.015    # largest difference of the offsets before and after the middle of that time
+FEWEST = 4               # stamps that can agree
+MAJORITY = 3             # ratio to the stamps that agree with the present offset, for a restart
+WINDOW_S = 1.0           # age of the arrivals that determine the offset
+SPACING_S = 0.005        # arrivals closer than this count once, so that a flood has no more weight than a stream
+LOW_QUANTILE = 10        # the offset is that of every tenth arrival: a few false stamps do not move it
+STEP_S = 0.1             # interval between corrections
+DRIFT = 1e-3             # slew (s/s) in normal operation: twice the largest drift of 500 ppm
+CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for a whole window
+NEAR_S = 0.01
+EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
+LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
+REORDERED_S = (0.015, 0.1)   # least and largest delay up to which a stamp may be older than its predecessor
+WIDTH_S = 0.1            # largest difference of the offsets of one candidate
+MOST_CANDIDATES = 16
+CANDIDATE_SILENCE_S = 2.0
+REPLACEABLE_S = 0.1      # age of a candidate with one stamp from which another may take its place
+LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
+END_OF_TIME_S = 2.0**31  # s; builtin_interfaces/Time holds 0 to this
 
 
-class SenderClock(CaptureClock):
-    """Offset between a sender's clock and ROS time, as the smallest difference of arrival and stamp (Cristian 1989).
+class ElapsedTime:
+    """Time that has passed according to arrivals; it never runs backwards, and a step back of their clock is no time."""
 
-    The offset may rise by `drift` seconds per second. A stamp that deviates by more than `restart` seconds is refused. When
-    no other stamps arrive for that long, the sender was restarted or paused, and the clock restarts. One object serves all
-    streams with stamps of the same clock, so that their times agree in spite of different delays.
+    def __init__(self) -> None:
+        self.now, self._arrival = 0.0, math.nan
+
+    def at(self, arrival: float) -> float:
+        """Time (s) since the first arrival (s), also kept in `now`."""
+        step = arrival - self._arrival
+        if step > 0.0:
+            self.now += step
+        if not -1.0 < step <= 0.0:    # slightly out of order: the arrivals of several threads
+            self._arrival = arrival
+        return self.now
+
+
+class _Offset:
+    """Arrivals whose stamps share one offset: the hypothesis of a clock.
 
     Parameters:
-        drift (s/s): largest drift between the two clocks.
-        restart (s): largest deviation of a stamp, and duration of silence after which the sender counts as restarted.
+        now (s): elapsed time of the first arrival.
+        offset (s): arrival minus stamp.
     """
 
-    def __init__(self, drift: float = 100e-6, restart: float = 0.5) -> None:
-        self.drift = drift
-        self.restart = restart
-        self.restarts = 0
-        self._offset: float | None = None
-        self._accepted = 0.0    # when a stamp was last accepted
-        self._lags: deque[tuple[float, float]] = deque()    # arrival and lag over the last second
+    def __init__(self, now: float, offset: float) -> None:
+        self.begin = self.end = now
+        self.lowest = self.highest = offset
+        self._samples = deque([(now, offset)])
+
+    def add(self, now: float, offset: float) -> None:
+        self.end = now
+        self.lowest, self.highest = min(self.lowest, offset), max(self.highest, offset)
+        if now - self._samples[-1][0] >= SPACING_S:
+            self._samples.append((now, offset))
+        while len(self._samples) > FEWEST and self._samples[0][0] < now - WINDOW_S:
+            self._samples.popleft()
+
+    def fits(self, offset: float) -> bool:
+        return max(self.highest, offset) - min(self.lowest, offset) <= WIDTH_S
+
+    def is_near(self, offset: float) -> bool:
+        return self.lowest - WIDTH_S <= offset <= self.highest + WIDTH_S
+
+    def count(self, now: float, window: float = WINDOW_S) -> int:
+        """Number of arrivals in the window (s) that ends `now` (s)."""
+        return sum(time >= now - window for time, _ in self._samples)
+
+    def quantile(self, tenths: int, begin: float = -math.inf, end: float = math.inf) -> float:
+        """Quantile (in tenths) of the offsets from `begin` to before `end` (s), NaN without any."""
+        offsets = sorted(offset for time, offset in self._samples if begin <= time < end)
+        return offsets[len(offsets) * tenths // 10] if offsets else math.nan
 
     @property
-    def known(self) -> bool:
-        """Whether anything has been observed yet."""
-        return self._offset is not None
+    def span(self) -> float:
+        """Time (s) from the oldest to the newest arrival in memory."""
+        return self._samples[-1][0] - self._samples[0][0]
 
-    def observe(self, stamp: float, arrival: float) -> bool:
-        """See `CaptureClock`; stamps are in s of the sender's clock."""
-        offset = arrival - stamp
-        if self._offset is None:
-            self._offset = offset
-        elif abs(offset - self._offset) > self.restart:
-            if arrival - self._accepted <= self.restart:
-                return False
-            self._offset = offset
-            self.restarts += 1
-        else:
-            self._offset = min(self._offset + self.drift * max(arrival - self._accepted, 0.0), offset)
-        self._accepted = max(self._accepted, arrival)
-        self._lags.append((arrival, offset - self._offset))
-        while self._lags[0][0] < arrival - 1.0:
-            self._lags.popleft()
-        return True
+    @property
+    def agrees(self) -> bool:
+        """Whether the arrivals show one constant offset over AGREEMENT_S."""
+        if self.end - self.begin < AGREEMENT_S or len(self._samples) < FEWEST:
+            return False
+        middle = self._samples[-1][0] - self.span / 2.0
+        return abs(self.quantile(1, end=middle) - self.quantile(1, begin=middle)) <= AGREEMENT_ERROR_S
+
+
+class SenderClock:
+    """The offset between ROS time and the clock of one stream of one sender.
+
+    A stamp is dated when it is at most EARLY_S before and LATEST_S behind the offset. The offset follows the low arrivals
+    of the last second with a bounded slew. Other stamps are refused, and form candidates for a new offset. A candidate
+    takes over, as a restart, once its stamps have agreed for AGREEMENT_S and clearly outnumber those of the present offset.
+    A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
+    back. No stamp is dated later than its arrival.
+
+    Parameters:
+        trusted: whether the first stamp is dated at once, as for counts that this program makes itself. Otherwise no stamp
+            is dated before AGREEMENT_S of agreement.
+        drift (s/s): slew of the offset in normal operation.
+
+    Attributes:
+        refused: number of stamps that could not be dated.
+        restarts: number of times that the offset was replaced.
+    """
+
+    def __init__(self, trusted: bool = False, drift: float = DRIFT) -> None:
+        self.refused = self.restarts = 0
+        self._trusted, self._drift = trusted, drift
+        self._time = ElapsedTime()
+        self._accepted: _Offset | None = None
+        self._candidates: list[_Offset] = []
+        self._offset = self._floor = self._low = math.nan
+        self._newest = -math.inf
+        self._reordered = REORDERED_S[0]
+        self._corrected = 0.0
+
+    @property
+    def offset(self) -> float:
+        """ROS time minus the sender's time (s), NaN before it is known."""
+        return self._offset
 
     @property
     def lateness(self) -> float:
-        """Least delay in s of the last second relative to the offset; it rises when the sender is too slow."""
-        return min((lag for _, lag in tuple(self._lags)), default=0.0)
+        """Delay (s) of the quickest arrivals of the last second relative to the least delay: that of a sender too slow."""
+        return max(self._low - self._floor, 0.0) if self._accepted else 0.0
 
-    def to_ros(self, stamp: float) -> float:
-        """ROS time in s of a sender's stamp. Raises RuntimeError before the first observation."""
-        if self._offset is None:
-            raise RuntimeError('no stamp of the sender has arrived yet')
-        return stamp + self._offset
-
-    def date_late(self, stamp: float, arrival: float, latest: float) -> float | None:
-        """As `date`, but also dates stamps that are too late to update the clock.
+    def date(self, stamp: float, arrival: float) -> float | None:
+        """ROS time (s) of a stamp, None when it cannot be dated; it lies in the range of builtin_interfaces/Time.
 
         Parameters:
             stamp (s): time on the sender's clock.
             arrival (s): ROS time of its arrival.
-            latest (s): largest delay of a late stamp.
         """
-        if self.observe(stamp, arrival) or -self.restart < arrival - self.to_ros(stamp) < latest:
-            return self.to_ros(stamp)
-        return None
+        if not (abs(stamp) <= LARGEST_STAMP_S and 0.0 <= arrival < END_OF_TIME_S):
+            self.refused += 1
+            return None
+        now, offset = self._time.at(arrival), arrival - stamp
+        if self._accepted is not None and self._fits(self._accepted, stamp, offset, now):
+            self._follow(self._accepted, now, offset)
+        elif not self._propose(now, offset):
+            self.refused += 1
+            return None
+        self._newest = max(self._newest, stamp)
+        return max(min(stamp + self._offset, arrival), 0.0)
 
+    def _fits(self, accepted: _Offset, stamp: float, offset: float, now: float) -> bool:
+        lag = offset - self._offset
+        if lag < 0.0:
+            return offset >= self._floor - EARLY_S or self._is_new(accepted, now)
+        if lag <= self._reordered:
+            return True
+        if lag > LATEST_S or stamp < self._newest:
+            return False
+        refused = sum(candidate.count(now, lag) for candidate in self._candidates if candidate.is_near(offset))
+        return refused < accepted.count(now, lag) or not refused
 
-class SampleClock(CaptureClock):
-    """Fits the times of samples to the times of arrival of their blocks.
+    def _is_new(self, accepted: _Offset, now: float) -> bool:
+        """Whether a trusted sender's first second lasts, in which the least delay counts."""
+        return self._trusted and not self.restarts and now - accepted.begin < AGREEMENT_S
 
-    The model is a line through (sample, time) with exponential forgetting: its slope is the true sample rate, its scatter
-    the jitter. `to_ros` follows that line with a bounded slew, so that stamps are evenly spaced.
+    def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
+        accepted.add(now, offset)
+        if self._is_new(accepted, now):
+            self._offset = self._floor = self._low = min(self._offset, offset)
+        elapsed = now - self._corrected
+        if elapsed < STEP_S:
+            return
+        self._corrected = now
+        self._low = accepted.quantile(1)
+        error = self._low - self._offset
+        steady = accepted.count(now) > FEWEST and accepted.span > 0.8 * WINDOW_S
+        most = elapsed * (CHASE if steady and abs(error) > NEAR_S else self._drift)
+        self._offset += max(-most, min(most, error))
+        self._floor = min(self._floor + self._drift * elapsed, self._offset)
+        least, largest = REORDERED_S
+        self._reordered = max(least, min(largest, 3.0 * (accepted.quantile(9) - self._offset)))
 
-    Parameters:
-        sample_rate (Hz): nominal sample rate; the stamps of this clock are sample numbers.
-    """
+    def _propose(self, now: float, offset: float) -> bool:
+        """Add an arrival to the candidates; True when it completes an agreement, which it follows."""
+        candidate = self._candidate(now, offset)
+        if candidate is None:
+            return False
+        first = self._trusted and self._accepted is None
+        others = self._accepted.count(now) if self._accepted else 0
+        most = max(other.count(now) for other in self._candidates)
+        count = candidate.count(now)
+        if not first and not (candidate.agrees and count >= most and count > MAJORITY * others):
+            return False
+        self.restarts += self._accepted is not None
+        self._accepted, self._candidates = candidate, []
+        self._offset = self._floor = self._low = candidate.quantile(1)
+        self._newest, self._corrected, self._reordered = -math.inf, now, REORDERED_S[0]
+        return True
 
-    def __init__(self, sample_rate: int) -> None:
-        self.sample_rate = sample_rate
-        self.restarts = 0
-        # (sample, time, drift) of the newest blocks; replaced as a whole, as reader and capture are different threads
-        self._anchors: tuple[tuple[float, float, float], ...] = ()
-        self._late_blocks = 0
-        self._first, self._base = 0.0, 0.0    # the sample and time at which the line began
-        # weighted sums of 1, x, y, x x, x y: x in s before the newest sample, y the excess over nominal time
-        self._sums = (1.0, 0.0, 0.0, 0.0, 0.0)
+    def _candidate(self, now: float, offset: float) -> _Offset | None:
+        """The candidate that an arrival joins or begins, None when there is no place for another."""
+        self._candidates = list(self._alive(now))
+        joined = max((candidate for candidate in self._candidates if candidate.fits(offset)),
+                     key=lambda candidate: candidate.count(now), default=None)
+        if joined is not None:
+            joined.add(now, offset)
+            return joined
+        if len(self._candidates) >= MOST_CANDIDATES:
+            old = next((other for other in self._candidates if other.begin == other.end < now - REPLACEABLE_S), None)
+            if old is None:
+                return None
+            self._candidates.remove(old)
+        self._candidates.append(_Offset(now, offset))
+        return self._candidates[-1]
 
-    @property
-    def ppm(self) -> float:
-        """Amount in parts per million by which the device's clock is slower than nominal, relative to ROS time."""
-        return 1e6 * self._anchors[-1][2] if self._anchors else 0.0
-
-    def to_ros(self, stamp: float) -> float:
-        """Capture time in s (ROS time) of sample number `stamp`. Raises RuntimeError before the first `observe`."""
-        anchors = self._anchors
-        if not anchors:
-            raise RuntimeError('the sample clock has no block yet')
-        first, time, drift = next((anchor for anchor in reversed(anchors) if anchor[0] <= stamp), anchors[0])
-        return time + (stamp - first) / self.sample_rate * (1.0 + drift)
-
-    def observe(self, stamp: float, arrival: float) -> bool:
-        """Use the arrival (ROS time, s) of the sample number `stamp`; returns False for a late block, which is not used."""
-        error = arrival - self.to_ros(stamp) if self._anchors else 0.0
-        self._late_blocks = self._late_blocks + 1 if error > LATE_S else 0
-        if not self._anchors or error < -LATE_S or self._late_blocks > LATE_BLOCKS:
-            self._begin(stamp, arrival)
-        elif not self._late_blocks:
-            self._follow(stamp, arrival)
-        return not self._late_blocks
-
-    def _follow(self, sample: float, time: float) -> None:
-        predicted = self.to_ros(sample)
-        nominal = self._base + (sample - self._first) / self.sample_rate
-        excess, slope = self._fit((sample - self._anchors[-1][0]) / self.sample_rate, time - nominal)
-        correction = nominal + excess - predicted
-        drift = max(-MOST_DRIFT, min(MOST_DRIFT, slope))
-        anchor = (sample, predicted + max(-SLEW_S, min(SLEW_S, correction)), drift)
-        self._anchors = (*self._anchors[1 - REMEMBERED_BLOCKS:], anchor)
-
-    def _begin(self, sample: float, time: float) -> None:
-        self.restarts += bool(self._anchors)
-        self._late_blocks = 0
-        self._anchors = ((sample, time, 0.0),)
-        self._first, self._base = sample, time
-        self._sums = (1.0, 0.0, 0.0, 0.0, 0.0)
-
-    def _fit(self, elapsed: float, excess: float) -> tuple[float, float]:
-        """Add a point and return the line's excess at it and its slope; the slope is 0 until it is more than jitter."""
-        n, x, y, xx, xy = self._sums
-        # move the origin of x to the newest point, then forget a little
-        x, xx, xy = x - elapsed * n, xx - 2.0 * elapsed * x + elapsed**2 * n, xy - elapsed * y
-        keep = 1.0 - min(0.5, max(0.0, elapsed) / MEMORY_S)
-        n, x, y, xx, xy = (keep * value for value in (n, x, y, xx, xy))
-        n, y = n + 1.0, y + excess
-        self._sums = (n, x, y, xx, xy)
-        variance = xx / n - (x / n) ** 2
-        slope = (xy / n - x * y / n**2) / variance if variance > SLOPE_SPREAD_S**2 else 0.0
-        return (y - slope * x) / n, slope
-
-
-class SampleCounter:
-    """Computes sample indices of blocks that have only stamps, with jumps where samples are missing."""
-
-    def __init__(self) -> None:
-        self._expected: tuple[int, float] | None = None  # sample index and stamp of the next block
-
-    def place(self, count: int, sample_rate: int, stamp: float) -> int:
-        """Index of the first sample of a block. A stamp far from the expected one, before or after, is a gap.
-
-        Parameters:
-            count: number of samples of the block.
-            sample_rate (Hz): sample rate of the stream.
-            stamp (s): capture time of the first sample.
-        """
-        first_sample, due = self._expected or (0, stamp)
-        if abs(stamp - due) > GAP_S:
-            first_sample += max(1, round((stamp - due) * sample_rate))
-        self._expected = first_sample + count, stamp + count / sample_rate
-        return first_sample
+    def _alive(self, now: float) -> Iterator[_Offset]:
+        return (candidate for candidate in self._candidates if candidate.end >= now - CANDIDATE_SILENCE_S)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_common.clock import SampleClock, SampleCounter
+from av_common.sample_clock import SampleClock, SampleCounter
 
 RATE, BLOCK = 48_000, 1600
 
@@ -16,7 +16,7 @@ def run(clock, seconds, ppm, jitter_s, seed=0, start=1.7e9):
         sample = k * BLOCK
         true_time = start + sample / RATE * (1.0 + 1e-6 * ppm)
         clock.observe(sample, true_time + rng.exponential(jitter_s))
-        stamps.append(clock.to_ros(sample))
+        stamps.append(clock.time_of(sample))
         truth.append(true_time)
     return np.array(stamps), np.array(truth)
 
@@ -40,19 +40,22 @@ def test_without_jitter_the_clock_is_exact():
     np.testing.assert_allclose(stamps[-100:], truth[-100:], rtol=0.0, atol=2e-5)
 
 
-def test_a_step_begins_anew():
+@pytest.mark.parametrize('step', [-3600.0, -1e9, 60.0, 3600.0])
+def test_a_step_of_the_system_clock_is_followed_after_a_second(step):
     clock = SampleClock(RATE)
-    run(clock, 5.0, 0.0, 0.0)
-    run(clock, 15.0, 0.0, 0.0, start=1.7e9 + 60.0)
+    for k in range(1, 600):
+        sample = k * BLOCK
+        clock.observe(sample, 1.7e9 + sample / RATE + (step if k >= 300 else 0.0))
+        assert clock.doubtful == (300 <= k < 330)
     assert clock.restarts == 1
-    assert clock.to_ros(6 * RATE) == pytest.approx(1.7e9 + 66.0, abs=1e-5)
+    assert clock.time_of(sample) == pytest.approx(1.7e9 + sample / RATE + step, abs=1e-5)
 
 
 def test_a_first_block_that_came_late_is_forgotten():
     clock = SampleClock(RATE)
     for k in range(1, 50):
         clock.observe(k * BLOCK, 1.7e9 + k * BLOCK / RATE + (0.2 if k == 1 else 0.0))
-    assert clock.to_ros(50 * BLOCK) == pytest.approx(1.7e9 + 50 * BLOCK / RATE, abs=1e-5)
+    assert clock.time_of(50 * BLOCK) == pytest.approx(1.7e9 + 50 * BLOCK / RATE, abs=1e-5)
 
 
 def test_late_blocks_do_not_move_the_clock():
@@ -60,12 +63,42 @@ def test_late_blocks_do_not_move_the_clock():
     for k in range(1, 600):
         sample = k * BLOCK
         clock.observe(sample, 1.7e9 + sample / RATE + (0.4 if 300 <= k < 312 else 0.0))
-        assert clock.to_ros(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
+        assert clock.time_of(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
+
+
+@pytest.mark.parametrize('error', [-3600.0, -1.0, -0.1, 0.1, 1.0, 1e300, float('nan')])
+def test_single_blocks_with_wrong_arrivals_are_refused(error):
+    clock, refused = SampleClock(RATE), 0
+    for k in range(1, 900):
+        sample, wrong = k * BLOCK, k > 60 and k % 7 == 0
+        refused += wrong
+        clock.observe(sample, 1.7e9 + sample / RATE + (error if wrong else 0.0))
+        assert clock.time_of(sample) == pytest.approx(1.7e9 + sample / RATE, abs=1e-5)
+    assert (clock.refused, clock.restarts) == (refused, 0)
+
+
+@pytest.mark.parametrize('rate', [0.98, 0.995, 1.0005, 1.02])
+def test_a_wrong_rate_is_found(rate):
+    clock, rng = SampleClock(RATE), np.random.default_rng(3)
+    for k in range(1, 1800):
+        time = 1.7e9 + k * BLOCK / RATE * rate
+        clock.observe(k * BLOCK, time + rng.exponential(0.002))
+        assert clock.time_of(k * BLOCK) == pytest.approx(time, abs=0.02)
+    assert clock.restarts == 0 and clock.ppm == pytest.approx(1e6 * (rate - 1.0), abs=20.0)
+
+
+@pytest.mark.parametrize('sample', [float('nan'), float('inf'), 1e300, -1.0])
+def test_impossible_sample_numbers_are_refused(sample):
+    clock = SampleClock(RATE)
+    clock.observe(sample, 1.7e9)
+    run(clock, 5.0, 0.0, 0.0)
+    clock.observe(sample, 1.7e9 + 5.0)
+    assert clock.refused == 2 and clock.time_of(RATE) == pytest.approx(1.7e9 + 1.0, abs=1e-5)
 
 
 def test_nothing_is_known_before_the_first_block():
     with pytest.raises(RuntimeError, match='no block'):
-        SampleClock(RATE).to_ros(0)
+        SampleClock(RATE).time_of(0)
 
 
 def test_blocks_with_stamps_only_are_counted_and_gaps_show():
@@ -76,3 +109,14 @@ def test_blocks_with_stamps_only_are_counted_and_gaps_show():
     assert after_gap == pytest.approx(RATE, abs=0.01 * RATE)
     assert counter.place(1600, RATE, 101.0 + 1600 / RATE) == after_gap + 1600
     assert counter.place(1600, RATE, 50.0) == after_gap + 3201  # a restart: no continuation, and never backwards
+
+
+@pytest.mark.parametrize('stamp', [float('nan'), float('inf'), -float('inf'), 1e300, -1e300, 2.0**31])
+def test_no_stamp_moves_the_index_far(stamp):
+    counter = SampleCounter()
+    assert counter.place(1600, RATE, 100.0) == 0
+    first = counter.place(1600, RATE, stamp)
+    assert 1600 < first <= 1600 + 60 * RATE
+    assert first + 1600 < counter.place(1600, RATE, 101.0) <= first + 1600 + 60 * RATE
+    with pytest.raises(ValueError, match='0 samples'):
+        counter.place(1600, 0, 102.0)

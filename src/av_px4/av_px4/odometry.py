@@ -9,12 +9,14 @@ from av_px4.continuity import ContinuousPose
 from av_px4.frames import Pose
 from av_px4.messages import odometry_message
 
+SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves its stamps
+
 
 class OdometryConverter:
     """Converts poses to Odometry messages in a continuous frame, stamped in ROS time.
 
-    PX4 has its own clock, which lags even when it is synchronised. The offset between both clocks is estimated as the
-    smallest difference between arrival and stamp.
+    PX4's stamps are seconds since boot while its time synchronisation is lost, lag or lead while it converges, and are never
+    taken for ROS time: the offset follows from their arrivals alone. After a jump it is known again after a second.
 
     Parameters:
         odom_frame: frame of the poses
@@ -23,7 +25,7 @@ class OdometryConverter:
 
     def __init__(self, odom_frame: str, base_frame: str) -> None:
         self._frames = (odom_frame, base_frame)
-        self._pose, self._clock = ContinuousPose(), SenderClock()
+        self._pose, self._clock = ContinuousPose(), SenderClock(drift=SYNCHRONISATION_SLEW)
 
     @property
     def clock_restarts(self) -> int:
@@ -31,12 +33,17 @@ class OdometryConverter:
         return self._clock.restarts
 
     @property
+    def undated(self) -> int:
+        """Number of poses that could not be dated and were not published."""
+        return self._clock.refused
+
+    @property
     def resets(self) -> int:
         """Number of corrections of heading or position by PX4's estimator."""
         return self._pose.resets
 
     def convert(self, time: float, arrival: float, pose: Pose, counter: int) -> Odometry | None:
-        """The message of a pose, None for half a second after a jump of PX4's clock, when stamps cannot be converted.
+        """The message of a pose, None when it cannot be dated: at the start and after a jump, for a second each.
 
         Parameters:
             time (s): time of validity of the pose, on PX4's clock

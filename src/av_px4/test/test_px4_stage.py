@@ -142,16 +142,16 @@ def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
     rig = Rig()
     rig.run(0.4)
     assert not rig.of(ODOMETRY_TOPIC)
-    rig.run(0.4)
+    rig.run(1.4)
     odometry = rig.of(ODOMETRY_TOPIC)[-1]
     assert odometry.header.frame_id == 'odom' and odometry.pose.pose.position.z == pytest.approx(2.0)
 
 
 def test_when_px4_sets_its_clock_no_pose_gets_a_wrong_stamp():
     rig = Rig()
-    rig.run(1.0)
+    rig.run(2.0)
     rig.offset = 5000.0    # time synchronisation regained, or lost
-    rig.run(1.0)
+    rig.run(1.5)
     late = [time for time, topic, message in rig.sent
             if topic == ODOMETRY_TOPIC and abs(to_seconds(message.header.stamp) - 1.7e9 - time) > 0.01]
     assert not late and rig.stage.odometry.clock_restarts == 1

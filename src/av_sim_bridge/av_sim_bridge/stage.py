@@ -15,7 +15,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_audio.messages import audio_frame
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import SenderClock
+from av_common.common_clock import CommonClock
 from av_common.frames import frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
@@ -91,16 +91,19 @@ class BridgeStage:
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
         self._rig, self._layout, self._settings = rig, layout, settings
-        self._clock = SenderClock()
+        self._clock = CommonClock()
         self._ring = RingBuffer(layout.channels, settings.ring_buffer_bytes, layout.dtype)
         self._direction = DirectionCheck(layout.sample_rate)
-        stamps = CaptureStamps(self._clock)
+        stamps = CaptureStamps()
         self._audio = AudioStream(layout, self._ring, self._clock)
         self._most_pixels = settings.max_image_pixels or 2 * rig.camera.model.width * rig.camera.model.height
         most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
-        self._images, self._depths = (ImageStream(self._clock, stamps, most_bytes) for _ in range(2))
-        self._truth, self._imu, self._time_sync = TruthStream(self._clock), ImuStream(self._clock), TimeSyncStream()
+        self._images, self._depths = (
+            ImageStream(self._clock, stamps, name, most_bytes) for name in ('image', 'image depth'))
         self.target_topics = settings.target_topics
+        names = {settings.rig_id: 'rig_truth'} | {
+            number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
+        self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._sequence = 0
         self._commanded = FreshInput()
         self._unusable_odometry = self._unusable_commands = 0
@@ -153,14 +156,14 @@ class BridgeStage:
     def on_truth(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The messages of the true state of rig or target; none for a vehicle with another number."""
         state = self._truth.take(datagram, arrival, sender)
+        if state is None:
+            return []
         header = messages.make_header(state.stamp, self._settings.world_frame)
         if state.copter_id == self._settings.rig_id:
             message = messages.odometry_message(header, self._rig.base_frame, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
-        topic = self.target_topics.get(state.copter_id)
-        if topic is None:
-            return []
+        topic = self.target_topics[state.copter_id]
         return [(topic, messages.odometry_message(header, topic.removeprefix('truth/'), state.state))]
 
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
@@ -212,6 +215,9 @@ class BridgeStage:
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assembler = self._audio.decoder.counts, self._images.assembler
+        clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
+                  for what, count in (('undated', counts.refused), ('of other senders', counts.foreign),
+                                      ('clock restarts', counts.restarts))}
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
                 'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
                 'audio overwritten frames': self._ring.overwritten, 'image lost': assembler.incomplete,
@@ -219,7 +225,8 @@ class BridgeStage:
                 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync.offset_s,
-                'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1)}
+                'audio delay spread (us)': round(1e6 * self._direction.spread_s, 1),
+                'audio blocks undated': self._audio.undated} | clocks
 
 
 def make_bridge_stage(parameters: Any) -> BridgeStage:

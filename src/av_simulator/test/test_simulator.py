@@ -15,7 +15,7 @@ from network_hosts import OTHER, RIG, STRANGER, two_hosts
 from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
-from av_common.clock import SenderClock
+from av_common.common_clock import CommonClock
 from av_common.rig import load_rig
 from av_sim_bridge.receiving.receiver import Receiver, open_port
 from av_sim_bridge.receiving.streams import (
@@ -55,12 +55,12 @@ class Decoders:
     """The bridge without ROS: keeps all that comes out of the streams."""
 
     def __init__(self, layout=AudioFormat()):  # noqa: B008 (frozen)
-        self.clock = SenderClock()
+        self.clock = CommonClock()
         self.layout, self.ring = layout, RingBuffer(layout.channels, 4_000_000, layout.dtype)
         self.audio = AudioStream(layout, self.ring, self.clock)
         self.images, self.boxes, self.states, self.depths = [], [], [], []
-        stamps = CaptureStamps(self.clock)
-        self.image_stream, self.depth_stream = ImageStream(self.clock, stamps), ImageStream(self.clock, stamps)
+        stamps = CaptureStamps()
+        self.image_stream, self.depth_stream = ImageStream(self.clock, stamps), ImageStream(self.clock, stamps, 'image depth')
         self.truth = TruthStream(self.clock)
 
     def take_image(self, *datagram):

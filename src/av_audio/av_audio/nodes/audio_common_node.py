@@ -10,9 +10,9 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from av_audio import pcm
 from av_audio.messages import audio_frame, samples_of
 from av_audio.nodes.audio_common_node_parameters import audio_common_node as parameters
-from av_common.clock import SampleCounter
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, STREAM
+from av_common.sample_clock import SampleCounter
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame
 
@@ -56,12 +56,12 @@ class AudioCommonNode(RigNode):
             return
         try:
             samples = pcm.decode(bytes(message.audio.data), self._info.sample_format, self._info.channels)
+            rate = self._info.sample_rate
+            first_sample = self._counter.place(len(samples), rate, to_seconds(message.header.stamp))
         except ValueError as error:
             self._problem_with_audio = str(error)
             return
         self._problem_with_audio = ''
-        rate = self._info.sample_rate
-        first_sample = self._counter.place(len(samples), rate, to_seconds(message.header.stamp))
         self._frames.publish(audio_frame(samples, first_sample, rate, message.header))
 
     def _on_frame(self, frame: AudioFrame) -> None:

@@ -50,7 +50,7 @@ class Px4Node(RigNode):
             self._link.subscribe(name, kind, partial(self._take, name, getattr(self._stage, f'on_{name}')))
         for name, kind in (INPUTS | (MODE_INPUTS if self._settings.external_mode else {})).items():
             self._link.advertise(name, kind)
-        self._unusable = ''
+        self._unusable, self._undated = '', 0
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED)}
 
@@ -114,11 +114,15 @@ class Px4Node(RigNode):
         status.add('body', stage.decision.reason)
         status.add('heading and position resets', str(stage.odometry.resets))
         status.add('clock restarts', str(stage.odometry.clock_restarts))
+        status.add('odometry undated', str(stage.odometry.undated))
 
     def _problems(self) -> list[str]:
         gimbal, mode = self._stage.gimbal, self._stage.mode
         found = [*self._link.problems.values(), self._unusable, mode.problem if mode else '']
         self._unusable = ''
+        if self._stage.odometry.undated > self._undated:
+            found.append("poses that cannot be dated: PX4's clock has jumped, see UXRCE_DDS_SYNCT")
+        self._undated = self._stage.odometry.undated
         if self._link.topic('vehicle_status') is None and 'vehicle_status' not in self._link.problems:
             found.append('no topics of PX4: is MicroXRCEAgent running, and UXRCE_DDS_CFG set?')
         elif self._stage.meters['status'].age > self._settings.timeouts.status:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -22,6 +21,7 @@ from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, Se
 from av_sim_bridge.receiving.consumer import Consumer
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
 from av_sim_bridge.receiving.streams import Sender, StampedImage
+from av_sim_bridge.receiving.worker import Worker
 from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 
@@ -57,11 +57,8 @@ class BridgeNode(RigNode):
         self._refusals, self._refused_before = Refusals(), 0
         with ExitStack() as opened:
             self._open_streams(opened)
-            self._reading = True
-            reader = threading.Thread(target=self._publish_audio, name='publish audio', daemon=True)
-            reader.start()
-            opened.callback(reader.join)
-            opened.callback(setattr, self, '_reading', False)
+            self._reader = Worker('publish audio', self._publish_audio)
+            opened.callback(self._reader.stop)
             self._opened = opened.pop_all()
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
         if self._settings.follow_odometry:
@@ -121,10 +118,9 @@ class BridgeNode(RigNode):
             self._outputs[topic].publish(message)
 
     def _publish_audio(self) -> None:
-        while self._reading:
-            message = self._stage.read_audio(timeout=0.2)
-            if message is not None:
-                self._outputs['audio/frames'].publish(message)
+        message = self._stage.read_audio(timeout=0.2)
+        if message is not None:
+            self._outputs['audio/frames'].publish(message)
 
     def _on_image(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         result = self._stage.on_image(datagram, arrival, sender)
@@ -167,7 +163,8 @@ class BridgeNode(RigNode):
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
-        counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed}
+        counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
+                                         'audio unpublished': self._reader.failed}
         for name, value in counts.items():
             status.add(name, str(value))
 

@@ -24,7 +24,7 @@ class AudioBlock:
         first_sample: index of the first sample since the start of the stream; lost samples are counted.
         samples (n, channels): samples in the type of the datagrams.
         arrival (s): time of reception of the last sample.
-        time (s): capture time of the first sample on the sender's clock, None in a stream without headers.
+        time (s): capture time of the first sample, None if it is not given by the datagram.
     """
 
     first_sample: int
@@ -59,19 +59,20 @@ class AudioDecoder:
         self._stream: _NumberedStream | _BareStream | None = None
         self._first_sample = 0
 
-    def decode(self, datagram: bytes, arrival: float) -> list[AudioBlock]:
+    def decode(self, datagram: bytes, arrival: float, time: float | None = None) -> list[AudioBlock]:
         """Blocks that are complete after this datagram, in order. Raises WireError for an unusable datagram.
 
         Parameters:
             datagram: content of the datagram.
             arrival (s): time of reception on the system's clock.
+            time (s): capture time of the first sample of a datagram with a header.
         """
         if not datagram:
             raise WireError('audio: empty datagram')
         header = decode_header(self.layout, datagram)
         kind = _BareStream if header is None else _NumberedStream
         stream = self._stream if isinstance(self._stream, kind) else self._change(kind, arrival)
-        blocks = stream.decode(header, datagram, arrival)
+        blocks = stream.decode(header, datagram, arrival, time)
         self.counts.received += 1
         return blocks
 
@@ -100,6 +101,7 @@ class _NumberedStream:
     PATIENCE = 2
     SILENCE = 1.0      # s without a datagram after which a stream without headers may replace this one
     RESTART = 64       # a backward step of the sequence number by this or more starts a new stream
+    MOST_LOST = 1000   # as does a larger forward step
 
     def __init__(self, layout: AudioFormat, counts: AudioCounts, next_sample: int, _lateness: Callable[[], float]):
         self.layout, self.counts, self.next_sample = layout, counts, next_sample
@@ -110,22 +112,23 @@ class _NumberedStream:
     def alive(self, arrival: float) -> bool:
         return arrival - self._last_arrival < self.SILENCE
 
-    def decode(self, header: AudioHeader | None, datagram: bytes, arrival: float) -> list[AudioBlock]:
+    def decode(self, header: AudioHeader | None, datagram: bytes, arrival: float,
+               time: float | None = None) -> list[AudioBlock]:
         if header is None:
             raise WireError('audio: header missing in a stream that has one')
         samples = self.layout.decode(payload_of(datagram))
         self._last_arrival = arrival
         if self._expected < 0:
             self._expected = header.sequence
-        elif header.sequence < self._expected:
-            if self._expected - header.sequence < self.RESTART and header.sequence > 0:
+        elif not 0 <= header.sequence - self._expected <= self.MOST_LOST:
+            if 0 < self._expected - header.sequence < self.RESTART and header.sequence > 0:
                 self.counts.reordered += 1     # already counted as lost, or a duplicate
                 return []
             self.counts.restarts += 1
             self._early.clear()
             self._expected = header.sequence
         self.counts.reordered += any(sequence > header.sequence for sequence in self._early)
-        self._early[header.sequence] = AudioBlock(0, samples, arrival, header.time)
+        self._early[header.sequence] = AudioBlock(0, samples, arrival, time)
         blocks = self._in_order()
         if len(self._early) > self.PATIENCE:
             missing = min(self._early) - self._expected
@@ -180,7 +183,8 @@ class _BareStream:
     def next_sample(self) -> int:
         return self._position // self.layout.frame_bytes
 
-    def decode(self, _header: AudioHeader | None, datagram: bytes, arrival: float) -> list[AudioBlock]:
+    def decode(self, _header: AudioHeader | None, datagram: bytes, arrival: float,
+               _time: float | None = None) -> list[AudioBlock]:
         self._length += (len(datagram) - self._length) / min(self._taken + 1, 32)
         half = self._length / self._rate / 2
         lag = self._lag(datagram, arrival, half)

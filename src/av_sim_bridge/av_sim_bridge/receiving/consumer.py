@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from av_sim_bridge.receiving.worker import report
+
 Item = TypeVar('Item')
 
 
@@ -14,7 +16,7 @@ class Consumer(Generic[Item]):
     """A worker thread for items from other threads.
 
     When the queue is full, the oldest item is dropped and counted in `dropped`, so that the newest is processed soon. Items
-    for which `work` raises ValueError are counted in `failed`.
+    for which `work` raises an error are counted in `failed`; errors other than ValueError are reported, too.
 
     Parameters:
         name: name of the thread.
@@ -55,3 +57,8 @@ class Consumer(Generic[Item]):
             except ValueError as error:
                 self.failed += 1
                 self.last_error = str(error)
+            except Exception as error:  # noqa: BLE001 (the next item is processed)
+                self.failed += 1
+                if repr(error) != self.last_error:
+                    self.last_error = repr(error)
+                    report(error)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
 from av_sim_bridge.receiving.allowed_senders import SenderGate
+from av_sim_bridge.receiving.worker import report
 from av_sim_bridge.wire import WireError
 
 Handler = Callable[[bytes, float, tuple], None]
@@ -107,6 +108,11 @@ class Receiver:
             except WireError as error:
                 self.malformed += 1
                 self.last_error = str(error)
+            except Exception as error:  # noqa: BLE001 (the next datagram is processed)
+                self.malformed += 1
+                if repr(error) != self.last_error:
+                    self.last_error = repr(error)
+                    report(error)
             else:
                 self.meter.tick()
 

@@ -7,23 +7,25 @@ datagram. Its parameters are the content of the datagram, `arrival` (s, the syst
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
+from av_common.common_clock import CommonClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import WireError
-from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.imu import ImuSample, decode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
 from av_sim_bridge.wire.time_sync import decode_time_sync
 from av_sim_bridge.wire.truth import decode_truth
 
-LATEST = 10.0    # s, maximum delay of a stamp relative to the other streams
+SAME_CAPTURE = 0.05    # s, largest difference of the stamps of one capture in two streams
 Sender = tuple[Any, ...]
 
 
@@ -36,22 +38,22 @@ class AudioStream:
     Parameters:
         layout: format of the samples in the datagrams.
         ring: buffer for the samples, which are numbered from the start of the stream.
-        clock: the sender's clock, shared by all streams of one simulator.
+        clock: the clock that all streams of one simulator share.
     """
 
     SILENCE = 1.0    # s
 
-    def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: SenderClock) -> None:
+    def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: CommonClock) -> None:
         self.decoder = AudioDecoder(layout, lambda: clock.lateness)
         self.ring = ring
-        self.foreign = 0
-        self._sender_clock = clock
-        self._sample_clock = SenderClock()    # clock of samples without stamps
+        self.foreign = self.undated = 0
+        self._layout, self._clock = layout, clock
+        self._sample_clock = SenderClock(trusted=True)    # clock of samples without stamps
         self._rate = layout.sample_rate
         self._sender: Sender | None = None
         self._received = 0.0
         self._restarts = 0
-        self._anchor = (0, 0.0)    # a sample and its ROS time
+        self._anchors: deque[tuple[int, float]] = deque(maxlen=256)    # samples and their ROS times
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Decode one datagram and write its samples to the ring buffer."""
@@ -60,26 +62,39 @@ class AudioStream:
                 self.foreign += 1
                 raise WireError('audio: datagram from {}:{} while {}:{} sends'.format(*sender, *self._sender))
             self.decoder.restart()
-        blocks = self.decoder.decode(datagram, arrival)
+        blocks = self.decoder.decode(datagram, arrival, self._stamp_of(datagram, arrival, sender))
         self._sender, self._received = sender, arrival
         if self.decoder.counts.restarts != self._restarts:
             self._restarts = self.decoder.counts.restarts
-            self._sample_clock = SenderClock()
+            self._sample_clock = SenderClock(trusted=True)
         for block in blocks:
-            self._place(block)
+            time = self._time_of(block)
+            if time is None:
+                self.undated += 1
+                continue
+            self._anchors.append((block.first_sample, time))
             self.ring.write(block.samples, block.first_sample)
 
     def stamp(self, sample: int) -> float:
-        """Capture time (s, ROS time) of the sample with a given number."""
-        known, time = self._anchor
+        """Capture time (s, ROS time) of the sample with a given number, which is in the ring buffer."""
+        anchors = tuple(self._anchors)
+        known, time = next((anchor for anchor in reversed(anchors) if anchor[0] <= sample), anchors[0])
         return time + (sample - known) / self._rate
 
-    def _place(self, block: AudioBlock) -> None:
+    def _stamp_of(self, datagram: bytes, arrival: float, sender: Sender) -> float | None:
+        """ROS time (s) of a datagram's first sample, None without a header. Raises WireError if it cannot be dated."""
+        header = decode_header(self._layout, datagram)
+        if header is None:
+            return None
+        duration = header.frames / self._rate
+        return _date(self._clock, 'audio', sender, header.time + duration, arrival) - duration
+
+    def _time_of(self, block: AudioBlock) -> float | None:
+        if block.time is not None:
+            return block.time
         duration = len(block.samples) / self._rate
-        clock, begin = self._sender_clock, block.time
-        if begin is None:
-            clock, begin = self._sample_clock, block.first_sample / self._rate
-        self._anchor = (block.first_sample, _date(clock, begin + duration, block.arrival, 'audio') - duration)
+        end = self._sample_clock.date(block.first_sample / self._rate + duration, block.arrival)
+        return None if end is None else end - duration
 
 
 @dataclass(frozen=True)
@@ -109,51 +124,61 @@ class OracleReport:
 
 
 class CaptureStamps:
-    """Assigns one ROS time to each capture time, so that simultaneous captures have identical stamps.
+    """Assigns one ROS time to each capture time, so that simultaneous captures have identical stamps."""
 
-    Parameters:
-        clock: the sender's clock.
-    """
-
-    def __init__(self, clock: SenderClock) -> None:
-        self._clock, self._lock = clock, threading.Lock()
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._known: OrderedDict[float, float] = OrderedDict()
 
-    def of(self, time: float) -> float:
-        """Stamp (s, ROS time) of a capture at the sender's `time` (s). May be called from any thread."""
+    def of(self, time: float, dated: float) -> float:
+        """Stamp (s, ROS time) of a capture: that of its first datagram. May be called from any thread.
+
+        Parameters:
+            time (s): time of the capture on the sender's clock.
+            dated (s): ROS time of that time by the newest datagram.
+        """
         with self._lock:
-            if time not in self._known:
-                self._known[time] = self._clock.to_ros(time)
-                if len(self._known) > 32:
-                    self._known.popitem(last=False)
-            return self._known[time]
+            if abs(self._known.get(time, dated) - dated) > SAME_CAPTURE:    # the sender has restarted
+                del self._known[time]
+            stamp = self._known.setdefault(time, dated)
+            if len(self._known) > 32:
+                self._known.popitem(last=False)
+            return stamp
 
 
 class ImageStream:
     """Assembles images from fragments. A report of the oracle refers to the image of the last received fragment.
 
     Parameters:
-        clock: the sender's clock, shared by all streams of one simulator.
+        clock: the clock that all streams of one simulator share.
         stamps: stamps shared with other streams of the same camera, such as depth; None for a separate object.
+        name: name of the stream.
         most_bytes (bytes): maximum size of an encoded image.
     """
 
-    def __init__(self, clock: SenderClock, stamps: CaptureStamps | None = None, most_bytes: int = 4_000_000) -> None:
+    def __init__(self, clock: CommonClock, stamps: CaptureStamps | None = None, name: str = 'image',
+                 most_bytes: int = 4_000_000) -> None:
         self.assembler = ImageAssembler(most_bytes=most_bytes)
-        self._clock = clock
-        self._stamps = stamps or CaptureStamps(clock)
-        self._newest: float | None = None
+        self._clock, self._name = clock, name
+        self._stamps = stamps or CaptureStamps()
+        self._newest: tuple[Sender, float] | None = None
 
-    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedImage | OracleReport | None:
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | OracleReport | None:
         """The image or report that this datagram completes, None if it completes none."""
         if is_oracle(datagram):
-            boxes = decode_oracle(datagram)
-            return None if self._newest is None else OracleReport(boxes, self._newest)
+            return self._report(decode_oracle(datagram), sender)
         fragment = decode_fragment(datagram)
-        _date(self._clock, fragment.time, arrival, 'image')
-        self._newest = self._stamps.of(fragment.time)
+        stamp = self._stamps.of(fragment.time, _date(self._clock, self._name, sender, fragment.time, arrival))
+        self._newest = sender, stamp
         image = self.assembler.add(fragment)
-        return None if image is None else StampedImage(image, self._newest)
+        return None if image is None else StampedImage(image, stamp)
+
+    def _report(self, boxes: list[OracleBox], sender: Sender) -> OracleReport | None:
+        if self._newest is None:
+            return None
+        if self._newest[0][0] != sender[0]:
+            raise WireError('image: boxes from {}:{} while {}:{} sends images'.format(*sender, *self._newest[0]))
+        return OracleReport(boxes, self._newest[1])
 
 
 @dataclass(frozen=True)
@@ -172,30 +197,38 @@ class StampedState:
 
 
 class TruthStream:
-    """Decodes states of vehicles to ROS frames and ROS time."""
+    """Decodes states of vehicles to ROS frames and ROS time.
 
-    def __init__(self, clock: SenderClock) -> None:
-        self._clock = clock
+    Parameters:
+        clock: the clock that all streams of one simulator share.
+        names: name of the stream of each vehicle by its number; other vehicles are left out. None takes all.
+    """
 
-    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> StampedState:
-        """The state in one datagram."""
+    def __init__(self, clock: CommonClock, names: Mapping[int, str] | None = None) -> None:
+        self._clock, self._names = clock, names
+
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> StampedState | None:
+        """The state in one datagram, None for another vehicle."""
         truth = decode_truth(datagram)
-        stamp = _date(self._clock, truth.time, arrival, 'truth')
+        name = 'truth' if self._names is None else self._names.get(truth.copter_id)
+        if name is None:
+            return None
+        stamp = _date(self._clock, name, sender, truth.time, arrival)
         return StampedState(truth.copter_id, from_truth(truth), stamp)
 
 
 class ImuStream:
     """Decodes inertial measurements of the rig; `lost` counts the gaps in their sequence numbers."""
 
-    def __init__(self, clock: SenderClock) -> None:
+    def __init__(self, clock: CommonClock) -> None:
         self.lost = 0
         self._clock = clock
         self._expected: int | None = None
 
-    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> tuple[ImuSample, float]:
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[ImuSample, float]:
         """The measurement in one datagram and its time (s, ROS time)."""
         sample = decode_imu(datagram)
-        stamp = _date(self._clock, sample.time, arrival, 'imu')
+        stamp = _date(self._clock, 'imu', sender, sample.time, arrival)
         if self._expected is not None and 0 < sample.sequence - self._expected < 1000:
             self.lost += sample.sequence - self._expected
         self._expected = sample.sequence + 1
@@ -213,9 +246,9 @@ class TimeSyncStream:
         self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
 
 
-def _date(clock: SenderClock, stamp: float, arrival: float, name: str) -> float:
-    """ROS time (s) of a stamp. A delay of up to LATEST is accepted; raises WireError for any other stamp."""
-    time = clock.date_late(stamp, arrival, LATEST)
+def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: float) -> float:
+    """ROS time (s) of a stamp. Raises WireError if it cannot be dated."""
+    time = clock.date(name, sender, stamp, arrival)
     if time is None:
-        raise WireError(f'{name}: time {stamp:g} s is inconsistent with the other stamps')
+        raise WireError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
     return time

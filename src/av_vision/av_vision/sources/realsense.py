@@ -15,7 +15,6 @@ from av_common.clock import SenderClock
 from av_vision.sources.capture import CapturedImage, SourceError
 
 TIMEOUT_MS = 2000
-RESTART_S = 1.0  # a larger deviation of a stamp means that the device was restarted
 Motion = Callable[[float, tuple[float, float, float], tuple[float, float, float]], None]
 
 
@@ -91,7 +90,7 @@ class RealSenseSource:
         rs = self._rs
         device = self.device or self._find()
         self._queue, self._align = rs.syncer(), rs.align(rs.stream.color)
-        self._clock, self._motion_clock = SenderClock(restart=RESTART_S), SenderClock(restart=RESTART_S)
+        self._clock, self._motion_clock = SenderClock(), SenderClock()
         self._depth_unit = 1e-3
         for sensor in device.query_sensors():
             wanted = [profile for profile in sensor.get_stream_profiles() if self._wants(profile)]

@@ -1,0 +1,180 @@
+"""The common clock of a simulator's streams, so that the stamps of one moment agree in all of them."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Hashable
+from typing import NamedTuple
+
+from av_common.clock import CHASE, END_OF_TIME_S, LATEST_S, ElapsedTime, SenderClock
+
+MOST_SENDERS = 8         # of one stream
+SILENCE_S = 1.0          # after this time without a dated stamp another sender may take a stream over
+REPLACEABLE_S = 0.25     # silence of a sender's clock after which another may take its place in memory
+TOGETHER_S = 0.02        # offsets of streams that support each other
+DELAY_S = 0.25           # a stream may precede the common offset by this much, if that rests on a slower stream
+BEGIN_S = 2.0            # after the common offset is set: the lowest of offsets with equal support wins
+STEP_S = 0.05            # interval between comparisons
+
+
+class _Member:
+    """The clock of one sender of a stream, and the elapsed times (s) of its newest and its newest accepted stamp."""
+
+    def __init__(self) -> None:
+        self.clock = SenderClock()
+        self.seen = self.accepted = -math.inf
+
+
+class _Stream:
+    """The senders of one stream. One of them is in charge; others are observed, and take over when it falls silent."""
+
+    def __init__(self) -> None:
+        self.members: dict[Hashable, _Member] = {}
+        self.charge: Hashable = None
+        self.dated = -math.inf    # s, elapsed time of the newest dated stamp
+        self.refused = self.foreign = 0
+
+    def member(self, sender: Hashable, now: float) -> _Member | None:
+        """The clock of a sender, None when there is no memory for another."""
+        if sender not in self.members and len(self.members) >= MOST_SENDERS:
+            silent = [name for name, other in self.members.items() if other.seen < now - REPLACEABLE_S and name != self.charge]
+            if not silent:
+                return None
+            del self.members[min(silent, key=lambda name: self.members[name].seen)]
+        return self.members.setdefault(sender, _Member())
+
+    def is_taken(self, sender: Hashable, now: float) -> bool:
+        """Whether another sender is in charge."""
+        return sender != self.charge and self.dated >= now - SILENCE_S
+
+    def offsets(self, now: float) -> list[float]:
+        """Offsets (s) of the senders that count: the one in charge, or all while there is none."""
+        if self.dated >= now - SILENCE_S:
+            return [self.members[self.charge].clock.offset]
+        return [other.clock.offset for other in self.members.values() if other.accepted >= now - SILENCE_S]
+
+
+class StreamCounts(NamedTuple):
+    """What a stream's stamps came to.
+
+    Parameters:
+        refused: number of stamps that could not be dated.
+        foreign: number of stamps of other senders than the one in charge, contained in `refused`.
+        restarts: number of times that a sender's clock restarted.
+    """
+
+    refused: int
+    foreign: int
+    restarts: int
+
+
+class CommonClock:
+    """One clock for the streams of a simulator, whose stamps are of one clock and whose delays differ.
+
+    Each sender of each stream has its own SenderClock. The common offset is the one that most kinds of streams share, so
+    that no single stream can move it. Streams may be later than the common offset, such as images; stamps of a stream that
+    contradicts it are refused. No stamp is dated later than its arrival. May be called from any thread.
+
+    Attributes:
+        restarts: number of times that the common offset was replaced.
+    """
+
+    def __init__(self) -> None:
+        self.restarts = 0
+        self._time, self._lock = ElapsedTime(), threading.Lock()
+        self._streams: dict[str, _Stream] = {}
+        self._offset = math.nan
+        self._compared = self._begin = -math.inf
+
+    @property
+    def counts(self) -> dict[str, StreamCounts]:
+        """Counts of each stream by its name."""
+        with self._lock:
+            return {name: StreamCounts(stream.refused, stream.foreign, sum(
+                member.clock.restarts for member in stream.members.values())) for name, stream in self._streams.items()}
+
+    @property
+    def lateness(self) -> float:
+        """Delay (s) of the quickest stream of the last second relative to its least delay: that of a sender too slow."""
+        with self._lock:
+            now = self._time.now
+            return min((stream.members[stream.charge].clock.lateness for stream in self._streams.values()
+                        if stream.dated >= now - SILENCE_S), default=0.0)
+
+    def date(self, stream: str, sender: Hashable, stamp: float, arrival: float) -> float | None:
+        """ROS time (s) of a stamp, None when it cannot be dated; it lies in the range of builtin_interfaces/Time.
+
+        Parameters:
+            stream: name of the stream. Names with the same first word are one kind, with one vote on the common offset.
+            sender: address of the sender.
+            stamp (s): time on the sender's clock.
+            arrival (s): ROS time of its arrival.
+        """
+        if not 0.0 <= arrival < END_OF_TIME_S:
+            return None
+        with self._lock:
+            now = self._time.at(arrival)
+            taken = self._streams.setdefault(stream, _Stream())
+            time = self._date(taken, sender, stamp, arrival, now)
+            taken.refused += time is None
+            return time
+
+    def _date(self, stream: _Stream, sender: Hashable, stamp: float, arrival: float, now: float) -> float | None:
+        member = stream.member(sender, now)
+        if member is None:
+            stream.foreign += 1
+            return None
+        member.seen = now
+        time = member.clock.date(stamp, arrival)
+        if time is None:
+            return None
+        member.accepted = now
+        if stream.is_taken(sender, now):
+            stream.foreign += 1
+            return None
+        self._compare(now)
+        if not -DELAY_S <= member.clock.offset - self._offset <= LATEST_S:
+            return None
+        stream.charge, stream.dated = sender, now
+        return max(min(time, stamp + self._offset), 0.0)
+
+    def _compare(self, now: float) -> None:
+        """Move the common offset towards the offset that most kinds of streams share, or replace it."""
+        elapsed = now - self._compared
+        if elapsed < STEP_S and not math.isnan(self._offset):
+            return
+        self._compared = now
+        votes: dict[str, list[float]] = {}
+        for name, stream in self._streams.items():
+            votes.setdefault(name.partition(' ')[0], []).extend(stream.offsets(now))
+        target = _shared(votes, self._offset, now - self._begin < BEGIN_S)
+        change = target - self._offset
+        if abs(change) <= TOGETHER_S:
+            most = elapsed * CHASE
+            self._offset += max(-most, min(most, change))
+            return
+        if not abs(change) <= DELAY_S:
+            self.restarts += not math.isnan(change)
+            self._begin = now
+        self._offset = target
+
+
+def _shared(votes: dict[str, list[float]], present: float, beginning: bool) -> float:
+    """The offset (s) that most kinds of streams share.
+
+    Parameters:
+        votes (s): offsets of each kind of stream; at least one.
+        present (s): the present common offset, which wins a tie; NaN without one.
+        beginning: whether the lowest wins a tie, because the least delay is still unknown.
+    """
+    def supporters(offset: float) -> list[float]:
+        near = ([other for other in offsets if abs(other - offset) <= TOGETHER_S] for offsets in votes.values())
+        return sorted(min(offsets) for offsets in near if offsets)
+
+    support = {offset: supporters(offset) for offsets in votes.values() for offset in offsets}
+    most = max(len(group) for group in support.values())
+    best = [offset for offset, group in support.items() if len(group) == most]
+    lower = DELAY_S if beginning else TOGETHER_S
+    group = support[min([offset for offset in best if -lower <= offset - present <= TOGETHER_S] or best)]
+    return group[(len(group) - 1) // 2]

@@ -1,0 +1,102 @@
+"""Odometry while PX4's clock is unsynchronised, synchronised, reset, slewed and drifting: dated truly or not at all."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from av_common.freshness import Instant
+from av_common.stamps import to_seconds
+from av_px4.settings import Px4Settings
+from av_px4.stage import ODOMETRY_TOPIC, Px4Stage
+
+EPOCH = 1.7e9     # s, ROS time
+RATE = 100.0
+BOOTED = 900.0    # s before the beginning
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(7)
+
+
+def unsynchronised(time):
+    return BOOTED + time
+
+
+def synchronised(time):
+    return EPOCH + time - 0.187
+
+
+def pieces(*parts):
+    """PX4's clock of (begin, clock) in order."""
+    return lambda time: next(clock for begin, clock in reversed(parts) if time >= begin)(time)
+
+
+CLOCKS = {
+    'synchronised late': pieces((0.0, unsynchronised), (10.0, synchronised)),
+    'lost for half a second': pieces((0.0, synchronised), (10.0, unsynchronised), (10.5, synchronised)),
+    'lost for two seconds': pieces((0.0, synchronised), (10.0, unsynchronised), (12.0, synchronised)),
+    'lost for single stamps': lambda time: unsynchronised(time) if round(time * RATE) % 7 == 0 else synchronised(time),
+    'lost and regained again and again': lambda time: unsynchronised(time) if 8.0 < time < 20.0 and time % 0.7 < 0.3
+    else synchronised(time),
+    'a second ahead after a stall': pieces((0.0, synchronised), (10.0, lambda time: synchronised(time) + 1.0),
+                                           (13.0, synchronised)),
+    'reset with another offset': pieces((0.0, synchronised), (10.0, lambda time: synchronised(time) + 0.15)),
+    'converges from behind': lambda time: synchronised(time) - 0.3 * np.exp(-max(time - 5.0, 0.0) / 20.0),
+    'converges from ahead': lambda time: synchronised(time) + 0.3 * np.exp(-max(time - 5.0, 0.0) / 20.0),
+    'drifts': lambda time: synchronised(time * (1.0 + 5e-4)),
+    'rebooted': pieces((0.0, unsynchronised), (10.0, lambda time: time - 10.0)),
+    'all after each other': pieces((0.0, unsynchronised), (4.0, synchronised), (8.0, unsynchronised), (8.6, synchronised),
+                                   (14.0, lambda time: synchronised(time) + 1.2), (20.0, lambda time: time - 20.0)),
+}
+
+
+def fly(rng, clock, seconds=30.0):
+    """(true time, error of the stamp) of the odometry, and the stage."""
+    stage, found = Px4Stage(Px4Settings(), SimpleNamespace()), []
+    stage.start(Instant(0.0, EPOCH))
+    for time in np.arange(0.0, seconds, 1.0 / RATE):
+        arrival = time + 0.002 + rng.exponential(0.001)
+        stamp = max(round(1e6 * clock(time)), 0)
+        message = SimpleNamespace(
+            timestamp=stamp, timestamp_sample=stamp, pose_frame=1, velocity_frame=1, reset_counter=0,
+            position=[0.0, 0.0, -2.0], q=[1.0, 0.0, 0.0, 0.0], velocity=[0.0] * 3, angular_velocity=[0.0] * 3)
+        for topic, odometry in stage.on_vehicle_odometry(message, Instant(arrival, EPOCH + arrival)):
+            assert topic == ODOMETRY_TOPIC
+            dated = to_seconds(odometry.header.stamp)
+            assert dated <= EPOCH + arrival + 1e-6
+            found.append((time, dated - EPOCH - time))
+    return np.array(found), stage
+
+
+@pytest.mark.parametrize('name', CLOCKS)
+def test_no_pose_has_a_wrong_stamp(rng, name):
+    found, stage = fly(rng, CLOCKS[name])
+    assert np.abs(found[:, 1]).max() < 0.02 + 0.002
+    assert stage.odometry.undated + len(found) == 3000
+
+
+@pytest.mark.parametrize(('name', 'events'), [
+    ('synchronised late', [0.0, 10.0]), ('lost for two seconds', [0.0, 10.0, 12.0]), ('rebooted', [0.0, 10.0]),
+    ('a second ahead after a stall', [0.0, 10.0, 13.0]), ('converges from ahead', [0.0]), ('converges from behind', [0.0]),
+    ('drifts', [0.0])])
+def test_poses_come_again_within_a_second_and_a_half(rng, name, events):
+    found, _ = fly(rng, CLOCKS[name])
+    for begin, end in zip(events, [*events[1:], 30.0], strict=True):
+        times = found[(found[:, 0] >= begin + 1.5) & (found[:, 0] < end), 0]
+        assert len(times) > 0.99 * RATE * (end - begin - 1.5)
+
+
+def test_single_stamps_of_another_clock_cost_nothing_but_themselves(rng):
+    found, stage = fly(rng, CLOCKS['lost for single stamps'])
+    assert stage.odometry.clock_restarts == 0
+    assert (found[:, 0] > 1.5).sum() == pytest.approx(2850 * 6 / 7, rel=0.01)
+
+
+@pytest.mark.parametrize('stamp', [0, 1, 2**63, 2**64 - 1, 3_600_000_000 * 10**6])
+def test_impossible_stamps_are_counted(rng, stamp):
+    found, stage = fly(rng, lambda time: 1e-6 * stamp)
+    assert len(found) == 0 and stage.odometry.undated == 3000
