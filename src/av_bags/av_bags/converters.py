@@ -82,7 +82,7 @@ class AudioBytes:
 
     def __init__(self, layout: AudioLayout) -> None:
         self._layout = layout
-        self._clock = SenderClock(trusted=True)
+        self._clock = SenderClock()
         self._rest = b''
         self._next = 0
         self._origin: float | None = None

@@ -59,7 +59,7 @@ class _Offset:
 
     def __init__(self, now: float, offset: float) -> None:
         self.begin = self.end = now
-        self.lowest = self.highest = offset
+        self.first = self.lowest = self.highest = offset
         self._samples = deque([(now, offset)])
 
     def add(self, now: float, offset: float) -> None:
@@ -108,24 +108,27 @@ class SenderClock:
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
     back. No stamp is dated later than its arrival.
 
+    Until the first stamps have agreed for AGREEMENT_S the offset is provisional: the least one of them, which may be
+    LATEST_S less than the first. A first stamp that is wrong is thus replaced as soon as the others have agreed.
+
     Parameters:
-        trusted: whether the first stamp is dated at once, as for counts that this program makes itself. Otherwise no stamp
-            is dated before AGREEMENT_S of agreement.
         drift (s/s): slew of the offset in normal operation.
 
     Attributes:
+        settled: whether stamps have agreed for AGREEMENT_S.
         refused: number of stamps that could not be dated.
         restarts: number of times that the offset was replaced.
     """
 
-    def __init__(self, trusted: bool = False, drift: float = DRIFT) -> None:
+    def __init__(self, drift: float = DRIFT) -> None:
         self.refused = self.restarts = 0
-        self._trusted, self._drift = trusted, drift
+        self.settled = False
+        self._drift = drift
         self._time = ElapsedTime()
         self._accepted: _Offset | None = None
         self._candidates: list[_Offset] = []
         self._offset = self._floor = self._low = math.nan
-        self._newest = -math.inf
+        self._newest = self._renewed = -math.inf    # newest stamp, and when it arrived first
         self._reordered = REORDERED_S[0]
         self._corrected = 0.0
 
@@ -155,30 +158,29 @@ class SenderClock:
         elif not self._propose(now, offset):
             self.refused += 1
             return None
-        self._newest = max(self._newest, stamp)
+        if stamp > self._newest:
+            self._newest, self._renewed = stamp, now
         return max(min(stamp + self._offset, arrival), 0.0)
 
     def _fits(self, accepted: _Offset, stamp: float, offset: float, now: float) -> bool:
         lag = offset - self._offset
         if lag < 0.0:
-            return offset >= self._floor - EARLY_S or self._is_new(accepted, now)
-        if lag <= self._reordered:
+            return offset >= (self._floor - EARLY_S if self.settled else accepted.first - LATEST_S)
+        if lag <= (self._reordered if self.settled else WIDTH_S):
             return True
-        if lag > LATEST_S or stamp < self._newest:
+        repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
+        if lag > LATEST_S or stamp < self._newest or repeated:
             return False
         refused = sum(candidate.count(now, lag) for candidate in self._candidates if candidate.is_near(offset))
         return refused < accepted.count(now, lag) or not refused
 
-    def _is_new(self, accepted: _Offset, now: float) -> bool:
-        """Whether a trusted sender's first second lasts, in which the least delay counts."""
-        return self._trusted and not self.restarts and now - accepted.begin < AGREEMENT_S
-
     def _follow(self, accepted: _Offset, now: float, offset: float) -> None:
         accepted.add(now, offset)
-        if self._is_new(accepted, now):
+        if not self.settled:
             self._offset = self._floor = self._low = min(self._offset, offset)
+            self.settled = accepted.agrees
         elapsed = now - self._corrected
-        if elapsed < STEP_S:
+        if elapsed < STEP_S or not self.settled:
             return
         self._corrected = now
         self._low = accepted.quantile(1)
@@ -195,13 +197,13 @@ class SenderClock:
         candidate = self._candidate(now, offset)
         if candidate is None:
             return False
-        first = self._trusted and self._accepted is None
-        others = self._accepted.count(now) if self._accepted else 0
-        most = max(other.count(now) for other in self._candidates)
-        count = candidate.count(now)
-        if not first and not (candidate.agrees and count >= most and count > MAJORITY * others):
-            return False
-        self.restarts += self._accepted is not None
+        if self._accepted is not None:
+            others, count = self._accepted.count(now), candidate.count(now)
+            most = max(other.count(now) for other in self._candidates)
+            if not (candidate.agrees and count >= most and count > MAJORITY * others):
+                return False
+            self.restarts += self.settled
+            self.settled = True
         self._accepted, self._candidates = candidate, []
         self._offset = self._floor = self._low = candidate.quantile(1)
         self._newest, self._corrected, self._reordered = -math.inf, now, REORDERED_S[0]

@@ -48,11 +48,11 @@ class _Stream:
         """Whether another sender is in charge."""
         return sender != self.charge and self.dated >= now - SILENCE_S
 
-    def offsets(self, now: float) -> list[float]:
-        """Offsets (s) of the senders that count: the one in charge, or all while there is none."""
+    def clocks(self, now: float) -> list[SenderClock]:
+        """Clocks of the senders that count: the one in charge, or all while there is none."""
         if self.dated >= now - SILENCE_S:
-            return [self.members[self.charge].clock.offset]
-        return [other.clock.offset for other in self.members.values() if other.accepted >= now - SILENCE_S]
+            return [self.members[self.charge].clock]
+        return [other.clock for other in self.members.values() if other.accepted >= now - SILENCE_S]
 
 
 class StreamCounts(NamedTuple):
@@ -86,6 +86,7 @@ class CommonClock:
         self._streams: dict[str, _Stream] = {}
         self._offset = math.nan
         self._compared = self._begin = -math.inf
+        self._settled = False    # whether stamps that have agreed have set the offset
 
     @property
     def counts(self) -> dict[str, StreamCounts]:
@@ -145,9 +146,14 @@ class CommonClock:
         if elapsed < STEP_S and not math.isnan(self._offset):
             return
         self._compared = now
+        clocks = [(name.partition(' ')[0], clock) for name, stream in self._streams.items() for clock in stream.clocks(now)]
+        settled = [(kind, clock) for kind, clock in clocks if clock.settled]
+        if not settled and self._settled:
+            return    # stamps that have not agreed set the offset provisionally, and never move it
+        self._settled = self._settled or bool(settled)
         votes: dict[str, list[float]] = {}
-        for name, stream in self._streams.items():
-            votes.setdefault(name.partition(' ')[0], []).extend(stream.offsets(now))
+        for kind, clock in settled or clocks:
+            votes.setdefault(kind, []).append(clock.offset)
         target = _shared(votes, self._offset, now - self._begin < BEGIN_S)
         change = target - self._offset
         if abs(change) <= TOGETHER_S:

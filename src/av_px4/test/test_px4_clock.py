@@ -97,6 +97,7 @@ def test_single_stamps_of_another_clock_cost_nothing_but_themselves(rng):
 
 
 @pytest.mark.parametrize('stamp', [0, 1, 2**63, 2**64 - 1, 3_600_000_000 * 10**6])
-def test_impossible_stamps_are_counted(rng, stamp):
+def test_a_clock_that_stands_still_dates_nothing_for_long(rng, stamp):
     found, stage = fly(rng, lambda time: 1e-6 * stamp)
-    assert len(found) == 0 and stage.odometry.undated == 3000
+    assert len(found) < 15 and stage.odometry.undated == 3000 - len(found)
+    assert all(abs(error) < 0.11 for _, error in found)

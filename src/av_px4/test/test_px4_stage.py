@@ -142,7 +142,7 @@ def test_where_the_firmware_sends_no_odometry_the_attitude_takes_its_place():
     rig = Rig()
     rig.run(0.4)
     assert not rig.of(ODOMETRY_TOPIC)
-    rig.run(1.4)
+    rig.run(0.4)
     odometry = rig.of(ODOMETRY_TOPIC)[-1]
     assert odometry.header.frame_id == 'odom' and odometry.pose.pose.position.z == pytest.approx(2.0)
 

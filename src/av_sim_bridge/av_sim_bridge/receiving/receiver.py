@@ -13,7 +13,7 @@ from collections.abc import Callable
 from av_common.rate_meter import RateMeter
 from av_sim_bridge.receiving.allowed_senders import SenderGate
 from av_sim_bridge.receiving.worker import report
-from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire import UndatedError, WireError
 
 Handler = Callable[[bytes, float, tuple], None]
 
@@ -105,6 +105,8 @@ class Receiver:
                 continue
             try:
                 self._handle(datagram, _arrival(ancillary), sender)
+            except UndatedError as error:    # counted by the stream's clock
+                self.last_error = str(error)
             except WireError as error:
                 self.malformed += 1
                 self.last_error = str(error)

@@ -17,7 +17,7 @@ from av_common.clock import SenderClock
 from av_common.common_clock import CommonClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
-from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire import UndatedError, WireError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.imu import ImuSample, decode_imu
@@ -48,7 +48,7 @@ class AudioStream:
         self.ring = ring
         self.foreign = self.undated = 0
         self._layout, self._clock = layout, clock
-        self._sample_clock = SenderClock(trusted=True)    # clock of samples without stamps
+        self._sample_clock = SenderClock()    # clock of samples without stamps
         self._rate = layout.sample_rate
         self._sender: Sender | None = None
         self._received = 0.0
@@ -66,7 +66,7 @@ class AudioStream:
         self._sender, self._received = sender, arrival
         if self.decoder.counts.restarts != self._restarts:
             self._restarts = self.decoder.counts.restarts
-            self._sample_clock = SenderClock(trusted=True)
+            self._sample_clock = SenderClock()
         for block in blocks:
             time = self._time_of(block)
             if time is None:
@@ -82,7 +82,7 @@ class AudioStream:
         return time + (sample - known) / self._rate
 
     def _stamp_of(self, datagram: bytes, arrival: float, sender: Sender) -> float | None:
-        """ROS time (s) of a datagram's first sample, None without a header. Raises WireError if it cannot be dated."""
+        """ROS time (s) of a datagram's first sample, None without a header. Raises UndatedError if it cannot be dated."""
         header = decode_header(self._layout, datagram)
         if header is None:
             return None
@@ -247,8 +247,8 @@ class TimeSyncStream:
 
 
 def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: float) -> float:
-    """ROS time (s) of a stamp. Raises WireError if it cannot be dated."""
+    """ROS time (s) of a stamp. Raises UndatedError for one that cannot be dated."""
     time = clock.date(name, sender, stamp, arrival)
     if time is None:
-        raise WireError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
+        raise UndatedError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
     return time

@@ -19,6 +19,10 @@ class WireError(ValueError):
     """A datagram that violates the format of its stream."""
 
 
+class UndatedError(WireError):
+    """A datagram whose time cannot be converted to ROS time."""
+
+
 def unpack(layout: struct.Struct, datagram: bytes, name: str) -> tuple:
     """The fields of a datagram. Raises WireError unless it has exactly the size of its layout.
 
