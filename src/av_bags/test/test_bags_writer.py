@@ -175,6 +175,21 @@ def a_full_disk_with_room_later(tmp_path):
     assert recording.dropped == 0
 
 
+def test_no_message_that_cannot_be_encoded_ends_the_writer(tmp_path):
+    def encode(data):
+        if data == b'bad':
+            raise RuntimeError('not an image')
+        return data
+
+    recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none')
+    recording.add_topic('/image', 'std_msgs/msg/String', encode=encode)
+    for data in (b'bad', bytes(8), b'bad', bytes(8)):
+        recording.put('/image', 1, data)
+    recording.close()
+    assert recording.dropped == 2 and recording.bag.counts == {'/image': 2}
+    assert recording.encoding_problem == '/image: not an image'
+
+
 def a_disk_that_stays_full(tmp_path):
     recording = BackgroundWriter(tmp_path / 'bag.mcap', 'none', queue_bytes=20_000)
     recording.add_topic('/odometry', make.ODOMETRY)

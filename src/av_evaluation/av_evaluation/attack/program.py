@@ -241,7 +241,7 @@ class Program:
         print(f'{spent:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} deaths, '
               f'{result.bad_count} bad commands, {result.move_count} wrong moves, memory {result.largest_growth:+.1f} MiB, '
               f'tracking back: {back} (load {load:.0f})', flush=True)
-        for fault in (*result.deaths, *result.bad[:2], *result.moves[:2], *result.faults):
+        for fault in (*result.deaths, *result.bad[:2], *result.moves[:2], *result.faults, *result.late):
             print(f'         {fault}', flush=True)
 
     def _report(self) -> int:

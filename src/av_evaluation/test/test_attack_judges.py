@@ -1,0 +1,101 @@
+"""The judges of the attack: each fault is found, and what is right is not called a fault."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from nav_msgs.msg import Odometry
+
+from av_common.stamps import to_stamp
+from av_evaluation.attack.bearing_check import BearingCheck
+from av_evaluation.attack.command_judge import CommandJudge
+from av_evaluation.attack.verdicts import GOAL, IN_TIME, Result, too_few, verdicts
+from av_evaluation.metrics.command_limits import CommandLimits
+from av_interfaces.msg import Bearing, PointingCommand
+from av_pointing.controller import Command, Mode, PointingSettings
+
+START = 1000.0
+STILL = Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, 0.0, True, True)
+
+
+@pytest.mark.parametrize(('fields', 'fault'), [
+    ({'pan': math.nan}, 'pan is not finite'), ({'tilt_rate': math.inf}, 'tilt is not finite'),
+    ({'tilt': 1.0}, 'tilt is out'), ({'yaw_rate': 0.9}, 'yaw is out'), ({'yaw_rate': 0.2}, 'yaw accelerates'), ({}, '')])
+def test_limits_of_commands(fields, fault):
+    limits = CommandLimits(PointingSettings())
+    assert not limits.check(STILL, 1.0)
+    found = limits.check(replace(STILL, **fields), 0.02)
+    assert found.startswith(fault) and bool(found) == bool(fault)
+
+
+def test_jitter_of_stamps_hides_no_lasting_acceleration():
+    settings = PointingSettings()
+    for factor in (1.0, 1.3):
+        limits, rate, faults = CommandLimits(settings, 1e-9, jitter=0.03), 0.0, []
+        for number in range(40):
+            rate = min(rate + 0.02 * factor * settings.pan.acceleration, settings.pan.rate) if number % 20 else 0.0
+            limits.forget() if not number % 20 else None
+            faults.append(limits.check(replace(STILL, pan_rate=rate), 0.02 + (0.01 if number % 2 else -0.01)))
+        assert any(faults) == (factor > 1.0)
+
+
+def judged(measured: float, still_from: float = math.inf, ended: float = math.inf, move_body: bool = True) -> int:
+    """Number of wrong motions among a second of commands, with measurements and odometry until `measured` (s)."""
+    judge = CommandJudge(PointingSettings())
+    judge.begin(still_from)
+    judge.end(ended)
+    for number in range(50):
+        now = START + 0.02 * number
+        if now <= measured:
+            judge.on_input('measurement', now, now - 0.05)
+            judge.on_input('odometry', now, now)
+        judge.on_input('measurement', now, now - 1.5)    # too old to count
+        judge.on_command(PointingCommand(move_body=move_body, yaw_rate=0.1), now, now)
+    judge.judge(START + 10.0)
+    assert judge.findings.commands == 50
+    return judge.findings.move_count
+
+
+def test_motion_needs_new_measurements():
+    assert judged(START + 5.0) == 0
+    assert judged(START + 0.3) == pytest.approx(15, abs=1)      # 0.4 s later, with what the middleware takes
+    assert judged(START + 0.3, move_body=False) == 0
+
+
+def test_motion_is_wrong_while_it_is_forbidden():
+    assert judged(START + 5.0, still_from=START + 0.5) == 25
+    assert judged(START + 5.0, still_from=START + 0.5, ended=START + 0.7) == 10
+
+
+def odometry(time: float, x: float) -> Odometry:
+    message = Odometry()
+    message.header.stamp, message.pose.pose.position.x = to_stamp(time), x
+    return message
+
+
+def test_tracking_is_back_after_half_a_second_of_true_bearings():
+    check = BearingCheck()
+    for number in range(40):
+        now = START + 0.05 * number
+        check.on_truth('rig', odometry(now, 0.0))
+        check.on_truth('target', odometry(now, 10.0))
+        bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, resolved=True, azimuth=0.5 if number < 16 else 0.02)
+        bearing.header.stamp = to_stamp(now)
+        check.on_bearing(bearing, now)
+        check.judge(now)
+    check.judge(START + 5.0)
+    assert check.recovered(START + 0.3) == pytest.approx(0.5, abs=0.01)
+    assert check.recovered(START + 1.8) is None
+    assert check.share(START, START + 5.0) == pytest.approx(24 / 40)
+
+
+def test_verdicts_name_what_failed():
+    good = Result('typed messages', recovery=0.5, growth={'doa_node': 3.0})
+    assert not any(verdicts([good], {}).values())
+    bad = Result('clocks', recovery=1.5, deaths=['doa_node at 3'], bad=['pan'], moves=['yaw'], growth={'doa_node': 25.0},
+                 faults=['not active'])
+    assert all(verdicts([good, bad], {}).values())
+    assert verdicts([Result('kill', recovery=None)], {})[IN_TIME]
+    assert too_few({'/doa': GOAL, 'audio': GOAL - 1, '/doa_node': 3, 'SIGKILL to doa_node': 1}) == [f'audio {GOAL - 1:,}']
