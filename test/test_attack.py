@@ -7,7 +7,7 @@ import os
 import subprocess
 
 import pytest
-from machine_load import skip_figures_where_overloaded
+from machine_load import skip_figures_where_overloaded, slowness
 from udp_ports import free_offset
 
 from av_evaluation.attack.attacks import ATTACKS, PROCESS_ATTACKS
@@ -30,7 +30,10 @@ def test_a_short_attack_breaks_nothing(tmp_path):
     assert done >= {*ATTACKS, *PROCESS_ATTACKS} - {'another host'}
     assert min(report['sent'][name] for name in ('/doa', '/odometry', 'audio', 'image', 'control')) > 0
     failed = {verdict: reasons for verdict, reasons in report['verdicts'].items() if reasons}
-    late = failed.pop(IN_TIME, [])
+    failed.pop(IN_TIME, None)    # judged below, by the machine's load
     assert not failed
     skip_figures_where_overloaded()
-    assert not late
+    late = {result['name']: (result['recovery'], result['late']) for result in report['results']
+            if result['late'] or not (result['recovery'] or 0.0) <= result['most_recovery'] * slowness()}
+    never = [result['name'] for result in report['results'] if result['recovery'] is None]
+    assert not late and not never
