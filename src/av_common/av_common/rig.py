@@ -68,11 +68,11 @@ class ArrayMount:
 
 @dataclass(frozen=True)
 class CameraMount:
-    """A camera and where it is mounted.
+    """A camera and where it is mounted: on the body, or on the gimbal of a rig that has one.
 
     Parameters:
         frame, optical_frame: names of the camera's frame (x forward) and of its optical frame (z forward).
-        mount: the frame on the body.
+        mount: the frame on the body or on the gimbal.
         width, height (pixels): size of the image.
         horizontal_fov_deg (degrees): field of view without distortion.
         distortion: k1 k2 p1 p2 [k3 ...] as in `PinholeCamera`.
@@ -94,22 +94,47 @@ class CameraMount:
 
     @cached_property
     def optical_to_body(self) -> NDArray:
-        """Rotation matrix (3, 3) from the optical frame to the body's."""
+        """Rotation matrix (3, 3) from the optical frame to the frame that carries the camera."""
         return self.mount.rotation @ FLU_TO_OPTICAL.T
 
 
 @dataclass(frozen=True)
+class GimbalMount:
+    """A gimbal that carries the camera: it pans first, then tilts.
+
+    Parameters:
+        frame: name of the gimbal's frame (x along the line of sight), which moves on the body.
+        mount: where that frame is on the body with pan and tilt 0.
+        stabilized: whether the gimbal stays level as the body rolls and pitches. Pan and tilt are then angles in
+            `base_stabilized`, else in the body's frame.
+        pan_limits_deg, tilt_limits_deg (degrees): least and greatest pan, counter-clockwise, and tilt, up.
+        max_rate_deg (degrees/s): highest rate of each axis.
+        lag (s): time constant with which the gimbal follows its commands.
+    """
+
+    frame: str = 'gimbal_link'
+    mount: Mount = field(default_factory=Mount)
+    stabilized: bool = True
+    pan_limits_deg: tuple[float, float] = (-180.0, 180.0)
+    tilt_limits_deg: tuple[float, float] = (-45.0, 90.0)
+    max_rate_deg: float = bounded(120.0, low=1.0, high=1000.0)
+    lag: float = bounded(0.05, low=0.0, high=5.0)
+
+
+@dataclass(frozen=True)
 class Rig:
-    """The sensors that are fixed to one body.
+    """The sensors that are carried by one body.
 
     Parameters:
         array: the microphones.
         camera: the camera.
+        gimbal: the gimbal that carries the camera; None where the camera is fixed to the body.
         base_frame: name of the body's frame.
     """
 
     array: ArrayMount
     camera: CameraMount = field(default_factory=CameraMount)
+    gimbal: GimbalMount | None = None
     base_frame: str = 'base_link'
 
 

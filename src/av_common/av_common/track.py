@@ -32,12 +32,18 @@ class Track(NamedTuple):
         state, reason, changed (s): state of the tracker, reason of its last change, and time of that change.
         source: sensors with recent measurements of the track; NOTHING while it is a prediction.
         azimuth, elevation (rad), azimuth_variance, elevation_variance (rad^2): bearing in the body's frame.
-        azimuth_world (rad), azimuth_world_rate (rad/s): azimuth in the world's frame (ENU) and its rate.
+        azimuth_world, elevation_world (rad), azimuth_world_rate, elevation_world_rate (rad/s): direction in the world's frame
+            (ENU) and its rates.
+        covariance_world (rad^2): of the direction's horizontal and vertical errors in the world, row-major.
+        attitude_known: whether the rig's attitude is known; without it the rig counts as level, facing east.
+        range (m), range_variance (m^2): distance of the target; NaN and inf where it is unknown.
         measured (s): capture time of the newest measurement associated with the track. Images without the target, outliers
             and clutter do not count.
         front_probability: probability that the target is in the front hemisphere.
         resolved: whether the hemisphere is resolved.
         requested_rotation (rad): rotation of the body that would resolve it.
+        look (rad): azimuth and elevation in the body's frame where a look of the camera decides most; None where none is
+            requested.
         sound_confidence, sight_confidence: confidence of the newest direction of arrival, score of the newest detection, 0..1.
         sound_weight, sight_weight: shares of the microphones and of the camera in the bearing, 0..1.
         visibility: visibility of the scene, 0..1; NaN where it is unknown.
@@ -55,10 +61,17 @@ class Track(NamedTuple):
     elevation_variance: float = math.inf
     azimuth_world: float = math.nan
     azimuth_world_rate: float = 0.0
+    elevation_world: float = 0.0
+    elevation_world_rate: float = 0.0
+    covariance_world: tuple[float, float, float, float] = (math.inf, 0.0, 0.0, math.inf)
+    attitude_known: bool = False
+    range: float = math.nan
+    range_variance: float = math.inf
     measured: float = 0.0
     front_probability: float = 0.5
     resolved: bool = False
     requested_rotation: float = 0.0
+    look: tuple[float, float] | None = None
     sound_confidence: float = 0.0
     sight_confidence: float = 0.0
     sound_weight: float = 0.0

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from std_msgs.msg import Header
 
 from av_common.stamps import to_seconds, to_stamp
@@ -19,12 +21,17 @@ def bearing_message(track: Track, frame_id: str) -> Bearing:
         track: the estimate.
         frame_id: frame of the rig's body.
     """
+    look = track.look or (math.nan, math.nan)
     known = track.state != State.NONE and track.measured > 0.0
     return Bearing(
         header=Header(stamp=to_stamp(track.time), frame_id=frame_id), azimuth=track.azimuth, elevation=track.elevation,
         azimuth_variance=track.azimuth_variance, elevation_variance=track.elevation_variance,
-        azimuth_world=track.azimuth_world, azimuth_world_rate=track.azimuth_world_rate, state=int(track.state),
-        source=int(track.source), hemisphere_probability=track.hemisphere_probability, resolved=track.resolved,
+        azimuth_world=track.azimuth_world, azimuth_world_rate=track.azimuth_world_rate,
+        elevation_world=track.elevation_world, elevation_world_rate=track.elevation_world_rate,
+        covariance_world=np.array(track.covariance_world, np.float32), attitude_known=track.attitude_known, range=track.range,
+        range_variance=track.range_variance, look_requested=track.look is not None, look_azimuth=look[0],
+        look_elevation=look[1], state=int(track.state), source=int(track.source),
+        hemisphere_probability=track.hemisphere_probability, resolved=track.resolved,
         requested_rotation=track.requested_rotation, measured=to_stamp(track.measured if known else 0.0))
 
 
@@ -50,5 +57,14 @@ def track_of_bearing(message: Any) -> Track:
         source=Source(message.source & int(Source.SOUND | Source.SIGHT)), azimuth=message.azimuth,
         elevation=message.elevation, azimuth_variance=message.azimuth_variance,
         elevation_variance=message.elevation_variance, azimuth_world=message.azimuth_world,
-        azimuth_world_rate=message.azimuth_world_rate, measured=to_seconds(message.measured),
+        azimuth_world_rate=message.azimuth_world_rate, elevation_world=message.elevation_world,
+        elevation_world_rate=message.elevation_world_rate, covariance_world=_four(message.covariance_world),
+        attitude_known=message.attitude_known, range=message.range, range_variance=message.range_variance,
+        look=(message.look_azimuth, message.look_elevation) if message.look_requested else None,
+        measured=to_seconds(message.measured),
         resolved=message.resolved, requested_rotation=message.requested_rotation)
+
+
+def _four(values: Any) -> tuple[float, float, float, float]:
+    a, b, c, d = map(float, values)
+    return a, b, c, d

@@ -8,20 +8,25 @@ from av_common.track import Source, State, Track
 from av_common.track_messages import bearing_message, state_message, track_of_bearing
 
 TRACK = Track(1234.25, State.COASTING, 'no image', 1200.5, Source.SOUND | Source.SIGHT, -3.125, 0.25, 0.0078125, 0.015625,
-              1.0, -0.25, 1233.75, 0.25, True, -0.75, 0.5, 0.25, 0.125, 0.375, 0.625)
+              azimuth_world=1.0, azimuth_world_rate=-0.25, elevation_world=0.375, elevation_world_rate=0.0625,
+              covariance_world=(0.25, 0.125, 0.125, 0.5), attitude_known=True, range=12.5, range_variance=4.0, measured=1233.75,
+              front_probability=0.25, resolved=True, requested_rotation=-0.75, look=(0.5, -0.25), sound_confidence=0.5,
+              sight_confidence=0.25, sound_weight=0.125, sight_weight=0.375, visibility=0.625)
 
 
 def through_middleware(message):
     return deserialize_message(serialize_message(message), type(message))
+OTHER = TRACK._replace(resolved=False, requested_rotation=0.5, look=None, state=State.VISUAL_ACTIVE)
 
 
-@pytest.mark.parametrize('track', [TRACK, TRACK._replace(resolved=False, requested_rotation=0.5, state=State.VISUAL_ACTIVE)])
+@pytest.mark.parametrize('track', [TRACK, OTHER])
 def test_a_bearing_carries_all_that_pointing_needs(track):
     message = through_middleware(bearing_message(track, 'base_link'))
     back = track_of_bearing(message)
     assert message.header.frame_id == 'base_link'
     for name in ('time', 'state', 'source', 'azimuth', 'elevation', 'azimuth_variance', 'elevation_variance', 'azimuth_world',
-                 'azimuth_world_rate', 'measured', 'resolved', 'requested_rotation'):
+                 'azimuth_world_rate', 'elevation_world', 'elevation_world_rate', 'covariance_world', 'attitude_known', 'range',
+                 'range_variance', 'measured', 'resolved', 'requested_rotation', 'look'):
         assert getattr(back, name) == getattr(track, name), name
     assert message.hemisphere_probability == 0.75
 
