@@ -12,11 +12,11 @@ TRACK = Track(1234.25, State.COASTING, 'no image', 1200.5, Source.SOUND | Source
               covariance_world=(0.25, 0.125, 0.125, 0.5), attitude_known=True, range=12.5, range_variance=4.0, measured=1233.75,
               front_probability=0.25, resolved=True, requested_rotation=-0.75, look=(0.5, -0.25), sound_confidence=0.5,
               sight_confidence=0.25, sound_weight=0.125, sight_weight=0.375, visibility=0.625)
+OTHER = TRACK._replace(resolved=False, requested_rotation=0.5, look=None, state=State.VISUAL_ACTIVE)
 
 
 def through_middleware(message):
     return deserialize_message(serialize_message(message), type(message))
-OTHER = TRACK._replace(resolved=False, requested_rotation=0.5, look=None, state=State.VISUAL_ACTIVE)
 
 
 @pytest.mark.parametrize('track', [TRACK, OTHER])
