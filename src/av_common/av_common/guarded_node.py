@@ -32,7 +32,8 @@ class GuardedNode(LifecycleNode):
     Every callback of a subscription, service or timer is guarded: what it raises is counted in `refused` under the name
     of the topic, service or timer, and the node goes on. Messages arrive serialised and are decoded inside of the guard,
     since the executor either ends on malformed ones or delivers them as zeros. A refused service request is answered
-    by `success: false` or, for parameters, by the reason.
+    by `success: false` or, for parameters, by the reason. Callbacks that were queued when their subscription or timer was
+    destroyed are not called.
 
     Attributes that rclpy or this package's base classes use for themselves cannot be overwritten: see `__setattr__`.
 
@@ -89,12 +90,11 @@ class GuardedNode(LifecycleNode):
         decode = bytes if raw else functools.partial(_decode, msg_type, _largest(msg_type))
 
         def take(data: bytes) -> None:
-            try:
-                callback(decode(data))
-            except Exception as error:  # noqa: BLE001  the guard of all subscriptions
-                self.refused.refuse(topic, error)
+            if subscription in self.subscriptions:
+                self._call(topic, lambda: callback(decode(data)))
 
-        return super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **kwargs)
+        subscription = super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **kwargs)
+        return subscription
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any) -> Any:
         """As in rclpy, guarded.
@@ -119,12 +119,17 @@ class GuardedNode(LifecycleNode):
         name = f'timer {getattr(callback, "__name__", callback)}'
 
         def tick() -> None:
-            try:
-                callback()
-            except Exception as error:  # noqa: BLE001  the guard of all timers
-                self.refused.refuse(name, error)
+            if timer in self.timers:
+                self._call(name, callback)
 
-        return super().create_timer(timer_period_sec, tick, *args, **kwargs)
+        timer = super().create_timer(timer_period_sec, tick, *args, **kwargs)
+        return timer
+
+    def _call(self, name: str, callback: Callable[[], Any]) -> None:
+        try:
+            callback()
+        except Exception as error:  # noqa: BLE001  the guard of all subscriptions and timers
+            self.refused.refuse(name, error)
 
     def entities(self) -> list[Any]:
         """Publishers, subscriptions, services, clients and timers of the node, except for the subscription to /clock."""

@@ -19,6 +19,7 @@ from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
@@ -131,6 +132,27 @@ def test_a_fault_of_the_program_is_raised_in_tests_and_counted_elsewhere(rig, mo
     publisher.publish(Float64(data=2.0))
     rig.spin(lambda: rig.node.refused.counts.get('number') == 1)
     assert rig.node.is_active
+
+
+def test_what_was_queued_when_the_node_was_deactivated_is_not_called(rig):
+    """The executor calls it, but what it uses no longer exists."""
+    ticks = []
+    timer = rig.node.while_active(rig.node.create_timer, 100.0, lambda: ticks.append(timer.reset()))
+    (subscription,) = (entity for entity in rig.node.subscriptions if entity.topic_name.endswith('odometry'))
+    message = Odometry()
+    message.header.stamp.sec = 5
+
+    def call_both():
+        subscription.callback(serialize_message(message))
+        timer.callback()
+    call_both()
+    assert len(ticks) == len(rig.node.taken) == 1
+    rig.node.trigger_deactivate()
+    call_both()
+    rig.node.trigger_activate()
+    call_both()
+    assert len(ticks) == len(rig.node.taken) == 1
+    assert not rig.node.refused.counts
 
 
 @pytest.mark.parametrize(('transition', 'label'), [
