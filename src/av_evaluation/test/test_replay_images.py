@@ -41,4 +41,4 @@ def test_an_image_that_is_none_is_left_out_and_noted(tmp_path):
         replay = Replay(bag, ReplaySettings(stage='raw', model=str(model)))
         replay.run()
     assert len(replay.log.sight) == 1
-    assert any('/camera/image_raw/compressed: 20 bytes of compressed image cannot be decoded' in note for note in replay.notes)
+    assert any('/camera/image_raw/compressed: image of 20 bytes cannot be decoded' in note for note in replay.notes)

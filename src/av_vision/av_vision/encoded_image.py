@@ -57,7 +57,7 @@ def size_of(data: bytes | memoryview) -> tuple[int, int]:
     data = bytes(data)
     size = _size_of_png(data) if data.startswith(_PNG) else _size_of_jpeg(data) if data.startswith(_JPEG) else None
     if size is None:
-        raise ValueError(f'image of {len(data)} bytes cannot be decoded: neither JPEG nor PNG')
+        raise ValueError(f'image of {len(data)} bytes cannot be decoded: expected a complete header of JPEG or PNG')
     return size
 
 
