@@ -29,7 +29,7 @@ PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair')
 INTEGERS = {f'{sign}int{bits}': (0 if sign else -2**(bits - 1), 2**bits - 1 if sign else 2**(bits - 1) - 1)
             for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, -1e300, 3e38, 1e9, math.pi)
-UNKNOWN = ('variance', 'cosine', 'visibility')  # fields that may be infinite, or NaN for unknown
+UNKNOWN = ('variance', 'cosine', 'visibility', 'range', 'look_')  # fields that may be infinite, or NaN for unknown
 FRAMES = ('microphones', 'camera_optical_frame', 'base_link', '', 'x' * 300)
 
 
@@ -116,7 +116,8 @@ def inputs_of(name: str) -> dict[type, Any]:
         stage = make_pointing_stage(node_parameters('av_pointing', 'pointing_node'))
         return {Bearing: lambda message, now: stage.on_bearing(message, Instant(now, now)),
                 Odometry: lambda message, now: stage.on_odometry(message, Instant(now, now))}
-    fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': name}), lambda _: np.eye(3))
+    fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': name}),
+                               lambda frame, time: np.eye(3))
     return {DoaArray: fusion.on_doa, Detection2DArray: fusion.on_detections, Odometry: fusion.on_odometry,
             Visibility: lambda message, _: fusion.on_visibility(message),
             CameraInfo: lambda message, _: fusion.on_camera_info(message)}

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
@@ -18,7 +16,7 @@ from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message
-from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
 from av_fusion.settings import make_tracker
@@ -206,14 +204,14 @@ class FusionStage:
         return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame))
 
 
-def make_fusion_stage(parameters: Any, rotation_of: Callable[[str], NDArray[np.float64] | None],
+def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
                       tracker: Tracker | None = None) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
         parameters: the node's parameters, or those of `av_common.parameters.node_parameters`.
-        rotation_of: function from the name of a sensor frame to the rotation matrix (3, 3) from it to the body frame, or None.
+        rotation_of: see `RotationOf`.
         camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.

@@ -14,6 +14,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
+from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
 
@@ -38,7 +39,8 @@ class Recorder:
 
 
 def make_stage(observer=None, **values):
-    return make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides=values), ROTATIONS.get, observer=observer)
+    return make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides=values), fixed_rotations(ROTATIONS),
+                             observer=observer)
 
 
 def doa(stamp, azimuth, frame='microphones', confidence=0.9):

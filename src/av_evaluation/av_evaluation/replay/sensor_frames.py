@@ -29,8 +29,8 @@ class SensorFrames:
                 q = transform.transform.rotation
                 self._parents[transform.child_frame_id] = (transform.header.frame_id, quat2mat(attitude_of(q)))
 
-    def rotation(self, frame: str) -> NDArray | None:
-        """From `frame` to the body; None where neither transforms nor the description know it."""
+    def rotation(self, frame: str, time: float) -> NDArray | None:
+        """From `frame` to the body at `time` (s); None where neither transforms nor the description know it."""
         if frame not in self._known:
             self._known[frame] = self._look_up(frame)
             if self._known[frame] is None:

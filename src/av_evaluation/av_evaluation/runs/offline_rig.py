@@ -26,7 +26,7 @@ from av_evaluation.replay.estimator_comparison import EstimatorComparison
 from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
-from av_fusion.measurement.converter import MeasurementConverter
+from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations
 from av_fusion.stage import FusionStage
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing
@@ -63,7 +63,7 @@ class OfflineRig:
         self.record = MeasurementRecord()
         self.bearing: Bearing | None = None
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
-        self._converter = MeasurementConverter(rotations.get, TARGET_CLASSES, camera)
+        self._converter = MeasurementConverter(fixed_rotations(rotations), TARGET_CLASSES, camera)
         recorder = RunRecorder(self.record)
         fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder)
         self._comparison = EstimatorComparison(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,14 @@ from av_fusion.measurement.geometry import detections_in_body, doa_in_body, view
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
 from av_interfaces.msg import DoaArray
 
+# From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
+RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 NO_CAMERA = 'no camera/camera_info: detections cannot be converted to bearings'
+
+
+def fixed_rotations(rotations: Mapping[str, NDArray[np.float64]]) -> RotationOf:
+    """Of sensors that do not move on the body: rotation matrices (3, 3) by the name of the sensor's frame."""
+    return lambda frame, time: rotations.get(frame)
 
 
 class MeasurementConverter:
@@ -26,12 +33,12 @@ class MeasurementConverter:
         problem: reason why the newest detections or CameraInfo could not be used; empty without one.
 
     Parameters:
-        rotation_of: function from the name of a sensor frame to the rotation matrix (3, 3) from it to the body frame, or None.
+        rotation_of: see `RotationOf`.
         target_classes: class names of detections that may be the target.
         camera: initial value of the attribute; `set_camera_info` replaces it.
     """
 
-    def __init__(self, rotation_of: Callable[[str], NDArray[np.float64] | None], target_classes: Sequence[str],
+    def __init__(self, rotation_of: RotationOf, target_classes: Sequence[str],
                  camera: PinholeCamera | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
@@ -52,7 +59,8 @@ class MeasurementConverter:
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
         """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
-        rotation = self._rotation_of(message.header.frame_id) if message.hypotheses else None
+        header = message.header
+        rotation = self._rotation_of(header.frame_id, to_seconds(header.stamp)) if message.hypotheses else None
         return [] if rotation is None else doa_in_body(message, rotation)
 
     def detections(self, message: Any, visibility: float = math.nan) -> CameraMeasurement | None:
@@ -65,10 +73,11 @@ class MeasurementConverter:
         if self.camera is None:
             self.problem = self.problem or NO_CAMERA
             return None
-        rotation = self._rotation_of(message.header.frame_id)
+        time = to_seconds(message.header.stamp)
+        rotation = self._rotation_of(message.header.frame_id, time)
         if rotation is None:
             return None
-        return CameraMeasurement(to_seconds(message.header.stamp), self._detections(message, self.camera, rotation),
+        return CameraMeasurement(time, self._detections(message, self.camera, rotation),
                                  view_azimuth(rotation), 0.5 * self.camera.horizontal_fov_rad, visibility)
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:

@@ -30,8 +30,8 @@ class TfRotations:
         self._buffer = Buffer()
         self._listener = TransformListener(self._buffer, node)
 
-    def rotation(self, frame: str) -> NDArray[np.float64] | None:
-        """Rotation matrix (3, 3) from a sensor frame to the body frame, None if unknown.
+    def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
+        """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), None if unknown.
 
         Sensors are fixed to the body, so that each frame is looked up once.
         """
