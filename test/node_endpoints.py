@@ -30,13 +30,14 @@ from av_bags.writer import BagWriter
 from av_common.node import RigNode
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
-RIG, ARRAY = str(CONFIG / 'rig.yaml'), str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
+RIG, RIG_GIMBAL = str(CONFIG / 'rig.yaml'), str(CONFIG / 'rig_gimbal.yaml')
+ARRAY = str(sorted((CONFIG / 'arrays').glob('*.yaml'))[0])
 # Parameters with which a node has everything that it can have, in one or several runs.
 VARIANTS: dict[str, list[dict]] = {
     'audio_node': [{'file': '{folder}/sound.wav'}],
     'audio_common_node': [{'direction': 'from_audio_common'}, {'direction': 'to_audio_common'}],
     'bridge_node': [{'rig_file': RIG, 'oracle_detections': True, 'depth_port': 9998, 'targets': 2},
-                    {'rig_file': RIG, 'follow_odometry': True}],
+                    {'rig_file': RIG_GIMBAL, 'follow_odometry': True}],
     'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
     'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
     'doa_node': [{'array_file': ARRAY, 'ego_rotors': 'topic'}],

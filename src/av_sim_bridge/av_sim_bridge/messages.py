@@ -14,8 +14,10 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds, to_stamp
+from av_interfaces.msg import GimbalState
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.error import FARTHEST_M, check_within
+from av_sim_bridge.wire.gimbal import GimbalSample
 from av_sim_bridge.wire.oracle import OracleBox
 from av_vision.detections import Detections
 from av_vision.encoded_image import MOST_PIXELS, decode_image
@@ -83,6 +85,18 @@ def oracle_detections_message(header: Header, boxes: list[OracleBox]) -> Detecti
 def make_header(stamp: float, frame: str) -> Header:
     """A header from `stamp` (s, ROS time) and the id of a frame."""
     return Header(stamp=to_stamp(stamp), frame_id=frame)
+
+
+def gimbal_message(header: Header, child_frame: str, sample: GimbalSample) -> GimbalState:
+    """The GimbalState message of a measured orientation.
+
+    Parameters:
+        header: stamp, and the frame of the rig's body.
+        child_frame: frame of the gimbal.
+        sample: the orientation.
+    """
+    return GimbalState(header=header, child_frame_id=child_frame, orientation=_quaternion(sample.orientation_wxyz),
+                       variance=sample.variance, source=GimbalState.SOURCE_FEEDBACK)
 
 
 def decode_depth(data: bytes, most_pixels: int = MOST_PIXELS) -> NDArray:

@@ -26,6 +26,7 @@ from av_sim_bridge.receiving.direction_check import DirectionCheck
 from av_sim_bridge.receiving.streams import (
     AudioStream,
     CaptureStamps,
+    GimbalStream,
     ImageStream,
     ImuStream,
     OracleReport,
@@ -81,7 +82,7 @@ class BridgeStage:
     """The streams of one simulator and one rig. All streams share the sender's clock, so that their stamps agree.
 
     The method of each stream must be called by one thread only; `read_audio` and `decode_*` may run in other threads.
-    `target_topics` maps the number of each target to the topic of its true state.
+    `rig` is the rig's description, `target_topics` maps the number of each target to the topic of its true state.
 
     Parameters:
         rig: description of the rig: microphones, camera and frames.
@@ -90,7 +91,7 @@ class BridgeStage:
     """
 
     def __init__(self, rig: Rig, layout: AudioFormat, settings: BridgeSettings = BridgeSettings()) -> None:
-        self._rig, self._layout, self._settings = rig, layout, settings
+        self.rig, self._layout, self._settings = rig, layout, settings
         self._clock = CommonClock()
         self._ring = RingBuffer(layout.channels, settings.ring_buffer_bytes, layout.dtype)
         self._direction = DirectionCheck(layout.sample_rate)
@@ -104,6 +105,7 @@ class BridgeStage:
         names = {settings.rig_id: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
+        self._gimbal = GimbalStream(self._clock)
         self._sequence = 0
         self._commanded = FreshInput()
         self._unusable_odometry = self._unusable_commands = 0
@@ -119,7 +121,7 @@ class BridgeStage:
         first, samples = self._ring.read(LONGEST_BLOCK)
         if not len(samples):
             return None
-        header = messages.make_header(self._audio.stamp(first), self._rig.array.frame)
+        header = messages.make_header(self._audio.stamp(first), self.rig.array.frame)
         samples = self._layout.to_float(samples)
         self._direction.add(samples)
         return audio_frame(samples, first, self._layout.sample_rate, header)
@@ -131,7 +133,7 @@ class BridgeStage:
             return result
         if not self._settings.oracle_detections:
             return None
-        header = messages.make_header(result.stamp, self._rig.camera.optical_frame)
+        header = messages.make_header(result.stamp, self.rig.camera.optical_frame)
         return messages.oracle_detections_message(header, result.boxes)
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
@@ -142,14 +144,14 @@ class BridgeStage:
     def decode_image(self, stamped: StampedImage) -> list[Output]:
         """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable."""
         bgr = decode_image(stamped.image.data, cv2.IMREAD_COLOR, self._most_pixels)
-        header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
+        header = messages.make_header(stamped.stamp, self.rig.camera.optical_frame)
         height, width = bgr.shape[:2]
-        calibration = camera_info_message(header, self._rig.camera.model.scaled(width, height))
+        calibration = camera_info_message(header, self.rig.camera.model.scaled(width, height))
         return [('camera/image_raw', image_message(header, bgr)), ('camera/camera_info', calibration)]
 
     def decode_depth(self, stamped: StampedImage) -> list[Output]:
         """The message of a depth image. Raises ValueError if it is not a 16-bit PNG."""
-        header = messages.make_header(stamped.stamp, self._rig.camera.optical_frame)
+        header = messages.make_header(stamped.stamp, self.rig.camera.optical_frame)
         depth = messages.decode_depth(stamped.image.data, self._most_pixels)
         return [('camera/depth/image_raw', image_message(header, depth))]
 
@@ -160,7 +162,7 @@ class BridgeStage:
             return []
         header = messages.make_header(state.stamp, self._settings.world_frame)
         if state.copter_id == self._settings.rig_id:
-            message = messages.odometry_message(header, self._rig.base_frame, state.state)
+            message = messages.odometry_message(header, self.rig.base_frame, state.state)
             topics = ['truth/rig'] if self._settings.follow_odometry else ['odometry', 'truth/rig']
             return [(topic, message) for topic in topics]
         topic = self.target_topics[state.copter_id]
@@ -169,8 +171,16 @@ class BridgeStage:
     def on_imu(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
         """The message of an inertial measurement of the rig."""
         sample, stamp = self._imu.take(datagram, arrival, sender)
-        header = messages.make_header(stamp, self._rig.base_frame)
+        header = messages.make_header(stamp, self.rig.base_frame)
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
+
+    def on_gimbal(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
+        """The message of the gimbal's measured orientation; none for a rig without a gimbal."""
+        sample, stamp = self._gimbal.take(datagram, arrival, sender)
+        if self.rig.gimbal is None:
+            return []
+        header = messages.make_header(stamp, self.rig.base_frame)
+        return [('gimbal/state', messages.gimbal_message(header, self.rig.gimbal.frame, sample))]
 
     def on_time_sync(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Update the offset between the simulator's clock and this machine's."""

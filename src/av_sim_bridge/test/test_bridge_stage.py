@@ -1,6 +1,7 @@
 """The stage without sockets, threads and wall clock: stamps, oracle, vehicles, commands."""
 
 import contextlib
+import dataclasses
 from operator import attrgetter
 from pathlib import Path
 
@@ -14,15 +15,16 @@ pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 from vision_msgs.msg import Detection2DArray
 
 from av_common.freshness import Instant
-from av_common.rig import load_rig
+from av_common.rig import GimbalMount, load_rig
 from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import PointingCommand
+from av_interfaces.msg import GimbalState, PointingCommand
 from av_sim_bridge.messages import make_header, odometry_message
 from av_sim_bridge.receiving.streams import StampedImage
 from av_sim_bridge.stage import BridgeSettings, BridgeStage
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.error import WireError
+from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import ImuSample, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
@@ -103,6 +105,24 @@ def test_depth_carries_the_stamp_of_its_image():
 def test_what_is_no_image_is_a_value_error(data):
     with pytest.raises(ValueError, match='image'):
         make_stage().decode_image(StampedImage(EncodedImage(0.0, data), EPOCH))
+
+
+def test_the_gimbal_reports_its_orientation_in_the_time_of_the_others(rng):
+    """The stamp is the capture time by the common clock, not the arrival; the frames are those of the rig's description."""
+    rig = dataclasses.replace(load_rig(RIG), gimbal=GimbalMount(frame='turret'))
+    stage = BridgeStage(rig, AudioFormat())
+    orientation = np.array([0.5, -0.5, 0.5, 0.5])
+    for number, delay in enumerate(delays(100, rng)):
+        stage.on_imu(encode_imu(ImuSample(number, number / 30, np.zeros(3), np.zeros(3))), EPOCH + number / 30 + 0.001, SENDER)
+        datagram = encode_gimbal(GimbalSample(number, number / 30, orientation, 0.25))
+        (topic, message), = stage.on_gimbal(datagram, EPOCH + number / 30 + delay, SENDER)
+        assert to_seconds(message.header.stamp) - EPOCH == pytest.approx(number / 30, abs=6e-3)
+    assert topic == 'gimbal/state'
+    assert (message.header.frame_id, message.child_frame_id) == ('base_link', 'turret')
+    assert (message.variance, message.source) == (0.25, GimbalState.SOURCE_FEEDBACK)
+    q = message.orientation
+    assert (q.w, q.x, q.y, q.z) == pytest.approx(orientation)
+    assert make_stage().on_gimbal(datagram, EPOCH, SENDER) == []    # a rig without a gimbal
 
 
 def test_each_vehicle_has_its_topic():

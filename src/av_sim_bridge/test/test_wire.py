@@ -8,6 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.wire import WireError
+from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal, encode_gimbal
 from av_sim_bridge.wire.imu import ImuSample, decode_imu, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, encode_oracle, is_oracle
 from av_sim_bridge.wire.ports import Ports
@@ -56,6 +57,15 @@ def test_imu_round_trip_and_size():
     np.testing.assert_array_equal(decoded.rate_frd, sample.rate_frd)
 
 
+def test_gimbal_round_trip_and_size():
+    sample = GimbalSample(7, 1.25, np.array([0.5, -0.5, 0.5, 0.5]), 0.25)
+    data = encode_gimbal(sample)
+    decoded = decode_gimbal(data)
+    assert len(data) == 40
+    assert (decoded.sequence, decoded.time, decoded.variance) == (7, 1.25, 0.25)
+    np.testing.assert_array_equal(decoded.orientation_wxyz, sample.orientation_wxyz)
+
+
 def test_time_sync_round_trip_and_order():
     sync = TimeSync(1, 1_700_000_000_000, 1_700_000_012_345, 17)
     data = encode_time_sync(sync)
@@ -96,6 +106,7 @@ def test_rig_control_of_another_version_is_refused():
 
 CODECS = {
     'truth': (decode_truth, encode_truth(TRUTH)), 'short truth': (decode_truth, encode_truth(TRUTH, short=True)),
+    'gimbal': (decode_gimbal, encode_gimbal(GimbalSample(1, 1.0, np.array([1.0, 0.0, 0.0, 0.0]), 1e-6))),
     'imu': (decode_imu, encode_imu(ImuSample(1, 1.0, np.zeros(3), np.zeros(3)))),
     'time sync': (decode_time_sync, encode_time_sync(TimeSync(1, 1, 2, 3))),
     'oracle': (decode_oracle, encode_oracle(BOXES)),

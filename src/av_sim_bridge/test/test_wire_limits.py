@@ -12,6 +12,7 @@ import pytest
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.error import FARTHEST_M, LATEST_S
+from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment, encode_image
 from av_sim_bridge.wire.imu import decode_imu
 from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
@@ -26,6 +27,7 @@ DATAGRAMS = {
     'short truth': (decode_truth, '<6i14f4d', [1234567891, 1, 3, 470000000, 80000000, 400000, *[100.0] * 8, *[1.0] * 3,
                                                *[0.1] * 3, *[5.0] * 3, 12.0]),
     'imu': (decode_imu, '<2i1d6f', [1234567898, 7, 12.0, *[1.0] * 6]),
+    'gimbal': (decode_gimbal, '<3i1d5f', [1234567951, 1, 7, 12.0, 0.5, -0.5, 0.5, 0.5, 0.01]),
     'time sync': (decode_time_sync, '<2i3q', [123456789, 1, 1_700_000_000_000, 1_700_000_001_000, 1]),
     'oracle': (decode_oracle, '<ii5f', [1, 2, 0.5, 10.0, 20.0, 30.0, 40.0]),
     'rig control': (decode_rig_control, '<5i3f', [1234567950, 1, 3, 1, 3, 0.5, 0.25, 0.125]),
@@ -36,7 +38,8 @@ DATAGRAMS = {
 HARMLESS = {'truth': {2, 3}, 'short truth': {2, 3, 4, 5}, 'time sync': {1}, 'oracle': {1}, 'new image': {4, 5}, 'audio': {0}}
 ABSURD = {'f': [math.nan, math.inf, -math.inf, 3e38, -3e38], 'd': [math.nan, math.inf, -math.inf, 1e300, -1e300, 1e17],
           'i': [-2**31, 2**31 - 1], 'q': [-2**63, 2**63 - 1]}
-MAY_BE_LARGE = {'truth': {1}, 'short truth': {1}, 'imu': {1}, 'rig control': {2}, 'audio': {2}}    # ids and sequence numbers
+# Ids and sequence numbers.
+MAY_BE_LARGE = {'truth': {1}, 'short truth': {1}, 'imu': {1}, 'gimbal': {2}, 'rig control': {2}, 'audio': {2}}
 
 
 def types(layout):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import time
@@ -16,6 +17,7 @@ from av_evaluation.attack.hostile import HostileValues
 from av_evaluation.attack.pace import paced
 from av_evaluation.attack.worker import serve
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
+from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import ImuSample, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
@@ -106,6 +108,9 @@ def genuine(name: str, number: int, moment: float, values: HostileValues) -> byt
         return encode_image(EncodedImage(moment, random.randbytes(2000)))[0]
     if name == 'imu':
         return encode_imu(ImuSample(number, moment, np.array([0.0, 0.0, -9.8]), np.array([0.0, 0.0, random.uniform(-1, 1)])))
+    if name == 'gimbal':
+        turned = random.uniform(-3.0, 3.0)
+        return encode_gimbal(GimbalSample(number, moment, np.array([math.cos(turned), 0.0, 0.0, math.sin(turned)]), 1e-6))
     if name == 'time_sync':
         start = random.choice((0, 10**12, 2**62, int(1e3 * time.time())))
         return encode_time_sync(TimeSync(1, start, start + 1000 * number, number))

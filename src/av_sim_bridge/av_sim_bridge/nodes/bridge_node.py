@@ -15,7 +15,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
-from av_interfaces.msg import AudioFrame, PointingCommand
+from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
 from av_sim_bridge.receiving.consumer import Consumer
@@ -46,6 +46,8 @@ class BridgeNode(RigNode):
             topics['odometry'] = (Odometry, RESULT)
         if self._settings.depth_port:
             topics['camera/depth/image_raw'] = (Image, IMAGE)
+        if self._stage.rig.gimbal is not None:
+            topics['gimbal/state'] = (GimbalState, RESULT)
         if self._settings.oracle_detections:
             topics['detections'] = (Detection2DArray, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}
@@ -97,6 +99,8 @@ class BridgeNode(RigNode):
             port = settings.target_truth_port + 2 * (number - settings.target_id)
             self._receive(opened, name, port, self._publishing(stage.on_truth))
         self._receive(opened, 'imu', settings.imu_port, self._publishing(stage.on_imu))
+        if stage.rig.gimbal is not None:
+            self._receive(opened, 'gimbal', settings.gimbal_port, self._publishing(stage.on_gimbal))
         self._receive(opened, 'time_sync', settings.time_sync_port, stage.on_time_sync, TIME_SYNC_GROUP)
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:

@@ -19,6 +19,7 @@ from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
 from av_sim_bridge.wire import UndatedError, WireError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
+from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
 from av_sim_bridge.wire.imu import ImuSample, decode_imu
 from av_sim_bridge.wire.oracle import OracleBox, decode_oracle, is_oracle
@@ -233,6 +234,18 @@ class ImuStream:
             self.lost += sample.sequence - self._expected
         self._expected = sample.sequence + 1
         return sample, stamp
+
+
+class GimbalStream:
+    """Decodes measured orientations of the gimbal."""
+
+    def __init__(self, clock: CommonClock) -> None:
+        self._clock = clock
+
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float]:
+        """The orientation in one datagram and its time (s, ROS time)."""
+        sample = decode_gimbal(datagram)
+        return sample, _date(self._clock, 'gimbal', sender, sample.time, arrival)
 
 
 class TimeSyncStream:

@@ -10,7 +10,8 @@ class Ports:
     """UDP ports of one rig and its target.
 
     RFlySim numbers vehicles from 1. The true state of vehicle n has port 30101 + 2(n - 1), its IMU 31000 + n - 1, the
-    image of sensor s 9999 + s. The port of commands to the simulated rig, `control`, is specific to this project.
+    image of sensor s 9999 + s. The ports of commands to the simulated rig, `control`, and of its gimbal's orientation,
+    `gimbal`, are specific to this project.
     """
 
     audio: int = 28003
@@ -20,6 +21,7 @@ class Ports:
     imu: int = 31000
     time_sync: int = 20005
     control: int = 30100
+    gimbal: int = 28005
 
     @property
     def depth(self) -> int:
