@@ -70,8 +70,9 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         others.append(pointing)
     if only == 'bearing':
         receivers.append(pointing)
-    if names.FRAMES not in found:
-        others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig'], **BAG_TIME}))
+    if names.FRAMES not in found or names.GIMBAL in found:  # which makes the gimbal's transforms
+        frames = {'rig_file': arguments['rig'], 'model': False, **BAG_TIME}
+        others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', frames))
     receivers += recorder_nodes(arguments, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
     processes = [*others, *receivers, player]

@@ -44,7 +44,7 @@ VARIANTS: dict[str, list[dict]] = {
     'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
     'px4_node': [{'external_mode': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],
-    'rig_frames_node': [{'rig_file': RIG}],
+    'rig_frames_node': [{'rig_file': RIG_GIMBAL}],
 }
 
 

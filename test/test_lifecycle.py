@@ -41,7 +41,7 @@ def parameters(node: str, folder: Path) -> dict[str, object]:
         'doa_node': {'array_file': ARRAY},
         'player_node': {'bag': folder / 'flight.mcap', 'only': 'all'},
         'recorder_node': {'path': folder / 'bag-%f.mcap'},
-        'rig_frames_node': {'rig_file': RIG},
+        'rig_frames_node': {'rig_file': ROOT / 'config' / 'rig_gimbal.yaml'},
     }.get(node, {})
 
 

@@ -110,6 +110,8 @@ class GimbalMount:
         pan_limits_deg, tilt_limits_deg (degrees): least and greatest pan, counter-clockwise, and tilt, up.
         max_rate_deg (degrees/s): highest rate of each axis.
         lag (s): time constant with which the gimbal follows its commands.
+
+    Raises ValueError for limits that exclude 0.
     """
 
     frame: str = 'gimbal_link'
@@ -119,6 +121,12 @@ class GimbalMount:
     tilt_limits_deg: tuple[float, float] = (-45.0, 90.0)
     max_rate_deg: float = bounded(120.0, low=1.0, high=1000.0)
     lag: float = bounded(0.05, low=0.0, high=5.0)
+
+    def __post_init__(self) -> None:
+        for name, most in (('pan_limits_deg', 720.0), ('tilt_limits_deg', 180.0)):
+            low, high = getattr(self, name)
+            if not -most <= low <= 0.0 <= high <= most:
+                raise ValueError(f'{name} is [{low:g}, {high:g}], expected limits around 0 within {most:g} degrees')
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The frames of a rig's description as messages of tf."""
+"""The frames of a rig's description, and the orientation of its gimbal, as messages."""
 
 from __future__ import annotations
 
@@ -11,19 +11,55 @@ from std_msgs.msg import Header
 from transforms3d.quaternions import mat2quat
 
 from av_common.frames import FLU_TO_OPTICAL
-from av_common.rig import Rig
+from av_common.rig import GimbalMount, Rig
+from av_common.stamps import to_stamp
+from av_interfaces.msg import GimbalState
 
 
 def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
     """The transforms from the body to array and camera, and from the camera to its optical frame.
 
+    A camera on a gimbal stands on the gimbal's frame, which moves on the body: see `gimbal_transform`.
+
     Parameters:
         rig: the description.
         stamp: stamp of all transforms.
     """
-    mounted = [_transform(stamp, rig.base_frame, part.frame, part.mount.position, part.mount.rotation)
-               for part in (rig.array, rig.camera)]
+    carrier = rig.gimbal.frame if rig.gimbal else rig.base_frame
+    mounted = [_transform(stamp, parent, part.frame, part.mount.position, part.mount.rotation)
+               for parent, part in ((rig.base_frame, rig.array), (carrier, rig.camera))]
     return [*mounted, _transform(stamp, rig.camera.frame, rig.camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)]
+
+
+def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:
+    """The transform from the body to the gimbal's frame, which has turned on its mount.
+
+    Parameters:
+        rig: the description of a rig with a gimbal.
+        state: the gimbal's orientation.
+    """
+    gimbal = rig.gimbal or GimbalMount()
+    x, y, z = map(float, gimbal.mount.position)
+    return TransformStamped(
+        header=Header(stamp=state.header.stamp, frame_id=rig.base_frame), child_frame_id=gimbal.frame,
+        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=state.orientation))
+
+
+def gimbal_message(rig: Rig, time: float, gimbal_in_body: NDArray, variance: float, measured: bool) -> GimbalState:
+    """The orientation of a rig's gimbal.
+
+    Parameters:
+        rig: the description of a rig with a gimbal.
+        time (s): time of the orientation.
+        gimbal_in_body (3, 3): rotation matrix from the gimbal's frame to the body.
+        variance (rad^2): of the error about each axis.
+        measured: whether the gimbal reported it.
+    """
+    gimbal = rig.gimbal or GimbalMount()
+    turn = dict(zip('wxyz', map(float, mat2quat(gimbal_in_body)), strict=True))
+    return GimbalState(header=Header(stamp=to_stamp(time), frame_id=rig.base_frame), child_frame_id=gimbal.frame,
+                       orientation=Quaternion(**turn), variance=variance,
+                       source=GimbalState.SOURCE_FEEDBACK if measured else GimbalState.SOURCE_MODEL)
 
 
 def _transform(stamp: Time, parent: str, child: str, position: Sequence[float], rotation: NDArray) -> TransformStamped:

@@ -11,6 +11,7 @@ from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.filter.tracker import BayesTracker
+from av_fusion.gimbal_stage import JointNames
 from av_fusion.tracker_protocol import Tracker
 
 
@@ -32,3 +33,9 @@ def make_tracker(parameters: Any) -> Tracker:
         detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
         self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
         sound_delay=p.sound_delay, sight_delay=p.sight_delay))
+
+
+def joint_names(parameters: Any) -> JointNames:
+    """The gimbal's joints that the parameters of rig_frames_node describe."""
+    joints = parameters.joints
+    return JointNames(joints.pan, joints.tilt, joints.roll, math.radians(joints.sigma_deg))

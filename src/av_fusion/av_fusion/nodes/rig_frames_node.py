@@ -1,28 +1,91 @@
-"""The rig's static frames, from the description of the rig to /tf_static."""
+"""The rig's frames: those that are fixed from its description to /tf_static, that of its gimbal to /tf."""
 
 from __future__ import annotations
 
-from tf2_ros import StaticTransformBroadcaster
+from functools import partial
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from tf2_ros import StaticTransformBroadcaster, TransformBroadcaster
 
 from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_common.rig_messages import static_transforms
+from av_fusion.gimbal_stage import GimbalStage
 from av_fusion.nodes.rig_frames_node_parameters import rig_frames_node as parameters
+from av_fusion.settings import joint_names
+from av_interfaces.msg import GimbalState, PointingCommand
+
+PERIOD_S = 0.05  # of the model's orientations where no odometry comes
 
 
 class RigFramesNode(RigNode):
-    """Publishes where array and camera sit on the body; for rigs whose description is no URDF."""
+    """Publishes where array, gimbal and camera sit on the body; for rigs whose description is no URDF.
+
+    Runs a `GimbalStage` where the rig has a gimbal.
+    """
 
     def __init__(self) -> None:
         super().__init__('rig_frames_node', parameters)
 
     def configure(self) -> None:
-        """Read the rig and publish its frames, latched."""
+        """Read the rig and publish its fixed frames, latched."""
         if not self.settings.rig_file:
             raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
         rig = load_rig(self.settings.rig_file)
-        self._broadcaster = StaticTransformBroadcaster(self)
-        self._broadcaster.sendTransform(static_transforms(rig, self.get_clock().now().to_msg()))
+        self._fixed = StaticTransformBroadcaster(self)
+        self._fixed.sendTransform(static_transforms(rig, self.get_clock().now().to_msg()))
+        self._stage = GimbalStage(rig, joint_names(self.settings), self.settings.model) if rig.gimbal else None
+        if self._stage:
+            self._meter = RateMeter()
+            self._moving = TransformBroadcaster(self)
+            self._publisher = self.create_publisher(GimbalState, 'gimbal/state', STREAM)
+
+    def activate(self) -> None:
+        """Subscribe to what tells where the gimbal points."""
+        if self._stage is None:
+            return
+        self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_state, STREAM)
+        self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+        for kind, topic, take in ((JointState, 'joint_states', self._stage.on_joints),
+                                  (Odometry, 'odometry', self._stage.on_odometry)):
+            self.while_active(self.create_subscription, kind, topic, partial(self._publish, take), STREAM)
+        self.while_active(self.create_timer, PERIOD_S, self._on_time)
+
+    def _on_state(self, message: GimbalState) -> None:
+        transform = self._stage.on_state(message, self.now()) if self._stage else None
+        if transform is not None:
+            self._meter.tick()
+            self._moving.sendTransform(transform)
+
+    def _on_command(self, message: PointingCommand) -> None:
+        if self._stage:
+            self._stage.on_command(message, self.now())
+
+    def _publish(self, take: Any, message: Any) -> None:
+        state = take(message, self.now())
+        if state is not None:
+            self._publisher.publish(state)
+
+    def _on_time(self) -> None:
+        state = self._stage.on_time(self.now()) if self._stage else None
+        if state is not None:
+            self._publisher.publish(state)
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Where the gimbal's orientation comes from."""
+        if self._stage is None:
+            return
+        problem = self._stage.problem(self.now())
+        if problem:
+            status.mergeSummary(DiagnosticStatus.WARN, problem)
+        status.add('gimbal', self._stage.source(self.now()))
+        status.add('gimbal rate (Hz)', f'{self._meter.rate:.1f}')
 
 
 def main() -> None:

@@ -1,0 +1,171 @@
+"""Orientations of the gimbal over recent time: what is measured goes before what is modelled, and the impossible is refused."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from transforms3d.quaternions import qinverse, qmult, quat2mat
+
+from av_common.frames import attitude_of
+from av_common.freshness import FUTURE_S
+from av_common.stamps import to_seconds
+
+KEEP_S = 5.0
+FEEDBACK_TIMEOUT_S = 0.3  # after the newest measured orientation arrived, from which the model counts
+OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused
+NEAREST_S = 0.02  # behind the newest orientation, up to which it is taken for the present one
+UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
+LARGEST_VARIANCE = 10.0  # rad^2
+LEAST_SIGMA = math.radians(0.05)
+FASTEST = math.radians(1500.0)  # rad/s, between two measured orientations: gimbal and body together
+SUDDEN = math.radians(5.0)  # rad, in addition
+PATH = 0.25  # share of the angle between two orientations by which the interpolated one may be wrong
+RESTART_S = 1.0  # step of the clock back after which the history begins anew
+
+
+class NotYetKnownError(LookupError):
+    """The orientation of a frame at a time for which data may still come."""
+
+
+class GimbalSample(NamedTuple):
+    """Orientation of the gimbal at one time.
+
+    Parameters:
+        time (s): the time.
+        attitude_wxyz: unit quaternion (w, x, y, z) of the rotation from the gimbal's frame to the body's.
+        variance (rad^2): of the error about each axis.
+        measured: whether the gimbal reported it.
+    """
+
+    time: float
+    attitude_wxyz: tuple[float, float, float, float]
+    variance: float
+    measured: bool
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Rotation matrix (3, 3) from the gimbal's frame to the body's."""
+        return quat2mat(self.attitude_wxyz)
+
+
+def sample_of(message: Any, base_frame: str, gimbal_frame: str) -> GimbalSample:
+    """The sample of a `GimbalState`. Raises ValueError for one that cannot be used.
+
+    Parameters:
+        message: the message.
+        base_frame, gimbal_frame: the frames that it must be between; any for an empty name.
+    """
+    for given, expected in ((message.header.frame_id, base_frame), (message.child_frame_id, gimbal_frame)):
+        if expected and given != expected:
+            raise ValueError(f'orientation from {message.child_frame_id!r} to {message.header.frame_id!r}, expected from '
+                             f'{gimbal_frame!r} to {base_frame!r}')
+    q, variance = attitude_of(message.orientation), message.variance
+    norm = math.hypot(*q)
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        raise ValueError(f'orientation of norm {norm:.3g}, expected 1')
+    if not 0.0 <= variance <= LARGEST_VARIANCE:
+        raise ValueError(f'variance {variance} rad^2, expected 0 to {LARGEST_VARIANCE:g}')
+    if message.source not in (message.SOURCE_MODEL, message.SOURCE_FEEDBACK):
+        raise ValueError(f'source {message.source}, expected {message.SOURCE_MODEL} or {message.SOURCE_FEEDBACK}')
+    w, x, y, z = (part / norm for part in q)
+    return GimbalSample(to_seconds(message.header.stamp), (w, x, y, z), max(variance, LEAST_SIGMA**2),
+                        message.source == message.SOURCE_FEEDBACK)
+
+
+class GimbalHistory:
+    """Interpolates between orientations of the gimbal.
+
+    Times of arrival must not decrease, except for a restart of the clock.
+    """
+
+    def __init__(self) -> None:
+        self._samples: list[GimbalSample] = []
+        self._arrival = self._feedback_arrival = -math.inf
+
+    @property
+    def newest(self) -> GimbalSample | None:
+        """The newest orientation."""
+        return self._samples[-1] if self._samples else None
+
+    def has_feedback(self, now: float) -> bool:
+        """Whether a measured orientation has arrived recently, at the time `now` (s)."""
+        return now - self._feedback_arrival <= FEEDBACK_TIMEOUT_S
+
+    def add(self, sample: GimbalSample, arrival: float) -> bool:
+        """Add an orientation; whether it is used: a modelled one is not while measured ones arrive.
+
+        Parameters:
+            sample: the orientation.
+            arrival (s): time of its arrival.
+
+        Raises ValueError for stamps that are old, of the future or not newer than the one before, and for jumps that no
+        gimbal can make.
+        """
+        if arrival < self._arrival - RESTART_S:
+            self._samples, self._feedback_arrival = [], -math.inf
+        self._arrival = max(arrival, self._arrival) if arrival > self._arrival - RESTART_S else arrival
+        if not -OLDEST_S <= sample.time - arrival <= FUTURE_S:
+            raise ValueError(f'stamp {sample.time - arrival:+.2f} s from its arrival, expected {-OLDEST_S:g} to {FUTURE_S:g} s')
+        if not sample.measured:
+            newest = self.newest
+            if self.has_feedback(arrival) or (newest is not None and sample.time <= newest.time):
+                return False
+        else:
+            self._check(sample)
+            self._feedback_arrival = arrival
+            while self._samples and not self._samples[-1].measured and self._samples[-1].time >= sample.time:
+                self._samples.pop()  # modelled ahead
+        self._samples.append(sample)
+        if self._samples[0].time < sample.time - 2.0 * KEEP_S:  # trimmed rarely
+            del self._samples[:bisect.bisect_left(self._samples, sample.time - KEEP_S, key=lambda kept: kept.time)]
+        return True
+
+    def _check(self, sample: GimbalSample) -> None:
+        before = next((kept for kept in reversed(self._samples) if kept.measured), None)
+        if before is None:
+            return
+        elapsed = sample.time - before.time
+        if elapsed <= 0.0:
+            raise ValueError(f'stamp {-elapsed:.3f} s before its predecessor')
+        turned = angle_between(before.attitude_wxyz, sample.attitude_wxyz)
+        if turned > SUDDEN + FASTEST * elapsed:
+            raise ValueError(f'turned by {math.degrees(turned):.0f} deg within {elapsed:.3f} s, which no gimbal can')
+
+    def at(self, time: float) -> GimbalSample | None:
+        """The orientation at a time (s); None before the oldest that is kept. Raises NotYetKnownError after the newest."""
+        if not self._samples or time > self._samples[-1].time + NEAREST_S:
+            raise NotYetKnownError(f'no orientation of the gimbal at {time:.3f} s yet')
+        after = bisect.bisect_left(self._samples, time, key=lambda kept: kept.time)
+        if after == len(self._samples):
+            return self._samples[-1]
+        right = self._samples[after]
+        if after == 0:
+            return right if time >= right.time - NEAREST_S else None
+        left = self._samples[after - 1]
+        share = (time - left.time) / (right.time - left.time)
+        path = PATH * angle_between(left.attitude_wxyz, right.attitude_wxyz)
+        nearness = 4.0 * share * (1.0 - share)  # 0 at either end, 1 in the middle
+        return GimbalSample(time, slerp(left.attitude_wxyz, right.attitude_wxyz, share),
+                            max(left.variance, right.variance) + nearness * path**2, left.measured and right.measured)
+
+
+def angle_between(first: tuple[float, ...], second: tuple[float, ...]) -> float:
+    """Angle (rad) of the rotation between two unit quaternions (w, x, y, z)."""
+    w, x, y, z = qmult(qinverse(first), second)
+    return 2.0 * math.atan2(math.hypot(x, y, z), abs(w))
+
+
+def slerp(first: tuple[float, ...], second: tuple[float, ...], share: float) -> tuple[float, float, float, float]:
+    """The unit quaternion at a share 0..1 of the shortest way between two (Shoemake 1985)."""
+    cosine = sum(a * b for a, b in zip(first, second, strict=True))
+    angle = math.acos(min(abs(cosine), 1.0))
+    if angle < 1e-6:
+        return first  # type: ignore[return-value]
+    one = math.sin((1.0 - share) * angle) / math.sin(angle)
+    other = math.copysign(math.sin(share * angle) / math.sin(angle), cosine)
+    w, x, y, z = (one * a + other * b for a, b in zip(first, second, strict=True))
+    return w, x, y, z

@@ -1,0 +1,195 @@
+"""Orientation of the gimbal: geometry, the model of one that reports nothing, and the history that refuses the impossible."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from transforms3d.euler import euler2quat
+from transforms3d.quaternions import quat2mat
+
+from av_common.angles import angles_to_direction
+from av_common.frames import attitude_of
+from av_common.gimbal_geometry import (
+    angles_of_command,
+    gimbal_to_body,
+    pan_and_tilt,
+    stabilized_to_body,
+)
+from av_common.gimbal_history import (
+    FEEDBACK_TIMEOUT_S,
+    GimbalHistory,
+    GimbalSample,
+    NotYetKnownError,
+    angle_between,
+    sample_of,
+)
+from av_common.gimbal_model import SIGMA, GimbalModel
+from av_common.rig import GimbalMount, Mount, load_rig
+from av_common.rig_messages import (
+    gimbal_message,
+    gimbal_transform,
+    static_transforms,
+)
+from av_interfaces.msg import GimbalState
+
+TILTED = tuple(euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz'))  # of the body
+RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
+
+
+@pytest.mark.parametrize('rpy', [(0.0, 0.0, 0.0), (0.0, 0.0, 180.0), (180.0, 10.0, -30.0)])
+@pytest.mark.parametrize('stabilized', [True, False])
+def test_pan_and_tilt_of_an_orientation_are_those_it_was_made_of(stabilized, rpy):
+    gimbal = GimbalMount(mount=Mount(rpy_deg=rpy), stabilized=stabilized)
+    body = gimbal_to_body(gimbal, 0.7, -0.4, TILTED)
+    assert np.allclose(body @ body.T, np.eye(3))
+    assert np.allclose(pan_and_tilt(gimbal, body, TILTED), (0.7, -0.4))
+
+
+def test_a_stabilized_gimbal_looks_level_from_a_body_that_tilts():
+    body = gimbal_to_body(GimbalMount(), math.radians(40.0), 0.0, TILTED)
+    world = quat2mat(TILTED) @ body
+    assert np.allclose(world[:, 0], angles_to_direction(math.radians(110.0), 0.0))
+    assert np.allclose(world[:, 2], (0.0, 0.0, 1.0))
+
+
+@pytest.mark.parametrize('stabilized', [True, False])
+@pytest.mark.parametrize('level_command', [True, False])
+def test_a_command_in_either_frame_turns_the_gimbal_to_its_direction(stabilized, level_command):
+    gimbal = GimbalMount(mount=Mount(rpy_deg=(0.0, 0.0, 180.0)), stabilized=stabilized)
+    pan, tilt = angles_of_command(gimbal, 0.5, 0.2, level_command, TILTED)
+    sight = gimbal_to_body(gimbal, pan, tilt, TILTED)[:, 0]
+    frame = stabilized_to_body(TILTED) if level_command else np.eye(3)
+    assert np.allclose(sight, frame @ angles_to_direction(0.5, 0.2))
+
+
+def test_a_command_keeps_its_whole_turns():
+    assert angles_of_command(GimbalMount(), 4.0, 0.0, True)[0] == pytest.approx(4.0)
+
+
+def test_the_camera_stands_on_the_gimbal():
+    array, camera, _ = static_transforms(RIG, Time(sec=5))
+    assert (array.header.frame_id, camera.header.frame_id) == (RIG.base_frame, RIG.gimbal.frame)
+    turned = gimbal_to_body(RIG.gimbal, 0.3, 0.1)
+    moving = gimbal_transform(RIG, gimbal_message(RIG, 7.5, turned, 0.01, True))
+    assert (moving.header.frame_id, moving.child_frame_id) == (RIG.base_frame, RIG.gimbal.frame)
+    assert np.allclose(quat2mat(attitude_of(moving.transform.rotation)), turned)
+
+
+def test_the_model_has_lag_rate_and_limits():
+    model = GimbalModel(GimbalMount(max_rate_deg=90.0, lag=0.1, pan_limits_deg=(-100.0, 100.0)))
+    model.command(10.0, 0.0, 0.0)
+    model.at(10.0)
+    model.command(10.0, math.radians(120.0), 0.5)
+    pan = [model.at(10.0 + 0.02 * step).pan for step in range(200)]
+    rates = np.diff(pan) / 0.02
+    assert rates.max() == pytest.approx(math.radians(90.0))
+    assert pan[-1] == pytest.approx(math.radians(100.0))
+    assert model.at(14.0).tilt == pytest.approx(0.5)
+
+
+def test_the_model_knows_less_while_it_moves_and_before_its_first_command():
+    model = GimbalModel(GimbalMount())
+    assert model.at(1.0).variance > 20.0 * SIGMA**2
+    model.command(1.5, 1.0, 0.0)
+    assert model.at(2.0) == pytest.approx((1.0, 0.0, SIGMA**2))
+    model.command(2.1, -1.0, 0.0)
+    assert model.at(2.2).variance > 20.0 * SIGMA**2
+
+
+def test_the_model_follows_a_clock_that_is_set_back_and_measured_angles():
+    model = GimbalModel(GimbalMount())
+    model.command(100.0, 0.0, 0.0)
+    model.at(100.0)
+    model.correct(100.0, 0.5, 0.1)
+    assert model.at(100.0)[:2] == (0.5, 0.1)
+    model.command(20.0, 0.2, 0.0)
+    assert model.at(25.0).pan == pytest.approx(0.2, abs=0.31)
+
+
+@pytest.mark.parametrize('pan', [math.nan, math.inf])
+def test_the_model_refuses_an_impossible_command(pan):
+    with pytest.raises(ValueError, match='finite'):
+        GimbalModel(GimbalMount()).command(1.0, pan, 0.0)
+
+
+def sample(time, pan=0.0, measured=True, variance=1e-4):
+    return GimbalSample(time, tuple(euler2quat(0.0, 0.0, pan)), variance, measured)
+
+
+def test_the_orientation_is_interpolated_at_the_capture_time():
+    history = GimbalHistory()
+    for step in range(5):
+        history.add(sample(10.0 + 0.1 * step, 0.1 * step), 10.02 + 0.1 * step)
+    between = history.at(10.25)
+    assert np.allclose(between.rotation, sample(0.0, 0.25).rotation)
+    assert between.variance > 1e-4
+    assert history.at(10.2).variance == pytest.approx(1e-4)
+    assert history.at(9.0) is None
+    assert history.at(10.41).time == 10.4
+    with pytest.raises(NotYetKnownError):
+        history.at(10.45)
+
+
+def test_measured_orientations_go_before_modelled_ones_until_they_stop():
+    history = GimbalHistory()
+    assert history.add(sample(10.00, 0.9, measured=False), 10.0)
+    assert history.add(sample(9.98, 0.0), 10.01)  # older than what the model gave ahead
+    assert not history.add(sample(10.05, 0.9, measured=False), 10.05)
+    assert history.newest.measured
+    late = 10.02 + FEEDBACK_TIMEOUT_S
+    assert history.add(sample(late, 0.9, measured=False), late)
+    assert not history.newest.measured
+
+
+@pytest.mark.parametrize(('time', 'pan', 'reason'), [
+    (12.2, 0.0, 'from its arrival'), (8.0, 0.0, 'from its arrival'), (9.99, 0.0, 'before its predecessor'),
+    (10.0, 0.0, 'before its predecessor'), (10.02, 2.0, 'no gimbal')])
+def test_the_impossible_is_refused(time, pan, reason):
+    history = GimbalHistory()
+    history.add(sample(10.0), 10.01)
+    with pytest.raises(ValueError, match=reason):
+        history.add(sample(time, pan), 10.03)
+    assert history.newest.time == 10.0
+
+
+def test_a_gimbal_that_was_moved_while_it_was_silent_is_believed():
+    history = GimbalHistory()
+    history.add(sample(10.0), 10.0)
+    assert history.add(sample(11.0, 2.0), 11.0)
+
+
+def test_a_restarted_clock_begins_anew():
+    history = GimbalHistory()
+    history.add(sample(1000.0), 1000.0)
+    assert history.add(sample(3.0, 2.0), 3.0)
+    assert history.at(3.0).time == 3.0
+
+
+def test_memory_is_bounded():
+    history = GimbalHistory()
+    for step in range(5000):
+        history.add(sample(10.0 + 0.01 * step), 10.0 + 0.01 * step)
+    assert len(history._samples) <= 1001
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    ({'w': math.nan}, 'norm'), ({'w': 2.0}, 'norm'), ({'w': 0.0}, 'norm'), ({'variance': math.nan}, 'variance'),
+    ({'variance': -1.0}, 'variance'), ({'variance': math.inf}, 'variance'), ({'child': 'camera'}, 'expected from'),
+    ({'frame': 'map'}, 'expected from'), ({'source': 7}, 'source')])
+def test_a_message_that_cannot_be_used_is_refused(change, reason):
+    message = gimbal_message(RIG, 7.5, np.eye(3), 0.01, True)
+    assert sample_of(message, 'base_link', 'gimbal_link').measured
+    message.orientation.w = change.get('w', 1.0)
+    message.variance = change.get('variance', 0.01)
+    message.child_frame_id = change.get('child', 'gimbal_link')
+    message.header.frame_id = change.get('frame', 'base_link')
+    message.source = change.get('source', GimbalState.SOURCE_MODEL)
+    with pytest.raises(ValueError, match=reason):
+        sample_of(message, 'base_link', 'gimbal_link')
+
+
+def test_angle_between_ignores_the_sign_of_a_quaternion():
+    q = tuple(euler2quat(0.1, 0.2, 0.3))
+    assert angle_between(q, tuple(-part for part in q)) == pytest.approx(0.0, abs=1e-9)

@@ -1,0 +1,180 @@
+"""The gimbal's orientation from what it reports, or else from a model of its commands."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+
+from av_common.frames import attitude_of
+from av_common.freshness import FUTURE_S
+from av_common.gimbal_geometry import (
+    BASE_STABILIZED,
+    LEVEL,
+    angles_of_command,
+    gimbal_to_body,
+    gimbal_to_mount,
+    pan_and_tilt,
+)
+from av_common.gimbal_history import OLDEST_S, GimbalHistory, sample_of
+from av_common.gimbal_model import GimbalModel
+from av_common.rig import Rig
+from av_common.rig_messages import gimbal_message, gimbal_transform
+from av_common.stamps import to_seconds
+from av_interfaces.msg import GimbalState, PointingCommand
+
+ODOMETRY_TIMEOUT_S = 0.3  # after the newest odometry, from which a stabilized gimbal's rig counts as level
+LEVEL_SIGMA = math.radians(5.0)  # of a stabilized gimbal on a rig of unknown attitude
+LEAST_PERIOD_S = 0.01  # between two modelled orientations
+UNIT_TOLERANCE = 0.01  # of the norm of an attitude
+
+
+@dataclass(frozen=True)
+class JointNames:
+    """Names of a gimbal's joints in `joint_states`, as its URDF has them; empty where there is none.
+
+    Positions turn left (pan), up (tilt) and right side down (roll); a minus before the name reverses that.
+
+    Parameters:
+        pan, tilt, roll: the joints; roll is the one between the others.
+        sigma (rad): standard deviation of the positions.
+    """
+
+    pan: str = ''
+    tilt: str = ''
+    roll: str = ''
+    sigma: float = math.radians(0.5)
+
+
+class GimbalStage:
+    """Makes `gimbal/state` where the gimbal does not, and transforms of all that is used. Times are in s of the node's clock.
+
+    Each `GimbalState` comes back by `on_state`, whoever published it. Measured ones are used while they arrive, else the
+    model's, which continues from the last measured angles.
+
+    Attributes:
+        history: the orientations that are used.
+
+    Parameters:
+        rig: description of a rig with a gimbal.
+        joints: names of its joints.
+        use_model: whether there is a model.
+    """
+
+    def __init__(self, rig: Rig, joints: JointNames = JointNames(), use_model: bool = True) -> None:
+        if rig.gimbal is None:
+            raise ValueError('the rig has no gimbal')
+        self.history = GimbalHistory()
+        self._rig, self._gimbal, self._joints = rig, rig.gimbal, joints
+        self._model, self._use_model = GimbalModel(rig.gimbal), use_model
+        self._attitude, self._posed = LEVEL, -math.inf  # of the newest odometry, and its stamp
+        self._modelled = -math.inf
+        self._measured_once = False
+
+    def on_state(self, message: GimbalState, arrival: float) -> TransformStamped | None:
+        """The transform of an orientation, None for a modelled one while measured ones arrive. Raises ValueError.
+
+        Parameters:
+            message: the orientation.
+            arrival (s): time of its arrival.
+        """
+        sample = sample_of(message, self._rig.base_frame, self._gimbal.frame)
+        if not self.history.add(sample, arrival):
+            return None
+        if sample.measured:
+            self._measured_once = True
+            attitude = self._attitude_at(sample.time) or LEVEL
+            self._model.correct(sample.time, *pan_and_tilt(self._gimbal, sample.rotation, attitude))
+        return gimbal_transform(self._rig, message)
+
+    def on_joints(self, message: JointState, arrival: float) -> GimbalState | None:
+        """The orientation that the joints' positions give; None for the joints of something else. Raises ValueError.
+
+        Parameters:
+            message: positions of joints.
+            arrival (s): time of its arrival.
+        """
+        if not (self._joints.pan or self._joints.tilt):
+            return None
+        if len(message.position) not in (0, len(message.name)):
+            raise ValueError(f'{len(message.position)} positions of {len(message.name)} joints')
+        positions = dict(zip(message.name, message.position, strict=False))
+        named = [(name.removeprefix('-'), -1.0 if name.startswith('-') else 1.0)
+                 for name in (self._joints.pan, self._joints.tilt, self._joints.roll)]
+        if not all(name in positions for name, _ in named if name):
+            return None
+        pan, tilt, roll = (sign * positions[name] if name else 0.0 for name, sign in named)
+        if not all(math.isfinite(angle) for angle in (pan, tilt, roll)):
+            raise ValueError(f'positions {pan}, {tilt}, {roll} of the joints, expected finite angles')
+        turned = self._gimbal.mount.rotation @ gimbal_to_mount(pan, tilt, roll)
+        return gimbal_message(self._rig, to_seconds(message.header.stamp), turned, self._joints.sigma**2, measured=True)
+
+    def on_command(self, message: PointingCommand, arrival: float) -> None:
+        """Note what the gimbal is commanded to. Raises ValueError for an impossible command.
+
+        Parameters:
+            message: the command.
+            arrival (s): time of its arrival.
+        """
+        if not message.move_gimbal:
+            return
+        if not (math.isfinite(message.pan) and math.isfinite(message.tilt)):
+            raise ValueError(f'pan {message.pan} and tilt {message.tilt} rad, expected finite angles')
+        if not -OLDEST_S <= to_seconds(message.header.stamp) - arrival <= FUTURE_S:
+            raise ValueError('a command that is not of this time')
+        stabilized = message.header.frame_id == BASE_STABILIZED
+        if not (stabilized or message.header.frame_id == self._rig.base_frame):
+            raise ValueError(f'a command in {message.header.frame_id!r}, expected {self._rig.base_frame!r} or '
+                             f'{BASE_STABILIZED!r}')
+        attitude = self._attitude_at(arrival) or LEVEL
+        self._model.command(arrival, *angles_of_command(self._gimbal, message.pan, message.tilt, stabilized, attitude))
+
+    def on_odometry(self, message: Odometry, arrival: float) -> GimbalState | None:
+        """The modelled orientation at the instant of a pose of the rig, None where it is measured. Raises ValueError.
+
+        Parameters:
+            message: pose of the rig in ENU.
+            arrival (s): time of its arrival.
+        """
+        stamp, q = to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation)
+        if not abs(math.hypot(*q) - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f'attitude of norm {math.hypot(*q):.3g}, expected 1')
+        if not -OLDEST_S <= stamp - arrival <= FUTURE_S:
+            raise ValueError(f'stamp {stamp - arrival:+.2f} s from its arrival')
+        if self._posed - OLDEST_S < stamp <= self._posed:
+            return None
+        self._attitude, self._posed = q, stamp
+        return self._modelled_at(stamp, arrival)
+
+    def on_time(self, now: float) -> GimbalState | None:
+        """The modelled orientation where neither the gimbal reports one nor odometry comes; to be called often."""
+        return None if self._attitude_at(now) is not None and now - self._modelled < ODOMETRY_TIMEOUT_S \
+            else self._modelled_at(now, now)
+
+    def problem(self, now: float) -> str:
+        """Why the orientation is that of the model although it was measured before; empty if it was not, or still is."""
+        lost = self._measured_once and not self.history.has_feedback(now)
+        instead = 'that of the model is used' if self._use_model else 'what the camera sees is not used'
+        return f'the gimbal reports no orientation any more: {instead}' if lost else ''
+
+    def source(self, now: float) -> str:
+        """Where the orientation comes from, for diagnostics."""
+        return 'feedback' if self.history.has_feedback(now) else 'model of the commands'
+
+    def _modelled_at(self, time: float, arrival: float) -> GimbalState | None:
+        if time < self._modelled - OLDEST_S:  # the clock was set back
+            self._modelled = -math.inf
+        if not self._use_model or self.history.has_feedback(arrival) or time < self._modelled + LEAST_PERIOD_S:
+            return None
+        self._modelled = time
+        attitude, angles = self._attitude_at(time), self._model.at(time)
+        unknown = self._gimbal.stabilized and attitude is None
+        turned = gimbal_to_body(self._gimbal, angles.pan, angles.tilt, attitude or LEVEL)
+        return gimbal_message(self._rig, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
+
+    def _attitude_at(self, time: float) -> tuple[float, float, float, float] | None:
+        """Attitude of the rig, None if it is not known at a time (s)."""
+        return self._attitude if abs(time - self._posed) <= ODOMETRY_TIMEOUT_S else None
