@@ -18,6 +18,7 @@ Floats: TypeAlias = Sequence[float] | NDArray
 # px4_msgs/VehicleOdometry's numbers of frames.
 POSE_FRAME_NED = 1
 VELOCITY_FRAME_NED, VELOCITY_FRAME_FRD, VELOCITY_FRAME_BODY_FRD = 1, 2, 3
+LARGEST = 1e6    # m, m/s, rad/s; a larger number is no pose
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate
                   pose_frame: int = POSE_FRAME_NED, velocity_frame: int = VELOCITY_FRAME_NED) -> Pose:
     """Pose in ROS frames. Unknown values (NaN) become 0, except in the attitude.
 
-    Raises ValueError for a quaternion that is not of norm 1, or a frame that is not NED.
+    Raises ValueError for a quaternion that is not of norm 1, a frame that is not NED, or a number beyond LARGEST.
 
     Parameters:
         position_ned (m, (3,)): position in NED
@@ -62,7 +63,10 @@ def pose_from_px4(position_ned: Floats, attitude: Floats, velocity: Floats, rate
     if not abs(norm - 1.0) < 0.1:  # not >: NaN is refused, too
         raise ValueError(f'attitude has norm {norm:.3g}, expected 1')
     enu = attitude_ned_to_enu(attitude)
-    position, velocity, rate = np.nan_to_num(np.array([position_ned, velocity, rate_frd], float))
+    numbers = np.nan_to_num(np.array([position_ned, velocity, rate_frd], float))
+    if np.abs(numbers).max() > LARGEST:
+        raise ValueError(f'a pose of {np.abs(numbers).max():.3g} m, m/s or rad/s, expected at most {LARGEST:g}')
+    position, velocity, rate = numbers
     velocity_flu = (quat2mat(enu).T @ ned_to_enu(velocity) if velocity_frame == VELOCITY_FRAME_NED
                     else frd_to_flu(velocity) if velocity_frame == VELOCITY_FRAME_BODY_FRD else np.zeros(3))
     return Pose(ned_to_enu(position), enu, velocity_flu, frd_to_flu(rate))

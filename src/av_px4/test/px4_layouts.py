@@ -14,6 +14,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 FIRMWARES = ('1.14', '1.15', '1.16', '1.17')
 CACHE = Path(__file__).resolve().parents[3] / 'build' / 'test_px4_msgs'
@@ -151,6 +153,29 @@ def overlay(firmware: str) -> dict[str, str]:
     packages = next(install.glob('**/px4_msgs/__init__.py')).parents[1]
     added = {'AMENT_PREFIX_PATH': install, 'LD_LIBRARY_PATH': install / 'lib', 'PYTHONPATH': packages}
     return {name: f'{path}{os.pathsep}{os.environ.get(name, "")}' for name, path in added.items()}
+
+
+def plain_messages(firmware: str) -> SimpleNamespace:
+    """The messages of a firmware as classes of Python alone, in place of `px4_msgs.msg` where nothing is sent."""
+    return SimpleNamespace(**{name: _plain(name, text) for name, text in definitions(firmware).items()})
+
+
+def _plain(name: str, text: str) -> type:
+    spelled = {'bool': 'boolean', 'float32': 'float', 'float64': 'double', 'char': 'uint8'}
+    fields = {}
+    for kind, field in (part.split() for part in text.split(';') if '=' not in part):
+        scalar, bracket, count = kind.partition('[')
+        fields[field] = spelled.get(scalar, scalar) + bracket + count
+
+    def zero(kind: str) -> Any:
+        if kind.endswith(']'):
+            return [0] * int(kind[:-1].partition('[')[2])
+        return {'float': 0.0, 'double': 0.0, 'boolean': False}.get(kind, 0)
+
+    def start(self: Any, **values: Any) -> None:
+        vars(self).update({field: zero(kind) for field, kind in fields.items()} | values)
+
+    return type(name, (), {'__init__': start, 'get_fields_and_field_types': classmethod(lambda _: fields)})
 
 
 def _build(folder: Path, files: dict[str, str]) -> None:

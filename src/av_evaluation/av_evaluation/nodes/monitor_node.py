@@ -32,6 +32,7 @@ from av_evaluation.report.table import LABEL_WIDTH, format_table
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
+from av_pointing.controller import Mode
 
 LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their characters
@@ -96,14 +97,16 @@ class MonitorNode(RigNode):
 
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
-        self._bearing = message
+        track = track_of_bearing(message)
         if self._logs(message):
-            self._recorder.on_track(track_of_bearing(message), self.now())
+            self._recorder.on_track(track, self.now())
+        self._bearing = message
 
     def _on_state(self, message: FusionState) -> None:
         self._state = message
 
     def _on_command(self, message: PointingCommand) -> None:
+        Mode(message.mode)  # raises ValueError for an unknown mode
         self._command = message
 
     def _on_truth(self, name: str, message: Odometry) -> None:

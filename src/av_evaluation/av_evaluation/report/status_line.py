@@ -30,7 +30,8 @@ def format_status(elapsed: float, bearing: Any | None, state: Any | None, comman
     if bearing is None or bearing.state == State.NONE:
         parts.append(f'{MARKS[State.NONE]:<9} {"":<17}')
     else:
-        parts.append(f'{MARKS[State(bearing.state)]:<9} {math.degrees(bearing.azimuth):+6.1f} deg +-{_sigma(bearing):4.1f}')
+        state_of_bearing = State(min(bearing.state, max(State)))  # others count as COASTING
+        parts.append(f'{MARKS[state_of_bearing]:<9} {math.degrees(bearing.azimuth):+6.1f} deg +-{_sigma(bearing):4.1f}')
     if math.isfinite(truth):
         parts.append(f'truth {math.degrees(truth):+6.1f}')
     if state is not None:
@@ -50,4 +51,4 @@ def format_status(elapsed: float, bearing: Any | None, state: Any | None, comman
 
 
 def _sigma(bearing: Any) -> float:
-    return math.degrees(math.sqrt(bearing.azimuth_variance)) if math.isfinite(bearing.azimuth_variance) else 99.9
+    return math.degrees(math.sqrt(bearing.azimuth_variance)) if 0.0 <= bearing.azimuth_variance < math.inf else 99.9
