@@ -44,6 +44,7 @@ class DoaStage:
         self._localizer: Localizer | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
+        self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.swaps = 0  # how often the two channels seem to have changed places
 
@@ -111,6 +112,7 @@ class DoaStage:
             raise ValueError(f'{len(frame.samples)} samples in a frame, expected at most {longest} ({LONGEST_FRAME_S:g} s)')
         to_seconds(frame.header.stamp)  # raises ValueError before anything is computed
         samples = samples_of(frame)
+        self.sample_rate = float(frame.sample_rate)
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
         self._localizer.blade_pass_hz = self._blade_pass_hz

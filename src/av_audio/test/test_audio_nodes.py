@@ -166,7 +166,7 @@ def test_parameters_change_while_running(rig, tmp_path, array_file):
 @pytest.mark.parametrize(('name', 'value', 'words'), [
     ('band_low', 1e9, 'band_low is 1e+09 Hz, expected more than 0 and less than band_high'),
     ('elevation_min_deg', 90.0, 'elevation_min_deg is 90, expected'), ('window', float('nan'), 'window'),
-    ('band_high', float('inf'), 'band_high is inf'), ('array_file', 'x' * 10_000_000, ''), ('method', 'magic', 'method')])
+    ('band_high', float('inf'), 'band_high'), ('array_file', 'x' * 10_000_000, ''), ('method', 'magic', 'method')])
 def test_parameters_that_do_not_fit_each_other_are_refused_at_the_start_and_later(rig, array_file, name, value, words):
     """The answer names parameter, value and what is expected; the former value stays."""
     node = rig.add(DoaNode, array_file=array_file)
@@ -177,6 +177,27 @@ def test_parameters_that_do_not_fit_each_other_are_refused_at_the_start_and_late
     if name != 'array_file':
         with pytest.raises((ParameterError, ParameterException), match=re.escape(words)):
             DoaNode(parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_a_band_beyond_half_of_the_sample_rate_is_refused_while_it_runs(rig, array_file, tmp_path):
+    """The rate is that of the frames; before the first of them nobody knows it."""
+    soundfile.write(tmp_path / 'sound.wav', sound(2.0), RATE)
+    node = rig.add(DoaNode, array_file=array_file)
+    assert node.set_parameters([Parameter('band_high', value=0.6 * RATE)])[0].successful
+    assert node.set_parameters([Parameter('band_high', value=4000.0)])[0].successful
+    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
+    rig.spin(lambda: rig.received['doa'])
+    refused, = node.set_parameters([Parameter('band_high', value=0.6 * RATE)])
+    assert not refused.successful and 'half of the sample rate' in refused.reason
+    assert node.set_parameters([Parameter('band_high', value=0.4 * RATE)])[0].successful
+
+
+@pytest.mark.parametrize(('parameters', 'words'), [
+    ({'block': 48000, 'buffer_bytes': 20000}, 'buffer_bytes is 20000, which does not hold two blocks'),
+    ({'channels': [0, 0]}, 'each microphone needs a separate channel'), ({'channels': [0, -1]}, 'not [-1]')])
+def test_audio_parameters_that_contradict_each_other_are_refused_at_the_start(rig, parameters, words):
+    with pytest.raises(ParameterError, match=re.escape(words)):
+        AudioNode(parameter_overrides=[Parameter(name, value=value) for name, value in parameters.items()])
 
 
 def test_changed_elevations_are_applied(rig, array_file):
@@ -264,7 +285,7 @@ def test_an_absent_device_is_reported_and_retried(rig):
 def test_a_buffer_that_holds_no_two_blocks_is_refused(rig, tmp_path):
     soundfile.write(tmp_path / 'sound.wav', sound(1.0), RATE)
     rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), block=16_000)
-    rig.wait_for_status('buffer_bytes=200000 does not hold two blocks', DiagnosticStatus.ERROR)
+    rig.wait_for_status('buffer_bytes is 200000, which does not hold two blocks', DiagnosticStatus.ERROR)
 
 
 def test_a_missing_array_file_is_reported(rig):

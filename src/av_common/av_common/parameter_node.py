@@ -55,6 +55,13 @@ class ParameterNode(GuardedNode):
             settings: the generated struct; each parameter is within its own bounds.
         """
 
+    def check_change(self, settings: Any) -> None:
+        """As `check_parameters`, for a change at run time and by what the node has learnt from its inputs.
+
+        Parameters:
+            settings: the generated struct; it has passed `check_parameters`.
+        """
+
     def apply_parameters(self) -> None:
         """Apply parameters that changed at run time; called in the states inactive and active."""
 
@@ -89,6 +96,8 @@ class ParameterNode(GuardedNode):
                 if not result.successful:
                     return result
                 check_together(self.check_parameters, self.settings)
+                if self._is_configured:
+                    check_together(self.check_change, self.settings)
         except ParameterError as error:
             if listener is not None:
                 listener.params_ = before

@@ -9,7 +9,7 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from std_msgs.msg import Header
 
 from av_audio.device_source import DeviceSource
-from av_audio.file_source import FileSource
+from av_audio.file_source import FileSource, pick_channels
 from av_audio.health import ChannelHealth
 from av_audio.messages import audio_frame
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
@@ -36,13 +36,21 @@ class AudioNode(RigNode):
         self._block = settings.block
         self._source = self._open(settings)
         self._buffer_bytes = settings.buffer_bytes
-        minimum = 2 * 4 * self._block * self._source.channels
-        if self._buffer_bytes < minimum:
+        try:
+            _check_buffer(settings, self._source.channels)
+        except ValueError:
             self._source.close()
-            raise ValueError(f'buffer_bytes={self._buffer_bytes} does not hold two blocks of {self._block} samples of '
-                             f'{self._source.channels} channels, expected at least {minimum}')
+            raise
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
         self._new_stream()
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Each channel once, and a buffer for two blocks of them; of a file with all its channels only `configure` knows."""
+        channels = _channels(settings)
+        if channels:
+            pick_channels(max(channels) + 1, channels, 'the source')
+        _check_buffer(settings, len(channels) or 1)
 
     def _new_stream(self) -> None:
         self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
@@ -52,7 +60,7 @@ class AudioNode(RigNode):
         self._started = False
 
     def _open(self, settings: Any) -> FileSource | DeviceSource:
-        channels = [] if list(settings.channels) == [-1] else list(settings.channels)
+        channels = _channels(settings)
         if settings.source == 'device':
             return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self.now)
         if not settings.file:
@@ -110,6 +118,18 @@ class AudioNode(RigNode):
             problems.append(f'{self._buffer.overwritten} samples lost, the machine is too slow')
         if problems:
             status.mergeSummary(DiagnosticStatus.WARN, '; '.join(problems))
+
+
+def _channels(settings: Any) -> list[int]:
+    """Channels of the source in order; empty for all."""
+    return [] if list(settings.channels) == [-1] else list(settings.channels)
+
+
+def _check_buffer(settings: Any, channels: int) -> None:
+    minimum = 2 * 4 * settings.block * channels
+    if settings.buffer_bytes < minimum:
+        raise ValueError(f'buffer_bytes is {settings.buffer_bytes}, which does not hold two blocks of {settings.block} samples '
+                         f'of {channels} channels, expected at least {minimum}')
 
 
 def main() -> None:

@@ -57,6 +57,12 @@ class DoaNode(RigNode):
         """Band and elevations must rise."""
         localizer_settings(settings)
 
+    def check_change(self, settings: Any) -> None:
+        """The band must be below half of the sample rate of the newest frames."""
+        nyquist = 0.5 * self._stage.sample_rate
+        if nyquist and not settings.band_high < nyquist:
+            raise ValueError(f'band_high is {settings.band_high:g} Hz, expected below half of the sample rate ({nyquist:g})')
+
     def apply_parameters(self) -> None:
         """Use the new settings from the next window on."""
         self._stage.settings = localizer_settings(self.settings)

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterable
 from itertools import chain
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -60,6 +61,11 @@ class PlayerNode(RigNode):
                             for name in found.topics}
         self._clock_output = self.create_publisher(Clock, '/clock', 10)
         self._played, self._position = 0, 0.0
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Each remapping must be one, of a name that is played."""
+        parse_remappings(settings.remap)
 
     def _wanted(self) -> list[str]:
         omitted = (names.DETECTIONS, names.VISIBILITY) if self._settings.only == 'raw' and not self._settings.detections else ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -20,6 +21,7 @@ from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
 from av_sim_bridge.receiving.consumer import Consumer
 from av_sim_bridge.receiving.receiver import Handler, Receiver, open_port
+from av_sim_bridge.receiving.stream_ports import stream_ports
 from av_sim_bridge.receiving.streams import Sender, StampedImage
 from av_sim_bridge.receiving.worker import Worker
 from av_sim_bridge.stage import Output, make_bridge_stage
@@ -70,6 +72,11 @@ class BridgeNode(RigNode):
         """Stop the threads and close the ports."""
         self._opened.close()
 
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Each stream needs a port of its own, rig and targets numbers of their own."""
+        stream_ports(settings)
+
     def cleanup(self) -> None:
         """Close the publishers."""
         for publisher in self._outputs.values():
@@ -86,22 +93,20 @@ class BridgeNode(RigNode):
                              "expected this machine's address in the network of that host, or 0.0.0.0")
 
     def _open_streams(self, opened: ExitStack) -> None:
-        settings, stage = self._settings, self._stage
+        stage, ports = self._stage, stream_ports(self._settings)
+        truth = self._publishing(stage.on_truth)
+        handlers: dict[str, Handler] = {'audio': stage.on_audio, 'image': self._on_image}
         self._images = self._consumer(opened, 'decode images', stage.decode_image)
-        self._receive(opened, 'audio', settings.audio_port, stage.on_audio)
-        self._receive(opened, 'image', settings.image_port, self._on_image)
-        if settings.depth_port:
+        if 'depth' in ports:
             depths = self._consumer(opened, 'decode depth', stage.decode_depth)
-            self._receive(opened, 'depth', settings.depth_port, lambda *datagram: _put(depths, stage.on_depth(*datagram)))
-        self._receive(opened, 'rig_truth', settings.rig_truth_port, self._publishing(stage.on_truth))
-        for number in stage.target_topics:
-            name = 'target_truth' if number == settings.target_id else f'target_{number}_truth'
-            port = settings.target_truth_port + 2 * (number - settings.target_id)
-            self._receive(opened, name, port, self._publishing(stage.on_truth))
-        self._receive(opened, 'imu', settings.imu_port, self._publishing(stage.on_imu))
+            handlers['depth'] = lambda *datagram: _put(depths, stage.on_depth(*datagram))
+        handlers |= {name: truth for name in ports if name.endswith('_truth')}
+        handlers['imu'] = self._publishing(stage.on_imu)
         if stage.rig.gimbal is not None:
-            self._receive(opened, 'gimbal', settings.gimbal_port, self._publishing(stage.on_gimbal))
-        self._receive(opened, 'time_sync', settings.time_sync_port, stage.on_time_sync, TIME_SYNC_GROUP)
+            handlers['gimbal'] = self._publishing(stage.on_gimbal)
+        for name, handle in handlers.items():
+            self._receive(opened, name, ports[name], handle)
+        self._receive(opened, 'time_sync', ports['time_sync'], stage.on_time_sync, TIME_SYNC_GROUP)
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
         parameter = f'{name}_port' if hasattr(self._settings, f'{name}_port') else f'target_truth_port: {name}'

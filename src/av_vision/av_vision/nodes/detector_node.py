@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -65,6 +65,12 @@ class DetectorNode(RigNode):
         """Stop detecting."""
         self._latest.close()
         self._worker.join(timeout=5.0)
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """The size of the input must be one that models have."""
+        if settings.input_size % 32:
+            raise ValueError(f'input_size is {settings.input_size}, expected a multiple of 32')
 
     def cleanup(self) -> None:
         """Destroy the publishers."""
