@@ -66,7 +66,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     if only == 'raw' and arguments['model']:
         receivers.append(detector_node(arguments, BAG_TIME))
     if only in ('raw', 'doa'):
-        receivers.append(rig_node(arguments, 'av_fusion', 'fusion_node', BAG_TIME))
+        receivers.append(rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], **BAG_TIME}))
         others.append(pointing)
     if only == 'bearing':
         receivers.append(pointing)

@@ -22,11 +22,12 @@ from vision_msgs.msg import Detection2DArray
 
 from av_audio.stage import make_doa_stage
 from av_common.freshness import Instant
+from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_evaluation.nodes.monitor_node import MonitorNode
 from av_fusion.stage import make_fusion_stage
-from av_interfaces.msg import AudioFrame, Bearing, DoaArray, FusionState, PointingCommand, Visibility
+from av_interfaces.msg import AudioFrame, Bearing, DoaArray, FusionState, GimbalState, PointingCommand, Visibility
 from av_pointing.stage import make_pointing_stage
 from av_px4.commands import GIMBAL_PITCH_YAW
 from av_px4.settings import Px4Settings
@@ -197,10 +198,10 @@ def inputs_of(name: str) -> dict[type, Any]:
         return {Bearing: lambda message, now: stage.on_bearing(message, Instant(now, now)),
                 Odometry: lambda message, now: stage.on_odometry(message, Instant(now, now))}
     fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': name}),
-                               lambda frame, time: np.eye(3))
+                               lambda frame, time: np.eye(3), gimbal=GimbalHistory())
     return {DoaArray: fusion.on_doa, Detection2DArray: fusion.on_detections, Odometry: fusion.on_odometry,
             Visibility: lambda message, _: fusion.on_visibility(message),
-            CameraInfo: lambda message, _: fusion.on_camera_info(message)}
+            CameraInfo: lambda message, _: fusion.on_camera_info(message), GimbalState: fusion.on_gimbal}
 
 
 def numbers(message: Any) -> list[float]:

@@ -27,7 +27,7 @@ PATH = 0.25  # share of the angle between two orientations by which the interpol
 RESTART_S = 1.0  # step of the clock back after which the history begins anew
 
 
-class NotYetKnownError(LookupError):
+class NotYetKnownError(ValueError):
     """The orientation of a frame at a time for which data may still come."""
 
 
@@ -151,6 +151,14 @@ class GimbalHistory:
         nearness = 4.0 * share * (1.0 - share)  # 0 at either end, 1 in the middle
         return GimbalSample(time, slerp(left.attitude_wxyz, right.attitude_wxyz, share),
                             max(left.variance, right.variance) + nearness * path**2, left.measured and right.measured)
+
+
+    def variance(self, time: float) -> float:
+        """Variance (rad^2) about each axis at a time (s); that of the newest orientation after it, 0 without any."""
+        if self.newest is None:
+            return 0.0
+        sample = self.at(min(time, self.newest.time)) or self._samples[0]
+        return sample.variance
 
 
 def angle_between(first: tuple[float, ...], second: tuple[float, ...]) -> float:

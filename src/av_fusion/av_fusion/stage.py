@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -13,17 +14,20 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
 from av_common.freshness import FUTURE_S
+from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
+from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
 from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
-from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
+from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, Visibility
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
+MOST_WAITING = 20  # measurements of each input that wait for a transform
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 
 
@@ -75,6 +79,7 @@ class FusionStageSettings:
             not used.
         missing_after (s): an input without messages for this long is reported as missing.
         visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
+        transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
     """
 
     base_frame: str = 'base_link'
@@ -83,6 +88,7 @@ class FusionStageSettings:
     clock_tolerance: float = 2.0
     missing_after: float = 1.0
     visibility_age: float = 1.0
+    transform_wait: float = 0.15
 
 
 class FusionStage:
@@ -93,16 +99,18 @@ class FusionStage:
 
     Attributes:
         foreign_stamps: number of messages that were not used because of their stamps, by input.
+        untransformed: number of measurements that were not used because their sensor's orientation came too late.
 
     Parameters:
         tracker: estimates the track.
         converter: converts messages to measurements in the body frame.
         settings: see `FusionStageSettings`.
         observer: is called with measurements and tracks, or None.
+        gimbal: orientations of the gimbal that carries the camera, added to by `on_gimbal`; None without one.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
-                 observer: FusionObserver | None = None) -> None:
+                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None) -> None:
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
         self.foreign_stamps = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), 0)
@@ -111,6 +119,9 @@ class FusionStage:
         self._arrivals = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), -math.inf)
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = -math.inf
+        self._gimbal = gimbal
+        self.untransformed = 0
+        self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
 
     def on_doa(self, message: DoaArray, arrival: float) -> FusionOutput | None:
         """Use directions of arrival; None if their stamp belongs to another clock.
@@ -119,34 +130,32 @@ class FusionStage:
             message: directions of arrival of one window.
             arrival (s): time of its arrival.
         """
-        if not self._accept(DOA, message, arrival):
-            return None
-        measurements = self.converter.doa(message)
-        if self._observer is not None:
-            self._observer.on_doa(measurements, arrival)
-        for measurement in measurements:
-            if measurement.confidence >= self.settings.min_doa_confidence:
-                self.tracker.add_doa(measurement)
-        return self._output(arrival)
+        return self._queue(DOA, message, arrival)
 
     def on_detections(self, message: Detection2DArray, arrival: float) -> FusionOutput | None:
         """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
+
+        An image whose camera moves waits for up to `transform_wait` until the camera's orientation is known.
 
         Parameters:
             message: detections in one image.
             arrival (s): time of its arrival.
         """
-        if not self._accept(DETECTIONS, message, arrival):
+        return self._queue(DETECTIONS, message, arrival)
+
+    def on_gimbal(self, message: GimbalState, arrival: float) -> FusionOutput | None:
+        """Note the gimbal's orientation, and use the images that waited for it.
+
+        Parameters:
+            message: the orientation.
+            arrival (s): time of its arrival.
+
+        Raises ValueError for one that cannot be used.
+        """
+        if self._gimbal is None:
             return None
-        stamp, visibility = self._visibility
-        near = abs(to_seconds(message.header.stamp) - stamp) < self.settings.visibility_age
-        measurement = self.converter.detections(message, visibility if near else math.nan)
-        if measurement is None:
-            return None
-        if self._observer is not None:
-            self._observer.on_camera(measurement, message, arrival)
-        self.tracker.add_camera(measurement)
-        return self._output(arrival)
+        self._gimbal.add(sample_of(message, self.settings.base_frame, ''), arrival)
+        return self._use_waiting(arrival)
 
     def on_visibility(self, message: Visibility) -> None:
         """Store the visibility for images of about the same time."""
@@ -173,8 +182,9 @@ class FusionStage:
 
     def on_time(self, now: float) -> FusionOutput | None:
         """The periodic output, None before it is due."""
+        used = self._use_waiting(now)
         waiting = self._last_output <= now < self.due - 0.1 * self._period  # timers are not exact
-        return None if waiting else self._output(now)
+        return used if waiting else self._output(now)
 
     def outputs_until(self, now: float) -> Iterator[FusionOutput]:
         """The periodic outputs that are due until `now`, each at its own time; for replay, which has no timer."""
@@ -195,6 +205,54 @@ class FusionStage:
         self.foreign_stamps[name] += not accepted
         return accepted
 
+    def _queue(self, name: str, message: Any, arrival: float) -> FusionOutput | None:
+        if not self._accept(name, message, arrival):
+            return None
+        self._waiting[name].append((message, arrival))
+        return self._use_waiting(arrival)
+
+    def _use_waiting(self, now: float) -> FusionOutput | None:
+        """Use the messages for which the orientation of the sensor is known by now, in their order."""
+        used = False
+        for name, use in ((DOA, self._use_doa), (DETECTIONS, self._use_detections)):
+            waiting = self._waiting[name]
+            while waiting:
+                message, arrival = waiting[0]
+                try:
+                    used = use(message, arrival) or used
+                except NotYetKnownError:
+                    if arrival <= now < arrival + self.settings.transform_wait:
+                        break
+                    self.untransformed += 1
+                except ValueError:
+                    waiting.popleft()
+                    raise
+                waiting.popleft()
+        return self._output(now) if used else None
+
+    def _use_doa(self, message: DoaArray, arrival: float) -> bool:
+        measurements = self.converter.doa(message)
+        if self._observer is not None:
+            self._observer.on_doa(measurements, arrival)
+        for measurement in measurements:
+            if measurement.confidence >= self.settings.min_doa_confidence:
+                self.tracker.add_doa(measurement)
+        return True
+
+    def _use_detections(self, message: Detection2DArray, arrival: float) -> bool:
+        stamp, visibility = self._visibility
+        time = to_seconds(message.header.stamp)
+        measurement = self.converter.detections(
+            message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
+        if measurement is None:
+            return False
+        if self._gimbal is not None:
+            measurement = blurred(measurement, self._gimbal.variance(time))
+        if self._observer is not None:
+            self._observer.on_camera(measurement, message, arrival)
+        self.tracker.add_camera(measurement)
+        return True
+
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
@@ -206,7 +264,7 @@ class FusionStage:
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
-                      tracker: Tracker | None = None) -> FusionStage:
+                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
@@ -215,7 +273,8 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
+        gimbal: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
     settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence)
-    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer)
+    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal)

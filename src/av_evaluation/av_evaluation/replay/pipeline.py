@@ -79,6 +79,8 @@ class Pipeline:
             fusion.on_odometry(message, arrival)
         elif name == names.VISIBILITY:
             fusion.on_visibility(message)
+        elif name == names.GIMBAL:
+            output = fusion.on_gimbal(message, arrival)
         elif name == names.DOA:
             output = fusion.on_doa(message, arrival)
         elif name == names.DETECTIONS:

@@ -18,6 +18,7 @@ from av_bags.reader import FOREVER, Bag
 from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
 from av_common.camera import PinholeCamera
+from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import Rig, load_rig
@@ -40,7 +41,7 @@ STAGES = ('raw', 'doa', 'bearing')
 TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
 # Read as a whole before anything else.
 READ_AHEAD = (names.CAMERA, names.FRAMES)
-CONTEXT = (*READ_AHEAD, names.ODOMETRY, *TRUTHS)
+CONTEXT = (*READ_AHEAD, names.ODOMETRY, names.GIMBAL, *TRUTHS)
 # What is done without topics that are not in the bag.
 WITHOUT = {
     names.CAMERA: "the camera of the rig's description is assumed",
@@ -184,7 +185,8 @@ class Replay:
 
     def _build(self, rig: Rig, estimators: Sequence[str]) -> None:
         fusion = self._parameters('av_fusion', 'fusion_node')
-        self._frames = SensorFrames(rig, fusion.base_frame)
+        gimbal = GimbalHistory()
+        self._frames = SensorFrames(rig, fusion.base_frame, gimbal)
         if names.FRAMES in self._topics:
             self._frames.learn(self._bag, self._topics[names.FRAMES])
         camera = self._camera(rig)
@@ -194,7 +196,8 @@ class Replay:
             tracker: Tracker = make_tracker(fusion)
             if self._record is not None:
                 tracker = RecordingTracker(tracker, self._record)
-            self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker)
+            self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
+                                             gimbal if rig.gimbal else None)
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))

@@ -1,4 +1,4 @@
-"""How sensors are turned on the rig's body, from a bag's /tf_static or from the rig's description."""
+"""How sensors are turned on the rig's body, from a bag's /tf_static or the rig's description, and from its gimbal's state."""
 
 from __future__ import annotations
 
@@ -8,18 +8,29 @@ from transforms3d.quaternions import quat2mat
 
 from av_bags.reader import Bag
 from av_common.frames import attitude_of
+from av_common.gimbal_history import GimbalHistory
 from av_common.rig import Rig
 
 
 class SensorFrames:
-    """Rotations (3, 3) of sensor frames into the body's, by name; `unknown` names frames that were asked for in vain."""
+    """Rotations (3, 3) of sensor frames into the body's, by name; `unknown` names frames that were asked for in vain.
 
-    def __init__(self, rig: Rig, base_frame: str) -> None:
+    Parameters:
+        rig: the description.
+        base_frame: frame of the body.
+        gimbal: orientations of the rig's gimbal.
+    """
+
+    def __init__(self, rig: Rig, base_frame: str, gimbal: GimbalHistory) -> None:
         self._base = base_frame
         self._parents: dict[str, tuple[str, NDArray]] = {}
-        self._described = {rig.array.frame: rig.array.mount.rotation, rig.camera.frame: rig.camera.mount.rotation,
-                           rig.camera.optical_frame: rig.camera.optical_to_body, rig.base_frame: np.eye(3)}
-        self._known: dict[str, NDArray | None] = {}
+        carrier = rig.gimbal.frame if rig.gimbal else base_frame
+        self._described = {
+            rig.array.frame: (base_frame, rig.array.mount.rotation), rig.base_frame: (base_frame, np.eye(3)),
+            rig.camera.frame: (carrier, rig.camera.mount.rotation),
+            rig.camera.optical_frame: (carrier, rig.camera.optical_to_body)}
+        self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
+        self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()
 
     def learn(self, bag: Bag, topic: str) -> None:
@@ -30,17 +41,27 @@ class SensorFrames:
                 self._parents[transform.child_frame_id] = (transform.header.frame_id, quat2mat(attitude_of(q)))
 
     def rotation(self, frame: str, time: float) -> NDArray | None:
-        """From `frame` to the body at `time` (s); None where neither transforms nor the description know it."""
+        """From `frame` to the body at `time` (s); None where neither transforms nor the description know it.
+
+        Raises NotYetKnownError where the gimbal's orientation may still come.
+        """
         if frame not in self._known:
             self._known[frame] = self._look_up(frame)
             if self._known[frame] is None:
                 self.unknown.add(frame)
-        return self._known[frame]
+        parent, rotation = self._known[frame] or ('', None)
+        if rotation is None or parent == self._base:
+            return rotation
+        sample = self._gimbal.at(time)
+        return None if sample is None else sample.rotation @ rotation
 
-    def _look_up(self, frame: str) -> NDArray | None:
+    def _look_up(self, frame: str) -> tuple[str, NDArray] | None:
+        """The body's or the gimbal's frame, and the rotation into it."""
         rotation, at, seen = np.eye(3), frame, set()
-        while at in self._parents and at != self._base and at not in seen:
+        while at in self._parents and at not in (self._base, self._carrier) and at not in seen:
             seen.add(at)
             at, step = self._parents[at][0], self._parents[at][1]
             rotation = step @ rotation
-        return rotation if at == self._base and seen else self._described.get(frame)
+        if seen and at in (self._base, self._carrier):
+            return at, rotation
+        return self._described.get(frame)

@@ -10,14 +10,16 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from vision_msgs.msg import Detection2DArray
 
+from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
+from av_common.rig import load_rig
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.nodes.tf_rotations import TfRotations
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
-from av_interfaces.msg import Bearing, DoaArray, FusionState, Visibility
+from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, Visibility
 
 
 class FusionNode(RigNode):
@@ -34,7 +36,9 @@ class FusionNode(RigNode):
         """Build the stage, open the publishers."""
         self._settings = self.settings
         self._rotations = TfRotations(self, self._settings.base_frame)
-        self._stage = make_fusion_stage(self._settings, self._rotations.rotation)
+        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        self._stage = make_fusion_stage(self._settings, self._rotations.rotation, gimbal=GimbalHistory() if gimbal else None)
+        self._untransformed = 0
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
@@ -46,6 +50,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
+        self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
@@ -70,6 +75,9 @@ class FusionNode(RigNode):
         self._meters['odometry'].tick()
         self._stage.on_odometry(message, self.now())
 
+    def _on_gimbal(self, message: GimbalState) -> None:
+        self._publish(self._stage.on_gimbal(message, self.now()))
+
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self.now()))
 
@@ -87,6 +95,11 @@ class FusionNode(RigNode):
             status.mergeSummary(level, f'no {", ".join(missing)}')
         for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
             status.mergeSummary(DiagnosticStatus.ERROR, problem)
+        late, self._untransformed = self._stage.untransformed - self._untransformed, self._stage.untransformed
+        if late:
+            status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is /tf '
+                                'late?')
+        status.add('measurements without transform', str(self._untransformed))
         foreign = self._stage.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(

@@ -10,10 +10,13 @@ from tf2_ros import Buffer, TransformException, TransformListener
 from transforms3d.quaternions import quat2mat
 
 from av_common.frames import attitude_of
+from av_common.gimbal_history import NEAREST_S, NotYetKnownError
+
+LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
 
 
 class TfRotations:
-    """Looks up how sensor frames are rotated on the rig's body.
+    """Looks up how sensor frames are rotated on the rig's body, at the time of a measurement: they may move.
 
     Attributes:
         problem: why the newest look-up failed, empty when it did not.
@@ -26,21 +29,24 @@ class TfRotations:
     def __init__(self, node: Node, base_frame: str) -> None:
         self.problem = ''
         self._base_frame = base_frame
-        self._rotations: dict[str, NDArray[np.float64]] = {}
         self._buffer = Buffer()
         self._listener = TransformListener(self._buffer, node)
 
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
-        """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), None if unknown.
+        """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
 
-        Sensors are fixed to the body, so that each frame is looked up once.
+        The newest transform is taken for one that is NEAREST_S later. Raises NotYetKnownError where a transform of that time
+        may still come.
         """
-        if frame not in self._rotations:
-            try:
-                q = self._buffer.lookup_transform(self._base_frame, frame, Time()).transform.rotation
-            except TransformException as error:
-                self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'
-                return None
-            self._rotations[frame] = quat2mat(attitude_of(q))
-            self.problem = ''
-        return self._rotations[frame]
+        self.problem = ''
+        try:
+            newest = 1e-9 * self._buffer.get_latest_common_time(self._base_frame, frame).nanoseconds  # 0 for fixed frames
+            late = time - newest if newest else 0.0
+            if NEAREST_S < late <= LATEST_S:
+                raise NotYetKnownError(f'no transform from {frame!r} to {self._base_frame!r} of the capture time yet')
+            at = newest if 0.0 < late <= NEAREST_S else time
+            found = self._buffer.lookup_transform(self._base_frame, frame, Time(nanoseconds=round(1e9 * at)))
+        except TransformException as error:
+            self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'
+            return None
+        return quat2mat(attitude_of(found.transform.rotation))
