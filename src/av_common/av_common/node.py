@@ -42,6 +42,7 @@ except ImportError:
 
 __all__ = ('EXPECTED_ERRORS', 'Executor', 'ParameterError', 'RenamedParameterError', 'RigNode', 'run')
 RETRY_S = 2.0
+FAREWELL_S = 0.2  # between the answer to a request to shut down and the end of the process
 MINIMAL_PERIOD_S = 0.01  # of diagnostics
 PAUSE_S = 0.01  # between errors of the middleware, so that a lasting one leaves the processor to others
 # Errors at start-up that may disappear until the next attempt: wrong values, missing files, absent devices.
@@ -147,10 +148,12 @@ class RigNode(ParameterNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Lifecycle transition."""
+        """Lifecycle transition; then the process ends, since a finalized node can do nothing any more."""
         self.close()
-        return TransitionCallbackReturn.SUCCESS if state.state_id == State.PRIMARY_STATE_UNCONFIGURED \
-            else self.on_cleanup(state)
+        if state.state_id != State.PRIMARY_STATE_UNCONFIGURED:
+            self.on_cleanup(state)
+        self._steady_timer(FAREWELL_S, self.finish)
+        return TransitionCallbackReturn.SUCCESS
 
     def finish(self) -> None:
         """End the node's process because its work is done; callable from any thread."""

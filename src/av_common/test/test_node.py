@@ -11,7 +11,8 @@ import time
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from lifecycle_msgs.msg import State
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
@@ -116,6 +117,26 @@ def test_a_process_ends_cleanly_though_nothing_happens(end):
         process.send_signal(end)
     rest, _ = process.communicate(timeout=30.0)
     assert rest == 'deactivated True\n' and process.returncode == 0
+
+
+def test_a_node_that_is_shut_down_ends_its_process():
+    """By request: it answers, deactivates and ends well, so that a launch sees it; finalized nodes can do nothing."""
+    environment = {**os.environ, 'ROS_DOMAIN_ID': '97'}
+    process = subprocess.Popen([sys.executable, '-c', PROCESS, 'shutdown'], stdout=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout.readline() == 'active\n'
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=97)
+    caller = rclpy.create_node('caller', context=context)
+    client = caller.create_client(ChangeState, '/idle/change_state')
+    assert client.wait_for_service(20.0)
+    answer = client.call_async(ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)))
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(caller)
+    executor.spin_until_future_complete(answer, 20.0)
+    assert answer.result().success
+    rest, _ = process.communicate(timeout=30.0)
+    assert rest == 'deactivated True\n' and process.returncode == 0
+    rclpy.shutdown(context=context)
 
 
 RENAMED = """
