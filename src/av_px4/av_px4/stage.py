@@ -124,9 +124,9 @@ class Px4Stage:
         self._now = arrival
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, self.settings.guard.bearing_timeout):
             self.meters['bearing'].tick()
-            # a source that gives no `measured` publishes measurements, not predictions
-            stamp = message.measured if message.measured.sec else message.header.stamp
-            self._measured_target.take(to_seconds(stamp), arrival)
+            measured = to_seconds(message.measured)
+            if measured > 0.0:  # 0 is a bearing without a measurement
+                self._measured_target.take(measured, arrival)
         return []
 
     # from PX4

@@ -163,7 +163,7 @@ class FakeNode:
         fields = {'mode': 1, 'move_gimbal': True, 'move_body': True, **self.point}
         bearing = Bearing(state=fields.pop('state', Bearing.STATE_VISUAL_ACTIVE), azimuth=float(fields.get('pan', 0.0)))
         command = PointingCommand(**fields)
-        bearing.header.stamp = command.header.stamp = stamp
+        bearing.header.stamp = bearing.measured = command.header.stamp = stamp
         self.bearings.publish(bearing)
         self.pointing.publish(command)
 

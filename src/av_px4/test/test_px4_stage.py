@@ -33,12 +33,12 @@ class Rig:
 
     def __init__(self, settings=None, **changes):
         self.stage = Px4Stage(settings or Px4Settings(**changes), MESSAGES)
-        self.time, self.sent, self.nav_state, self.silent, self.offset = 100.0, [], HOLD, set(), 0.0
+        self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
         self.stage.start(self.now)
 
     @property
     def now(self):
-        return Instant(self.time, 1.7e9 + self.time)
+        return Instant(self.time, self.epoch + self.time)
 
     def run(self, seconds, **command):
         for step in range(round(seconds * 50)):
@@ -48,7 +48,7 @@ class Rig:
                 stamp = to_stamp(self.now.ros)
                 bearing, pointing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE), PointingCommand(
                     mode=PointingCommand.MODE_TRACK, move_gimbal=True, move_body=True, **command)
-                bearing.header.stamp = pointing.header.stamp = stamp
+                bearing.header.stamp = bearing.measured = pointing.header.stamp = stamp
                 self.take('bearing', bearing)
                 self.take('command', pointing)
             self.sent += [(self.time, *out) for out in self.stage.on_time(self.now)]
@@ -91,6 +91,23 @@ def test_without_an_input_the_body_stands_still(silent):
     rig.silent = {silent}
     rig.run(1.0, yaw_rate=0.3)
     assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.1))
+
+
+@pytest.mark.parametrize('begin', [1.7e9, 0.1])
+def test_a_bearing_without_a_measurement_turns_nothing(begin):
+    """Its `measured` is 0; not even when simulated time has just begun."""
+    rig = Rig()
+    rig.nav_state, rig.silent = OFFBOARD, {'rig'}
+    rig.run(1.0)
+    rig.epoch = begin - rig.time
+    for _ in range(5):
+        rig.run(0.02)
+        bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE)
+        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
+        bearing.header.stamp = command.header.stamp = to_stamp(rig.now.ros)
+        rig.take('bearing', bearing)
+        rig.take('command', command)
+    assert rig.stage.decision.reason == 'no fresh measurement'
 
 
 @pytest.mark.parametrize('frozen', ['measured', 'command'])

@@ -91,10 +91,10 @@ class LatencyProbe:
 
     def _send_bearing(self, azimuth: float) -> None:
         self.bearings += 1
-        now = time.monotonic()
+        now, stamp = time.monotonic(), to_stamp(time.time())
         self._sent_at = {'gimbal': now, 'body': now}
         self._bearings.publish(Bearing(
-            header=Header(stamp=to_stamp(time.time())), state=Bearing.STATE_VISUAL_ACTIVE, azimuth=azimuth,
+            header=Header(stamp=stamp), measured=stamp, state=Bearing.STATE_VISUAL_ACTIVE, azimuth=azimuth,
             azimuth_world=azimuth + math.pi / 2.0, elevation=0.1, elevation_variance=0.01, azimuth_variance=0.01))
 
     def _on_command(self, message: Any) -> None:
