@@ -1,138 +1,62 @@
-"""Motion of the simulated rig: along its scenario's trajectory with commanded yaw rates, or at poses of an autopilot."""
+"""Motion of the simulated rig: by its scenario with commanded yaw rates and gimbal angles, or at poses of an autopilot."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
+from av_common.rig import GimbalMount
 from av_sim_bridge.vehicle import VehicleState
+from av_simulator.motion.bodies import MOST_SPEED, Kinematics
+from av_simulator.motion.gimbal import SimulatedGimbal
+from av_simulator.motion.gusts import Gusts
+from av_simulator.motion.pursuit import PursuitPath
+from av_simulator.motion.sampled import SampledMotion
+from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 from av_simulator.scenario import RigMotion
+from av_simulator.sound import Wind
 from av_simulator.trajectories import Position, acceleration, velocity
 
-COMMAND_LIFETIME = 0.2   # s, age of the newest command from which the rig brakes
-MOST_SPEED = 60.0        # m/s, speed at which the rig goes to a given pose at most; sound allows 0.4 of its speed together
-
-
-@dataclass(frozen=True)
-class Turn:
-    """Yaw with a constant target rate, counter-clockwise.
-
-    Parameters:
-        start (s): start of the turn.
-        yaw0 (rad): yaw at the start.
-        rate0 (rad/s): yaw rate at the start.
-        aim (rad/s): target of the yaw rate.
-        acceleration (rad/s^2): yaw acceleration until the target is reached.
-    """
-
-    start: float
-    yaw0: float
-    rate0: float
-    aim: float
-    acceleration: float
-
-    def rate(self, times: ArrayLike) -> NDArray:
-        """Yaw rates (rad/s) at times (s), not before `start`."""
-        reach = self.acceleration * (np.asarray(times, float) - self.start)
-        return self.rate0 + np.clip(self.aim - self.rate0, -reach, reach)
-
-    def yaw(self, times: ArrayLike) -> NDArray:
-        """Yaw (rad) at times (s), not before `start`: a ramp of the rate, then a constant rate."""
-        elapsed = np.asarray(times, float) - self.start
-        change = self.aim - self.rate0
-        ramp = np.minimum(elapsed, abs(change) / self.acceleration)
-        ramped = self.rate0 * ramp + np.sign(change) * self.acceleration * ramp**2 / 2
-        return self.yaw0 + ramped + self.aim * (elapsed - ramp)
-
-
-@dataclass(frozen=True)
-class PlannedMotion:
-    """Motion along the scenario's trajectory, with a rotation about the vertical.
-
-    Parameters:
-        path: function from times (s, (k,)) to positions (m, (k, 3)) in ENU.
-        turn: yaw as a function of time.
-    """
-
-    path: Position
-    turn: Turn
-
-    def poses(self, times: ArrayLike) -> tuple[NDArray, NDArray]:
-        """Positions (k, 3) in ENU and rotations (k, 3, 3) from the body to ENU at times (k,)."""
-        t = np.atleast_1d(np.asarray(times, float))
-        turned = np.zeros((len(t), 3))
-        turned[:, 2] = self.turn.yaw(t)
-        return self.path(t), Rotation.from_rotvec(turned).as_matrix()
-
-    def state(self, time: float) -> VehicleState:
-        """The rig's state at a time."""
-        yaw = float(self.turn.yaw(time))
-        return VehicleState(time, self.path(time)[0], velocity(self.path, time)[0], acceleration(self.path, time)[0],
-                            np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]),
-                            np.array([0.0, 0.0, float(self.turn.rate(time))]))
-
-
-@dataclass(frozen=True)
-class FollowedMotion:
-    """Motion from one pose to the next at constant velocity and angular rate.
-
-    Parameters:
-        begin, end (s): interval of the motion.
-        position0, position1 (m, (3,)): positions in ENU at its begin and end.
-        rotation0, rotation1: rotations from the body to ENU at its begin and end.
-    """
-
-    begin: float
-    end: float
-    position0: NDArray
-    rotation0: Rotation
-    position1: NDArray
-    rotation1: Rotation
-
-    def poses(self, times: ArrayLike) -> tuple[NDArray, NDArray]:
-        """Positions (k, 3) in ENU and rotations (k, 3, 3) from the body to ENU at times (k,)."""
-        share = (np.atleast_1d(np.asarray(times, float)) - self.begin) / (self.end - self.begin)
-        turned = Rotation.from_rotvec(share[:, np.newaxis] * self._turned)
-        return (self.position0 + share[:, np.newaxis] * (self.position1 - self.position0),
-                (self.rotation0 * turned).as_matrix())
-
-    def state(self, time: float) -> VehicleState:
-        """The rig's state at a time."""
-        positions, rotations = self.poses([time])
-        duration = self.end - self.begin
-        return VehicleState(time, positions[0], (self.position1 - self.position0) / duration,
-                            attitude_wxyz=Rotation.from_matrix(rotations[0]).as_quat()[[3, 0, 1, 2]],
-                            rate_flu=self._turned / duration)
-
-    @property
-    def _turned(self) -> NDArray:
-        """Rotation vector (rad, (3,)) of the whole motion in the body frame."""
-        return (self.rotation0.inv() * self.rotation1).as_rotvec()
+SAMPLES_PER_SECOND = 300
 
 
 class RigDynamics:
     """Motion of the rig in steps.
 
-    Commanded yaw rates take effect in the next step. After the first pose of another simulator or an autopilot (`follow`),
-    the rig moves to the newest such pose instead, at MOST_SPEED at most however far that is, and stays there.
+    Commands take effect in the next step. After the first pose of another simulator or an autopilot (`follow`), the rig moves
+    to the newest such pose instead, at MOST_SPEED at most however far that is, and stays there.
+
+    Attributes:
+        motion: the motion within the newest step.
+        gimbal: None for a rig without one.
 
     Parameters:
-        motion: trajectory, initial yaw and limits of the scenario.
+        motion: trajectory, body, initial yaw and limits of the scenario.
+        targets: trajectories of the targets, one of which may be pursued.
+        wind: wind that moves the body; None for calm air.
+        gimbal: how the gimbal is mounted.
+        seed: seed of the gusts.
     """
 
-    def __init__(self, motion: RigMotion):
-        self._limit = np.deg2rad(motion.max_yaw_rate_deg)
-        self._acceleration = np.deg2rad(motion.max_yaw_acceleration_deg)
-        self._planned_rate: float | None = np.deg2rad(motion.yaw_rate_deg)   # until the first command
-        self._command, self._commanded = 0.0, -np.inf
+    def __init__(self, motion: RigMotion, targets: Sequence[Position] = (), wind: Wind | None = None,
+                 gimbal: GimbalMount | None = None, seed: int = 0) -> None:
+        self._settings, self._targets = motion, targets
+        self._yaw = YawAxis(YawResponse(math.radians(motion.max_yaw_rate_deg), math.radians(motion.max_yaw_acceleration_deg),
+                                        motion.yaw_dead_time, motion.yaw_lag),
+                            math.radians(motion.yaw_deg), math.radians(motion.yaw_rate_deg))
+        self._wind = Gusts(wind.velocity if wind else (0.0, 0.0, 0.0), wind.gusts if wind else 0.0, [seed, 17])
+        self._pursuit: PursuitPath | None = None
         self._followed: VehicleState | None = None
-        rate = float(np.clip(self._planned_rate, -self._limit, self._limit))
-        turn = Turn(0.0, float(np.deg2rad(motion.yaw_deg)), rate, rate, self._acceleration)
-        self._plan = PlannedMotion(motion.trajectory, turn)
-        self.motion: PlannedMotion | FollowedMotion = self._plan
+        self.gimbal = None if gimbal is None else SimulatedGimbal(gimbal)
+        begin = self._path(np.zeros(1))[0]
+        self._body = motion.body.moving()
+        self._now = self._body.start(begin, self._air(1.0 / SAMPLES_PER_SECOND, begin))
+        self._heading = self._yaw.angle
+        self.motion = self._sampled(np.array([-1.0 / SAMPLES_PER_SECOND, 0.0]), [self._now] * 2, [self._heading] * 2)
 
     def command(self, yaw_rate: float, time: float) -> None:
         """Set the target of the yaw rate.
@@ -141,31 +65,82 @@ class RigDynamics:
             yaw_rate (rad/s): counter-clockwise.
             time (s): simulated time of the command.
         """
-        self._planned_rate = None
-        self._command, self._commanded = yaw_rate, time
+        self._yaw.command(yaw_rate, time)
+
+    def look(self, pan: float, tilt: float, time: float) -> None:
+        """Set the direction of the gimbal, if there is one: see `SimulatedGimbal.command`."""
+        if self.gimbal is not None:
+            self.gimbal.command(pan, tilt, time, self.motion.state(time).attitude_wxyz)
 
     def follow(self, state: VehicleState) -> None:
         """Set the pose given by another simulator or an autopilot."""
         self._followed = state
 
-    def step(self, begin: float, end: float) -> PlannedMotion | FollowedMotion:
+    def step(self, begin: float, end: float) -> SampledMotion:
         """The motion in the interval from `begin` to `end` (s)."""
-        if self._followed is None:
-            self.motion = self._plan = PlannedMotion(self._plan.path, self._turn(begin))
-        else:
-            positions, rotations = self.motion.poses([begin])
-            attitude = Rotation.from_quat(self._followed.attitude_wxyz[[1, 2, 3, 0]])
-            way = self._followed.position - positions[0]
-            reached = min(1.0, MOST_SPEED * (end - begin) / max(float(np.linalg.norm(way)), 1e-9))
-            self.motion = FollowedMotion(begin, end, positions[0], Rotation.from_matrix(rotations[0]),
-                                         positions[0] + reached * way, attitude)
+        times = np.linspace(begin, end, max(round((end - begin) * SAMPLES_PER_SECOND), 1) + 1)
+        self.motion = self._flown(times) if self._followed is None else self._towards(self._followed, times)
+        if self.gimbal is not None:
+            self.gimbal.step(times)
         return self.motion
 
-    def _turn(self, start: float) -> Turn:
-        if self._planned_rate is not None:
-            aim = self._planned_rate
-        else:
-            aim = self._command if start - self._commanded <= COMMAND_LIFETIME else 0.0
-        aim = float(np.clip(aim, -self._limit, self._limit))
-        turn = self._plan.turn
-        return Turn(start, float(turn.yaw(start)), float(turn.rate(start)), aim, self._acceleration)
+    def _flown(self, times: NDArray) -> SampledMotion:
+        """The motion of the scenario through `times` (s), which begins where the step before ended."""
+        states, headings = [self._now], [self._heading]
+        for dt, time, path in zip(np.diff(times).tolist(), times[1:].tolist(), self._path(times[1:]), strict=True):
+            if self._settings.pursuit is not None and time >= self._settings.pursuit.begin:
+                path = self._pursued(dt, time)
+            states.append(self._body.step(dt, path, self._air(dt, states[-1])))
+            headings.append(self._yaw.step(dt, time))
+        self._now, self._heading = states[-1], headings[-1]
+        return self._sampled(times, states, headings)
+
+    def _path(self, times: NDArray) -> list[Kinematics]:
+        """Where the scenario's trajectory is at times (s)."""
+        path = self._settings.trajectory
+        return [Kinematics(*row) for row in zip(path(times), velocity(path, times), acceleration(path, times), strict=True)]
+
+    def _pursued(self, dt: float, time: float) -> Kinematics:
+        """Where the pursuit leads at a time (s), `dt` (s) after the step before."""
+        pursuit = self._settings.pursuit
+        if self._pursuit is None:
+            self._pursuit = PursuitPath(pursuit, self._targets[pursuit.target], self._now)
+        return self._pursuit.step(dt, time)
+
+    def _air(self, dt: float, state: Kinematics) -> NDArray:
+        return self._wind.step(dt, float(state.position[2]), state.velocity)
+
+    def _sampled(self, times: NDArray, states: list[Kinematics], headings: list[float]) -> SampledMotion:
+        """The motion through states and headings (rad) at times (s), with vibration."""
+        positions, velocities, accelerations, up = (np.array(column) for column in zip(*states, strict=True))
+        rotations = attitudes(up, np.array(headings))
+        vibration = self._settings.vibration
+        if vibration is not None:
+            moved = (np.einsum('kij,kj->ki', rotations, part) for part in vibration.moved(times))
+            positions, velocities, accelerations = (
+                steady + part for steady, part in zip((positions, velocities, accelerations), moved, strict=True))
+            rotations = rotations @ Rotation.from_rotvec(vibration.turned(times)).as_matrix()
+        return SampledMotion(times, positions, velocities, accelerations, rotations)
+
+    def _towards(self, given: VehicleState, times: NDArray) -> SampledMotion:
+        """Motion at constant velocity and angular rate from the present pose to a given one, at MOST_SPEED at most."""
+        positions, rotations = self.motion.poses(times[:1])
+        way, duration = given.position - positions[0], times[-1] - times[0]
+        reached = min(1.0, MOST_SPEED * duration / max(float(np.linalg.norm(way)), 1e-9))
+        speed = reached * way / duration
+        turned = Slerp(times[[0, -1]], Rotation.concatenate([
+            Rotation.from_matrix(rotations[0]), Rotation.from_quat(given.attitude_wxyz[[1, 2, 3, 0]])]))
+        return SampledMotion(times, positions + (times - times[0])[:, np.newaxis] * speed, np.tile(speed, (len(times), 1)),
+                             np.zeros((len(times), 3)), turned(times).as_matrix())
+
+
+def attitudes(up: NDArray, headings: NDArray) -> NDArray:
+    """Rotation matrices (k, 3, 3) from FLU to ENU of bodies with given z axes.
+
+    Parameters:
+        up ((k, 3)): unit vectors of the z axes in ENU, not horizontal.
+        headings (rad, (k,)): directions of the x axes seen from above, counter-clockwise from east.
+    """
+    left = np.cross(up, np.stack([np.cos(headings), np.sin(headings), np.zeros_like(headings)], axis=1))
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    return np.stack([np.cross(left, up), left, up], axis=2)

@@ -11,6 +11,8 @@ import numpy as np
 from av_common.acoustics import speed_of_sound
 from av_common.config_reader import bounded, load
 from av_simulator.config_files import find_config
+from av_simulator.motion.bodies import Body, Level, Vibration
+from av_simulator.motion.pursuit import Pursuit
 from av_simulator.profile import Profile
 from av_simulator.rendering.atmosphere import Atmosphere, Cloud
 from av_simulator.rendering.scenes import AnyScene, Woodland
@@ -76,6 +78,11 @@ class RigMotion:
         yaw_rate_deg (deg/s): yaw rate until the first command.
         max_yaw_rate_deg (deg/s): limit of the yaw rate.
         max_yaw_acceleration_deg (deg/s^2): limit of the yaw acceleration.
+        yaw_dead_time (s), yaw_lag (s): dead time and first-order lag of the answer to a yaw rate; 0.10 and 0.40 for PX4 as it
+            was flown.
+        body: what carries the rig: level, quadrotor, mast. Wind (`noise.wind`) moves the last two.
+        vibration: of the body.
+        pursuit: flight after a target in place of the trajectory.
     """
 
     trajectory: Trajectory = field(default_factory=lambda: Static((0.0, 0.0, 1.5)))
@@ -83,6 +90,11 @@ class RigMotion:
     yaw_rate_deg: float = bounded(0.0, low=-180.0, high=180.0)
     max_yaw_rate_deg: float = bounded(60.0, above=0.0, high=720.0)
     max_yaw_acceleration_deg: float = bounded(120.0, above=0.0, high=7200.0)
+    yaw_dead_time: float = bounded(0.0, low=0.0, high=2.0)
+    yaw_lag: float = bounded(0.0, low=0.0, high=5.0)
+    body: Body = field(default_factory=Level)
+    vibration: Vibration | None = None
+    pursuit: Pursuit | None = None
 
 
 @dataclass(frozen=True)
@@ -202,6 +214,8 @@ class Scenario:
             raise ValueError('targets: none, expected at least one')
         if self.noise.snr is not None and self.noise.snr.source >= len(self.targets):
             raise ValueError(f'noise.snr.source: {self.noise.snr.source}, expected less than the {len(self.targets)} targets')
+        if self.rig.pursuit is not None and self.rig.pursuit.target >= len(self.targets):
+            raise ValueError(f'rig.pursuit.target: {self.rig.pursuit.target}, expected less than the {len(self.targets)} targets')
         _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)

@@ -17,6 +17,7 @@ from av_sim_bridge.receiving.allowed_senders import AllowedSenders, resolve
 from av_sim_bridge.vehicle import VehicleState, from_truth, to_imu, to_truth
 from av_sim_bridge.wire import WireError
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
+from av_sim_bridge.wire.gimbal import encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
 from av_sim_bridge.wire.imu import encode_imu
 from av_sim_bridge.wire.oracle import encode_oracle
@@ -65,7 +66,7 @@ class WireOptions:
         short_truth: whether RFlySim's short layout of true states is sent.
         block_rate (Hz): rate of audio datagrams.
         image_rate (Hz): rate of images, 0 for none.
-        truth_rate (Hz): rate of true states and inertial measurements.
+        truth_rate (Hz): rate of true states, inertial measurements and orientations of the gimbal.
         jpeg_quality (0 to 100): quality of the images.
         depth: whether the depth of every image is sent to the next port.
         renderer: kind of renderer, see `RendererFactory.make`.
@@ -254,6 +255,8 @@ class Simulator:
         self.counts.commands += 1
         if command.yaw_rate is not None:
             self.world.dynamics.command(command.yaw_rate, self.world.time)
+        if command.pan is not None and command.tilt is not None:
+            self.world.dynamics.look(command.pan, command.tilt, self.world.time)
 
     def _send(self, datagram: bytes, port: int, host: str | None = None) -> None:
         if self._lossy.random() < self.world.scenario.faults.lost_datagrams:
@@ -276,7 +279,11 @@ class Simulator:
         ports, short = self.options.ports, self.options.short_truth
         rig = self.world.rig_state(moment)
         self._send(encode_truth(to_truth(rig, RIG_ID), short), ports.rig_truth)
-        self._send(encode_imu(to_imu(rig, round(moment * self.options.truth_rate))), ports.imu)
+        number = round(moment * self.options.truth_rate)
+        self._send(encode_imu(to_imu(rig, number)), ports.imu)
+        gimbal = self.world.gimbal_sample(number, moment)
+        if gimbal is not None:
+            self._send(encode_gimbal(gimbal), ports.gimbal)
         for number, target in enumerate(targets):
             truth = to_truth(target, FIRST_TARGET_ID + number)
             self._send(encode_truth(truth, short), ports.target_truth + 2 * number)

@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from av_common.rig import Rig
 from av_sim_bridge.vehicle import GRAVITY, VehicleState
+from av_sim_bridge.wire.gimbal import GimbalSample
 from av_simulator.config_files import find_config
+from av_simulator.motion.gimbal import ENCODER_SIGMA
 from av_simulator.rendering.mjcf import MOST_DRONES
 from av_simulator.rendering.renderer_factory import RendererFactory
 from av_simulator.rendering.scenes import Solid
@@ -25,6 +27,7 @@ from av_simulator.sound.levels import spl_to_pascal
 from av_simulator.sound.obstacles import Obstacle
 from av_simulator.trajectories import Position, Static, acceleration, velocity
 
+SHUTTER = 2e-3  # s, time over which the camera's turn is taken
 INSTANT = 160   # samples between the instants at which the microphones' positions are computed
 
 
@@ -43,7 +46,8 @@ class World:
     def __init__(self, scenario: Scenario, rig: Rig, seed: int | None = None, sample_rate: int = 48_000):
         self.scenario, self.rig, self.sample_rate = scenario, rig, sample_rate
         self.seed = scenario.seed if seed is None else seed
-        self.dynamics = RigDynamics(scenario.rig)
+        self.dynamics = RigDynamics(scenario.rig, [target.trajectory for target in scenario.targets], scenario.noise.wind,
+                                    rig.gimbal, self.seed)
         self._samples = 0
         weather, array = scenario.weather, rig.array
         self._sources = [_source(target) for target in scenario.targets]
@@ -112,6 +116,33 @@ class World:
                    self._rotor_rpm(number, t), strict=True)
         return [VehicleState(*row) for row in rows]
 
+    def camera_pose(self, time: float) -> tuple[NDArray, NDArray]:
+        """Position (m, (3,)) of the camera in ENU, and rotation ((3, 3)) from its optical frame to ENU.
+
+        Parameters:
+            time (s): time within the newest step.
+        """
+        state, camera, gimbal = self.rig_state(time), self.rig.camera, self.dynamics.gimbal
+        position, rotation = np.array(camera.mount.position), camera.optical_to_body
+        if gimbal is not None:
+            turned = gimbal.rotation(time, state.attitude_wxyz)
+            position, rotation = np.array(gimbal.mount.mount.position) + turned @ position, turned @ rotation
+        return state.position + state.rotation @ position, state.rotation @ rotation
+
+    def gimbal_sample(self, number: int, time: float) -> GimbalSample | None:
+        """What the gimbal reports of its orientation; None without a gimbal.
+
+        Parameters:
+            number: number of the sample, which also seeds its error.
+            time (s): time within the newest step.
+        """
+        gimbal = self.dynamics.gimbal
+        if gimbal is None:
+            return None
+        error = np.random.default_rng([self.seed, 18, number]).normal(0.0, ENCODER_SIGMA, 3)
+        measured = gimbal.rotation(time, self.rig_state(time).attitude_wxyz) @ Rotation.from_rotvec(error).as_matrix()
+        return GimbalSample(number, time, Rotation.from_matrix(measured).as_quat()[[3, 0, 1, 2]], ENCODER_SIGMA**2)
+
     def view(self, index: int, time: float) -> View:
         """The camera's view.
 
@@ -119,13 +150,13 @@ class World:
             index: number of the image.
             time (s): time within the newest step.
         """
-        state, camera, weather = self.rig_state(time), self.rig.camera, self.scenario.weather
-        rotation = state.rotation @ camera.optical_to_body
+        weather, model = self.scenario.weather, self.rig.camera.model
+        position, rotation = self.camera_pose(time)
         drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
         # Distant stationary objects move in the image opposite to the camera's rotation.
-        turn = rotation.T @ state.rotation @ state.rate_flu
-        motion = (-camera.model.fx * turn[1], camera.model.fy * turn[0])
-        return View(index, time, state.position + state.rotation @ np.array(camera.mount.position), rotation,
+        turn = Rotation.from_matrix(self.camera_pose(time - SHUTTER)[1].T @ rotation).as_rotvec() / SHUTTER
+        motion = (-model.fx * turn[1], model.fy * turn[0])
+        return View(index, time, position, rotation,
                     weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)
 
     def _drone(self, number: int, time: float) -> Drone:

@@ -5,7 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from av_sim_bridge.vehicle import VehicleState
-from av_simulator.rig_dynamics import COMMAND_LIFETIME, MOST_SPEED, RigDynamics
+from av_simulator.motion.bodies import MOST_SPEED
+from av_simulator.motion.yaw_axis import COMMAND_LIFETIME
+from av_simulator.rig_dynamics import RigDynamics
 from av_simulator.run import open_world
 from av_simulator.scenario import RigMotion
 
@@ -19,29 +21,31 @@ def turn(dynamics, commands, duration, step=1 / 30):
         start = number * step
         for at in [at for at in commands if start - step < at <= start]:
             dynamics.command(np.deg2rad(commands[at]), start)
-        segment = dynamics.step(start, start + step).turn
-        fine = start + np.arange(20) * step / 20
-        times.append(fine), yaws.append(segment.yaw(fine)), rates.append(segment.rate(fine))
-    return np.concatenate(times), np.rad2deg(np.concatenate(yaws)), np.rad2deg(np.concatenate(rates))
+        motion = dynamics.step(start, start + step)
+        fine = start + (np.arange(20) + 0.5) * step / 20
+        times.append(fine)
+        yaws.append(np.arctan2(*motion.poses(fine)[1][:, 1::-1, 0].T))
+        rates.append([motion.state(time).rate_flu[2] for time in fine])
+    return np.concatenate(times), np.rad2deg(np.unwrap(np.concatenate(yaws))), np.rad2deg(np.concatenate(rates))
 
 
 def test_yaw_is_the_integral_of_the_rate():
     times, yaw, rate = turn(RigDynamics(MOTION), {0.0: 40.0, 0.3: 40.0, 0.6: -50.0, 0.9: -50.0}, 1.2)
     integral = 15.0 + np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(times))])
     np.testing.assert_allclose(yaw, integral, atol=0.02)
-    assert np.abs(np.diff(rate) / np.diff(times)).max() <= 120.0 + 1e-6
+    assert np.abs(rate[20:] - rate[:-20]).max() <= 120.0 / 30 + 1e-6
 
 
 def test_rates_are_limited_and_end_with_the_commands():
     _, _, rate = turn(RigDynamics(MOTION), {0.0: 200.0, 0.15: 200.0, 0.3: 200.0, 0.45: 200.0}, 2.5)
     assert rate.max() == pytest.approx(60.0)
-    assert rate[-1] == 0.0
+    assert rate[-1] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_without_commands_the_rig_brakes_after_a_fifth_of_a_second():
     times, _, rate = turn(RigDynamics(MOTION), {0.0: 20.0}, 1.5)
     assert rate[np.searchsorted(times, COMMAND_LIFETIME - 0.01)] == pytest.approx(20.0)
-    assert np.all(rate[times > 0.4] == 0.0) and COMMAND_LIFETIME <= 0.2
+    assert np.abs(rate[times > 0.4]).max() < 1e-9 and COMMAND_LIFETIME <= 0.2
 
 
 def test_the_scenario_turns_the_rig_until_somebody_commands():
@@ -49,7 +53,20 @@ def test_the_scenario_turns_the_rig_until_somebody_commands():
     _, yaw, _ = turn(dynamics, {}, 2.0)
     assert yaw[-1] == pytest.approx(20.0, abs=0.1)
     dynamics.command(0.0, 2.0)
-    assert dynamics.step(2.0, 2.1).turn.aim == 0.0
+    dynamics.step(2.0, 2.1)
+    assert dynamics.step(2.1, 2.2).state(2.2).rate_flu[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_yaw_answers_as_px4_was_flown():
+    """After 0.10 s of dead time, 1 - exp(-t / 0.40 s) of what was commanded; after the last command it dies away likewise."""
+    dynamics = RigDynamics(RigMotion(yaw_dead_time=0.1, yaw_lag=0.4, max_yaw_acceleration_deg=7200.0))
+    times, _, rate = turn(dynamics, {at: 20.0 for at in np.arange(60) / 30}, 4.0)
+    rising = (times > 0.11) & (times < 2.0)
+    np.testing.assert_allclose(rate[rising], 20.0 * (1.0 - np.exp(-(times[rising] - 0.1) / 0.4)), atol=0.1)
+    assert np.abs(rate[times < 0.1]).max() < 1e-9
+    end = 59 / 30 + COMMAND_LIFETIME + 0.1
+    falling = times > end + 0.01
+    np.testing.assert_allclose(rate[falling], 20.0 * np.exp(-(times[falling] - end) / 0.4), atol=0.2)
 
 
 def test_an_autopilot_says_where_the_rig_is():

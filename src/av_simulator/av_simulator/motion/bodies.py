@@ -1,0 +1,251 @@
+"""Bodies that carry the rig: how they follow a path, and how they tilt."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.config_reader import bounded
+from av_sim_bridge.vehicle import GRAVITY
+
+UP = np.array([0.0, 0.0, 1.0])
+MOST_SPEED = 60.0    # m/s, of the rig; sound allows 0.4 of its speed together with that of a target
+MOST_TILT = 1.0      # rad, of a mast
+
+
+class Kinematics(NamedTuple):
+    """Position and its derivatives, and the body's z axis.
+
+    Parameters:
+        position (m, (3,)), velocity (m/s, (3,)), acceleration (m/s^2, (3,)): in ENU.
+        up ((3,)): unit vector of the body's z axis in ENU.
+    """
+
+    position: NDArray
+    velocity: NDArray
+    acceleration: NDArray
+    up: NDArray = UP
+
+
+class Moving(Protocol):
+    """A body in motion."""
+
+    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
+        """The state at the beginning, in equilibrium.
+
+        Parameters:
+            path: where the body shall be.
+            air (m/s, (3,)): velocity of the air in ENU.
+        """
+
+    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
+        """The state after `dt` (s).
+
+        Parameters:
+            dt (s): step.
+            path: where the body shall be at the end of the step.
+            air (m/s, (3,)): velocity of the air in ENU.
+        """
+
+
+@dataclass(frozen=True)
+class Level:
+    """A body that is exactly on its path and level, whatever the wind."""
+
+    def moving(self) -> Moving:
+        """The body in motion."""
+        return _Level()
+
+
+class _Level:
+    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
+        return path
+
+    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
+        return path
+
+
+@dataclass(frozen=True)
+class Quadrotor:
+    """A quadrotor that flies along its path: it accelerates, and stands against the wind, by tilting its thrust.
+
+    Position and velocity are controlled as PX4 1.16 does with its default gains, and thrust turns where it is needed by PX4's
+    attitude loop: angle over `attitude_lag`, at most 220 deg/s (MC_ROLLRATE_MAX), with a lag of the rate of 0.05 s.
+
+    Parameters:
+        drag (1/s): drag over mass and airspeed; 0.2 to 0.5 for small quadrotors (Faessler, Franchi and Scaramuzza 2018).
+        max_tilt_deg (deg): largest tilt that is commanded.
+        attitude_lag (s): time constant of the tilt, the inverse of MC_ROLL_P.
+    """
+
+    drag: float = bounded(0.3, low=0.0, high=5.0)
+    max_tilt_deg: float = bounded(35.0, low=1.0, high=80.0)
+    attitude_lag: float = bounded(0.15, low=0.01, high=2.0)
+
+    def moving(self) -> Moving:
+        """The body in motion."""
+        return _Quadrotor(self)
+
+
+class _Quadrotor:
+    """State of a quadrotor: position, velocity, direction of its thrust, rate of that, and the controller's integral."""
+
+    P = np.array([0.95, 0.95, 1.0])             # 1/s, MPC_XY_P and MPC_Z_P
+    VELOCITY_P = np.array([1.8, 1.8, 4.0])      # 1/s, MPC_XY_VEL_P_ACC and MPC_Z_VEL_P_ACC
+    VELOCITY_I = np.array([0.4, 0.4, 2.0])      # 1/s^2, MPC_XY_VEL_I_ACC and MPC_Z_VEL_I_ACC
+    RATE_LAG = 0.05                             # s
+    MOST_RATE = math.radians(220.0)             # rad/s
+    LEAST_UPWARDS = 0.3                         # of gravity: the thrust never ceases
+
+    def __init__(self, body: Quadrotor) -> None:
+        self._body = body
+        self._slope = math.tan(math.radians(body.max_tilt_deg))
+        self._position = self._velocity = self._integral = self._rate = np.zeros(3)
+        self._up = UP
+        self._path = Kinematics(*[np.zeros(3)] * 3)    # where the body shall be now
+
+    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
+        self._path = path
+        self._position, self._velocity, self._rate = path.position, path.velocity, np.zeros(3)
+        self._integral = self._body.drag * (path.velocity - air)
+        thrust, _ = self._limited(path.acceleration + self._integral + GRAVITY * UP)
+        self._up = thrust / math.hypot(*thrust)
+        return Kinematics(path.position, path.velocity, path.acceleration, self._up)
+
+    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
+        path, self._path = self._path, path
+        error = path.velocity + self.P * (path.position - self._position) - self._velocity
+        thrust, limited = self._limited(path.acceleration + self.VELOCITY_P * error + self._integral + GRAVITY * UP)
+        if not limited:
+            self._integral = self._integral + dt * self.VELOCITY_I * error
+        self._tilt(dt, thrust / math.hypot(*thrust))
+        acceleration = max(float(thrust @ self._up), 0.0) * self._up - GRAVITY * UP - self._body.drag * (self._velocity - air)
+        self._position = self._position + dt * self._velocity + 0.5 * dt**2 * acceleration
+        self._velocity = within(self._velocity + dt * acceleration, MOST_SPEED)
+        return Kinematics(self._position, self._velocity, acceleration, self._up)
+
+    def _limited(self, thrust: NDArray) -> tuple[NDArray, bool]:
+        """The thrust (m/s^2, (3,)) within the limit of the tilt, and whether it was beyond."""
+        upwards = max(float(thrust[2]), self.LEAST_UPWARDS * GRAVITY)
+        sideways, most = math.hypot(thrust[0], thrust[1]), upwards * self._slope
+        share = min(1.0, most / sideways) if sideways > 0.0 else 1.0
+        return np.array([share * thrust[0], share * thrust[1], upwards]), share < 1.0
+
+    def _tilt(self, dt: float, wanted: NDArray) -> None:
+        """Turn the thrust towards a direction ((3,))."""
+        axis = cross(self._up, wanted)
+        sine = math.hypot(*axis)
+        rate = np.zeros(3)
+        if sine > 1e-12:
+            angle = math.atan2(sine, float(self._up @ wanted))
+            rate = min(angle / self._body.attitude_lag, self.MOST_RATE) / sine * axis
+        self._rate = self._rate + (1.0 - math.exp(-dt / self.RATE_LAG)) * (rate - self._rate)
+        up = self._up + dt * cross(self._rate, self._up)
+        self._up = up / math.hypot(*up)
+
+
+@dataclass(frozen=True)
+class Mast:
+    """The top of a mast that leans, and sways in the wind as a damped oscillator. It is fixed at its foot.
+
+    The top of an evenly loaded cantilever tilts by 4/3 of its displacement over the height.
+
+    Parameters:
+        height (m): height of the rig above the foot.
+        lean_deg (deg, (east, north)): tilt without wind.
+        bend_deg (deg): tilt by a steady wind of 10 m/s; it grows with the square of the speed.
+        frequency (Hz): natural frequency; 0.3 to 2 Hz for masts of 5 to 30 m.
+        damping: ratio of the critical damping; 0.005 to 0.05 for steel and aluminium.
+    """
+
+    height: float = bounded(8.0, low=0.5, high=200.0)
+    lean_deg: tuple[float, float] = bounded((0.0, 0.0), low=-45.0, high=45.0)
+    bend_deg: float = bounded(3.0, low=0.0, high=45.0)
+    frequency: float = bounded(0.5, low=0.05, high=10.0)
+    damping: float = bounded(0.02, low=0.0, high=1.0)
+
+    def moving(self) -> Moving:
+        """The body in motion."""
+        return _Mast(self)
+
+
+class _Mast:
+    """State of a mast: tilt to east and north beyond its lean (rad, (2,)), and its rate."""
+
+    REFERENCE = 10.0    # m/s
+
+    def __init__(self, mast: Mast) -> None:
+        self._mast = mast
+        self._omega = 2.0 * math.pi * mast.frequency
+        self._lean = np.radians(mast.lean_deg)
+        self._tilt = self._rate = np.zeros(2)
+
+    def start(self, path: Kinematics, air: NDArray) -> Kinematics:
+        self._tilt, self._rate = self._bend(air), np.zeros(2)
+        return self._kinematics(path, np.zeros(2))
+
+    def step(self, dt: float, path: Kinematics, air: NDArray) -> Kinematics:
+        acceleration = self._omega**2 * (self._bend(air) - self._tilt) - 2.0 * self._mast.damping * self._omega * self._rate
+        self._rate = within(self._rate + dt * acceleration, MOST_SPEED / self._mast.height)
+        self._tilt = within(self._tilt + dt * self._rate, MOST_TILT)    # after the rate: an undamped mast keeps its energy
+        return self._kinematics(path, acceleration)
+
+    def _bend(self, air: NDArray) -> NDArray:
+        return within(math.radians(self._mast.bend_deg) / self.REFERENCE**2 * math.hypot(air[0], air[1]) * air[:2], MOST_TILT)
+
+    def _kinematics(self, path: Kinematics, acceleration: NDArray) -> Kinematics:
+        moved = 0.75 * self._mast.height * np.array([self._tilt, self._rate, acceleration])
+        moved = np.column_stack([moved, np.zeros(3)])
+        up = np.array([*np.tan(within(self._lean + self._tilt, MOST_TILT)), 1.0])
+        return Kinematics(path.position + moved[0], path.velocity + moved[1], path.acceleration + moved[2],
+                          up / np.linalg.norm(up))
+
+
+def cross(a: NDArray, b: NDArray) -> NDArray:
+    """The cross product of two vectors, without the overhead of that for arrays."""
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def within(vector: NDArray, most: float) -> NDArray:
+    """The vector, shortened to the length `most` where it is longer."""
+    return vector * min(1.0, most / max(math.hypot(*vector), 1e-9))
+
+
+Body = Annotated[Any, {'level': Level, 'quadrotor': Quadrotor, 'mast': Mast}]
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """Vibration of the body: an even oscillation about and along each of its axes.
+
+    Parameters:
+        angle_deg (deg): amplitude of the rotation about each axis.
+        acceleration (m/s^2): amplitude of the acceleration along each axis.
+        frequency (Hz): frequency, such as that of the rotors' turns.
+        phase (deg): phase of the first axis at time 0; the others follow by 120.
+    """
+
+    angle_deg: float = bounded(0.0, low=0.0, high=5.0)
+    acceleration: float = bounded(0.0, low=0.0, high=100.0)
+    frequency: float = bounded(70.0, low=0.1, high=100.0)
+    phase: float = field(default=0.0)
+
+    def turned(self, times: NDArray) -> NDArray:
+        """Rotation vectors (rad, (k, 3)) in the body's frame at times (s, (k,))."""
+        return math.radians(self.angle_deg) * np.sin(self._phases(times))
+
+    def moved(self, times: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Displacements (m), velocities (m/s) and accelerations (m/s^2), each (k, 3), at times (s, (k,))."""
+        omega, phases = 2.0 * math.pi * self.frequency, self._phases(times)
+        return (-self.acceleration / omega**2 * np.sin(phases), -self.acceleration / omega * np.cos(phases),
+                self.acceleration * np.sin(phases))
+
+    def _phases(self, times: NDArray) -> NDArray:
+        start = np.radians(self.phase + np.array([0.0, 120.0, 240.0]))
+        return 2.0 * math.pi * self.frequency * times[:, np.newaxis] + start
