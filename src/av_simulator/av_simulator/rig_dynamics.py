@@ -14,7 +14,7 @@ from av_sim_bridge.vehicle import VehicleState
 from av_simulator.motion.bodies import MOST_SPEED, Kinematics
 from av_simulator.motion.gimbal import SimulatedGimbal
 from av_simulator.motion.gusts import Gusts
-from av_simulator.motion.pursuit import PursuitPath
+from av_simulator.motion.pursuit import Pursuit, PursuitPath
 from av_simulator.motion.sampled import SampledMotion
 from av_simulator.motion.yaw_axis import YawAxis, YawResponse
 from av_simulator.scenario import RigMotion
@@ -88,9 +88,9 @@ class RigDynamics:
         """The motion of the scenario through `times` (s), which begins where the step before ended."""
         states, headings = [self._now], [self._heading]
         for dt, time, path in zip(np.diff(times).tolist(), times[1:].tolist(), self._path(times[1:]), strict=True):
-            if self._settings.pursuit is not None and time >= self._settings.pursuit.begin:
-                path = self._pursued(dt, time)
-            states.append(self._body.step(dt, path, self._air(dt, states[-1])))
+            pursuit = self._settings.pursuit
+            wanted = path if pursuit is None or time < pursuit.begin else self._pursued(pursuit, dt, time)
+            states.append(self._body.step(dt, wanted, self._air(dt, states[-1])))
             headings.append(self._yaw.step(dt, time))
         self._now, self._heading = states[-1], headings[-1]
         return self._sampled(times, states, headings)
@@ -100,9 +100,8 @@ class RigDynamics:
         path = self._settings.trajectory
         return [Kinematics(*row) for row in zip(path(times), velocity(path, times), acceleration(path, times), strict=True)]
 
-    def _pursued(self, dt: float, time: float) -> Kinematics:
-        """Where the pursuit leads at a time (s), `dt` (s) after the step before."""
-        pursuit = self._settings.pursuit
+    def _pursued(self, pursuit: Pursuit, dt: float, time: float) -> Kinematics:
+        """Where a pursuit leads at a time (s), `dt` (s) after the step before."""
         if self._pursuit is None:
             self._pursuit = PursuitPath(pursuit, self._targets[pursuit.target], self._now)
         return self._pursuit.step(dt, time)

@@ -212,10 +212,10 @@ class Scenario:
     def __post_init__(self) -> None:
         if not self.targets:
             raise ValueError('targets: none, expected at least one')
-        if self.noise.snr is not None and self.noise.snr.source >= len(self.targets):
-            raise ValueError(f'noise.snr.source: {self.noise.snr.source}, expected less than the {len(self.targets)} targets')
-        if self.rig.pursuit is not None and self.rig.pursuit.target >= len(self.targets):
-            raise ValueError(f'rig.pursuit.target: {self.rig.pursuit.target}, expected less than the {len(self.targets)} targets')
+        snr, pursuit = self.noise.snr, self.rig.pursuit
+        for key, index in (('noise.snr.source', snr and snr.source), ('rig.pursuit.target', pursuit and pursuit.target)):
+            if index is not None and index >= len(self.targets):
+                raise ValueError(f'{key}: {index}, expected less than the {len(self.targets)} targets')
         _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)
