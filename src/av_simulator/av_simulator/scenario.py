@@ -213,7 +213,8 @@ class Scenario:
         if not self.targets:
             raise ValueError('targets: none, expected at least one')
         snr, pursuit = self.noise.snr, self.rig.pursuit
-        for key, index in (('noise.snr.source', snr and snr.source), ('rig.pursuit.target', pursuit and pursuit.target)):
+        for key, index in (('noise.snr.source', snr.source if snr else None),
+                           ('rig.pursuit.target', pursuit.target if pursuit else None)):
             if index is not None and index >= len(self.targets):
                 raise ValueError(f'{key}: {index}, expected less than the {len(self.targets)} targets')
         _ = self.surroundings   # raises ValueError for contradictions
