@@ -15,7 +15,7 @@ from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import Ages, Mode, PointingController
-from av_px4.frames import gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
+from av_px4.frames import gimbal_degrees, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.guard import BodyGuard, Inputs, VehicleStatus
 from av_sim_bridge.vehicle import VehicleState
@@ -37,8 +37,7 @@ class Flight:
     def step(self, now, track, ages):
         autopilot, command = self.autopilot, self.controller.step(now, track, ages)
         status = VehicleStatus(autopilot.nav_state, autopilot.armed, autopilot.failsafe)
-        pan, tilt = levelled(command.pan, command.tilt, self.pose().attitude_wxyz)
-        wanted = GimbalInputs(command.move_gimbal, pan, tilt, command.pan_rate, True, status.nav_state)
+        wanted = GimbalInputs(command.move_gimbal, command.pan, command.tilt, command.pan_rate, True, status.nav_state)
         for out in self.gimbal.step(now, wanted):
             self.gimbal.acknowledge(now, out.command, autopilot.command(out.command, out.params, (1, 191), (1, 1)))
         decision = self.guard.step(now, Inputs(status, 0.0, 0.0, 0.0, 0.0, ages.measurement, command.yaw_rate,

@@ -22,9 +22,9 @@ BASE_STABILIZED = 'base_stabilized'
 LEVEL = (1.0, 0.0, 0.0, 0.0)  # attitude (w, x, y, z) of a rig that is level, facing east
 
 
-def stabilized_to_body(attitude_wxyz: Sequence[float]) -> NDArray[np.float64]:
+def stabilized_to_body(attitude_wxyz: Sequence[float]) -> NDArray:
     """Rotation matrix (3, 3) from `base_stabilized` to the body, which has the attitude (w, x, y, z) in the world (ENU)."""
-    heading = axangle2mat((0.0, 0.0, 1.0), yaw_of(attitude_wxyz))
+    heading: NDArray = axangle2mat((0.0, 0.0, 1.0), yaw_of(attitude_wxyz))
     return quat2mat(attitude_wxyz).T @ heading
 
 

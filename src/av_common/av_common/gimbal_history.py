@@ -15,7 +15,8 @@ from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds
 
 KEEP_S = 5.0
-FEEDBACK_TIMEOUT_S = 0.3  # after the newest measured orientation arrived, from which the model counts
+FEEDBACK_TIMEOUT_S = 0.5  # after the newest measured orientation arrived, from which the gimbal counts as silent
+GAP_S = 0.06  # after a measured orientation, which the model fills
 OLDEST_S = 1.0  # age at arrival of a measured orientation from which it is refused
 NEAREST_S = 0.02  # behind the newest orientation, up to which it is taken for the present one
 UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
@@ -95,8 +96,13 @@ class GimbalHistory:
         """Whether a measured orientation has arrived recently, at the time `now` (s)."""
         return now - self._feedback_arrival <= FEEDBACK_TIMEOUT_S
 
+    def has_gap(self, time: float) -> bool:
+        """Whether a modelled orientation is of use at a time (s): after the newest, and not soon after a measured one."""
+        newest = self.newest
+        return newest is None or time > newest.time + (GAP_S if newest.measured else 0.0)
+
     def add(self, sample: GimbalSample, arrival: float) -> bool:
-        """Add an orientation; whether it is used: a modelled one is not while measured ones arrive.
+        """Add an orientation; whether it is used: a modelled one only where measured ones leave a gap.
 
         Parameters:
             sample: the orientation.
@@ -111,8 +117,7 @@ class GimbalHistory:
         if not -OLDEST_S <= sample.time - arrival <= FUTURE_S:
             raise ValueError(f'stamp {sample.time - arrival:+.2f} s from its arrival, expected {-OLDEST_S:g} to {FUTURE_S:g} s')
         if not sample.measured:
-            newest = self.newest
-            if self.has_feedback(arrival) or (newest is not None and sample.time <= newest.time):
+            if not self.has_gap(sample.time):
                 return False
         else:
             self._check(sample)

@@ -45,19 +45,19 @@ def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:
         transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=state.orientation))
 
 
-def gimbal_message(rig: Rig, time: float, gimbal_in_body: NDArray, variance: float, measured: bool) -> GimbalState:
-    """The orientation of a rig's gimbal.
+def gimbal_message(frames: tuple[str, str], time: float, gimbal_in_body: NDArray, variance: float, measured: bool
+                   ) -> GimbalState:
+    """The orientation of a gimbal.
 
     Parameters:
-        rig: the description of a rig with a gimbal.
+        frames: of the rig's body and of the gimbal.
         time (s): time of the orientation.
         gimbal_in_body (3, 3): rotation matrix from the gimbal's frame to the body.
         variance (rad^2): of the error about each axis.
         measured: whether the gimbal reported it.
     """
-    gimbal = rig.gimbal or GimbalMount()
     turn = dict(zip('wxyz', map(float, mat2quat(gimbal_in_body)), strict=True))
-    return GimbalState(header=Header(stamp=to_stamp(time), frame_id=rig.base_frame), child_frame_id=gimbal.frame,
+    return GimbalState(header=Header(stamp=to_stamp(time), frame_id=frames[0]), child_frame_id=frames[1],
                        orientation=Quaternion(**turn), variance=variance,
                        source=GimbalState.SOURCE_FEEDBACK if measured else GimbalState.SOURCE_MODEL)
 

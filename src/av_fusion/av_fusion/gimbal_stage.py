@@ -52,8 +52,8 @@ class JointNames:
 class GimbalStage:
     """Makes `gimbal/state` where the gimbal does not, and transforms of all that is used. Times are in s of the node's clock.
 
-    Each `GimbalState` comes back by `on_state`, whoever published it. Measured ones are used while they arrive, else the
-    model's, which continues from the last measured angles.
+    Each `GimbalState` comes back by `on_state`, whoever published it. The model fills the gaps between measured ones, and
+    takes over where they end, from the last measured angles on.
 
     Attributes:
         history: the orientations that are used.
@@ -69,6 +69,7 @@ class GimbalStage:
             raise ValueError('the rig has no gimbal')
         self.history = GimbalHistory()
         self._rig, self._gimbal, self._joints = rig, rig.gimbal, joints
+        self._frames = (rig.base_frame, rig.gimbal.frame)
         self._model, self._use_model = GimbalModel(rig.gimbal), use_model
         self._attitude, self._posed = LEVEL, -math.inf  # of the newest odometry, and its stamp
         self._modelled = -math.inf
@@ -81,7 +82,7 @@ class GimbalStage:
             message: the orientation.
             arrival (s): time of its arrival.
         """
-        sample = sample_of(message, self._rig.base_frame, self._gimbal.frame)
+        sample = sample_of(message, *self._frames)
         if not self.history.add(sample, arrival):
             return None
         if sample.measured:
@@ -110,7 +111,7 @@ class GimbalStage:
         if not all(math.isfinite(angle) for angle in (pan, tilt, roll)):
             raise ValueError(f'positions {pan}, {tilt}, {roll} of the joints, expected finite angles')
         turned = self._gimbal.mount.rotation @ gimbal_to_mount(pan, tilt, roll)
-        return gimbal_message(self._rig, to_seconds(message.header.stamp), turned, self._joints.sigma**2, measured=True)
+        return gimbal_message(self._frames, to_seconds(message.header.stamp), turned, self._joints.sigma**2, measured=True)
 
     def on_command(self, message: PointingCommand, arrival: float) -> None:
         """Note what the gimbal is commanded to. Raises ValueError for an impossible command.
@@ -147,12 +148,12 @@ class GimbalStage:
         if self._posed - OLDEST_S < stamp <= self._posed:
             return None
         self._attitude, self._posed = q, stamp
-        return self._modelled_at(stamp, arrival)
+        return self._modelled_at(stamp)
 
     def on_time(self, now: float) -> GimbalState | None:
         """The modelled orientation where neither the gimbal reports one nor odometry comes; to be called often."""
         return None if self._attitude_at(now) is not None and now - self._modelled < ODOMETRY_TIMEOUT_S \
-            else self._modelled_at(now, now)
+            else self._modelled_at(now)
 
     def problem(self, now: float) -> str:
         """Why the orientation is that of the model although it was measured before; empty if it was not, or still is."""
@@ -164,16 +165,16 @@ class GimbalStage:
         """Where the orientation comes from, for diagnostics."""
         return 'feedback' if self.history.has_feedback(now) else 'model of the commands'
 
-    def _modelled_at(self, time: float, arrival: float) -> GimbalState | None:
+    def _modelled_at(self, time: float) -> GimbalState | None:
         if time < self._modelled - OLDEST_S:  # the clock was set back
             self._modelled = -math.inf
-        if not self._use_model or self.history.has_feedback(arrival) or time < self._modelled + LEAST_PERIOD_S:
+        if not (self._use_model and self.history.has_gap(time)) or time < self._modelled + LEAST_PERIOD_S:
             return None
         self._modelled = time
         attitude, angles = self._attitude_at(time), self._model.at(time)
         unknown = self._gimbal.stabilized and attitude is None
         turned = gimbal_to_body(self._gimbal, angles.pan, angles.tilt, attitude or LEVEL)
-        return gimbal_message(self._rig, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
+        return gimbal_message(self._frames, time, turned, angles.variance + unknown * LEVEL_SIGMA**2, measured=False)
 
     def _attitude_at(self, time: float) -> tuple[float, float, float, float] | None:
         """Attitude of the rig, None if it is not known at a time (s)."""

@@ -42,11 +42,9 @@ class GimbalRig:
 
 
 def gimbal_message_of(time, pan, sigma=0.0):
-    class Rig:
-        base_frame = 'base_link'
-        gimbal = None
     c, s = math.cos(pan), math.sin(pan)
-    return gimbal_message(Rig, time, np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), sigma**2, True)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return gimbal_message(('base_link', 'gimbal_link'), time, turned, sigma**2, True)
 
 
 def test_a_camera_that_turns_at_120_deg_per_s_sees_where_it_looked_at_capture():

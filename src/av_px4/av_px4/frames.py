@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
-from av_common.angles import angles_to_direction, direction_to_angles
 from av_common.frames import attitude_ned_to_enu, frd_to_flu, ned_to_enu, yaw_of
 
 Floats: TypeAlias = Sequence[float] | NDArray
@@ -80,30 +79,6 @@ def gimbal_degrees(pan: float, tilt: float) -> tuple[float, float]:
         tilt (rad): angle upwards
     """
     return math.degrees(tilt), -math.degrees(pan)
-
-
-def gimbal_angles(attitude: Floats) -> tuple[float, float]:
-    """Pan and tilt (rad) of a gimbal, from its attitude (w, x, y, z) in the vehicle's FRD frame."""
-    forward = frd_to_flu(quat2mat(np.asarray(attitude, float))[:, 0])
-    pan, tilt = direction_to_angles(forward)
-    return float(pan), float(tilt)
-
-
-def levelled(pan: float, tilt: float, attitude_wxyz: Floats) -> tuple[float, float]:
-    """Pan and tilt (rad) in the level frame that has the body's heading.
-
-    A gimbal whose roll and pitch are locked to the horizon expects angles in this frame.
-
-    Parameters:
-        pan (rad): angle to the left in the body frame; may exceed half a turn
-        tilt (rad): angle upwards in the body frame
-        attitude_wxyz ((4,)): quaternion (w, x, y, z) of the rotation from FLU to ENU
-    """
-    direction = quat2mat(np.asarray(attitude_wxyz, float)) @ angles_to_direction(pan, tilt)
-    azimuth, elevation = direction_to_angles(direction)
-    azimuth = float(azimuth) - yaw_of([float(part) for part in attitude_wxyz])
-    # pan may exceed half a turn: keep its number of whole turns
-    return azimuth + 2.0 * math.pi * round((pan - azimuth) / (2.0 * math.pi)), float(elevation)
 
 
 def yawspeed_ned(yaw_rate: float) -> float:

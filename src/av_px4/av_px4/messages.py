@@ -17,11 +17,10 @@ from std_msgs.msg import Header
 from av_common.stamps import to_stamp
 from av_px4.commands import Command
 from av_px4.external_mode import API_VERSION, Answer, Register, Registration
-from av_px4.frames import Pose, gimbal_angles, pose_from_px4, yawspeed_ned
+from av_px4.frames import Pose, pose_from_px4, yawspeed_ned
 from av_px4.guard import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
-YAW_LOCK, YAW_IN_VEHICLE_FRAME = 16, 32    # device_flags of a gimbal
 MODE_NEEDS = ('mode_req_angular_velocity', 'mode_req_attitude', 'mode_req_local_alt', 'mode_req_local_position',
               'mode_req_prevent_arming')
 CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 'attitude', 'rates', 'allocation')
@@ -39,13 +38,6 @@ def pose_from(message: Any) -> Pose:
     """The pose in a VehicleOdometry. Raises ValueError for an invalid quaternion or a frame other than NED."""
     return pose_from_px4(message.position, message.q, message.velocity, message.angular_velocity, message.pose_frame,
                          message.velocity_frame)
-
-
-def gimbal_from(message: Any) -> tuple[float, float] | None:
-    """Pan and tilt (rad) in a GimbalDeviceAttitudeStatus, None if its yaw is not relative to the vehicle."""
-    if message.device_flags & YAW_LOCK and not message.device_flags & YAW_IN_VEHICLE_FRAME:
-        return None
-    return gimbal_angles(message.q) if abs(float(np.linalg.norm(message.q)) - 1.0) < 0.1 else None
 
 
 def odometry_message(time: float, odom_frame: str, base_frame: str, pose: Pose) -> Odometry:

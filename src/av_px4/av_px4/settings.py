@@ -25,6 +25,7 @@ class Px4Settings:
         rate (Hz): rate of control steps while no pointing command arrives
         odom_frame: frame of the odometry
         base_frame: frame of the vehicle's body
+        gimbal_frame: frame of the gimbal
     """
 
     guard: GuardSettings = field(default_factory=GuardSettings)
@@ -36,6 +37,7 @@ class Px4Settings:
     rate: float = 50.0
     odom_frame: str = 'odom'
     base_frame: str = 'base_link'
+    gimbal_frame: str = 'gimbal_link'
 
 
 def px4_settings(p: Any) -> Px4Settings:
@@ -44,7 +46,7 @@ def px4_settings(p: Any) -> Px4Settings:
         guard=_guard_settings(p), gimbal=_gimbal_settings(p), use_gimbal=p.gimbal.enabled,
         lock_to_horizon=p.gimbal.lock_to_horizon, turn_body=p.turn_body,
         external_mode=p.external_mode_name if p.external_mode else '', rate=p.rate, odom_frame=p.odom_frame,
-        base_frame=p.base_frame)
+        base_frame=p.base_frame, gimbal_frame=p.gimbal.frame)
 
 
 def _guard_settings(p: Any) -> GuardSettings:

@@ -11,15 +11,18 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from av_common.frames import attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
+from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
+from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import Command
 from av_px4.continuity import HeldPosition
 from av_px4.external_mode import ExternalMode
-from av_px4.frames import Pose, levelled, pose_from_px4
+from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
+from av_px4.gimbal_feedback import GimbalFeedback
 from av_px4.guard import STOP_WITHIN, BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.odometry import OdometryConverter
 from av_px4.settings import Px4Settings, px4_settings
@@ -28,14 +31,14 @@ STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
 OLDEST_MEASUREMENT_S = 1.0    # age since its capture from which a measurement moves no body
 ODOMETRY_GAP = 0.5    # s without vehicle_odometry after which vehicle_attitude takes its place
-ODOMETRY_TOPIC, STATE_TOPIC = 'odometry', 'px4/state'
+ODOMETRY_TOPIC, STATE_TOPIC, GIMBAL_TOPIC = 'odometry', 'px4/state', 'gimbal/state'
 
 
 class Outgoing(NamedTuple):
     """A message to publish.
 
     Parameters:
-        topic: name of an input of PX4 without prefix and version, or ODOMETRY_TOPIC or STATE_TOPIC
+        topic: name of an input of PX4 without prefix and version, or ODOMETRY_TOPIC, STATE_TOPIC or GIMBAL_TOPIC
         message: message of the topic's type
     """
 
@@ -59,6 +62,7 @@ class Px4Stage:
         self.gimbal = Gimbal(settings.gimbal)
         self.mode = ExternalMode(settings.external_mode) if settings.external_mode else None
         self.odometry = OdometryConverter(settings.odom_frame, settings.base_frame)
+        self.gimbal_feedback = GimbalFeedback(settings.base_frame, settings.gimbal_frame, settings.gimbal.gimbal_id)
         self.decision = Decision(False, False, 0.0, 'not started')
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
         self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
@@ -68,7 +72,6 @@ class Px4Stage:
         self._started = self._last_step = -math.inf
         self._status: VehicleStatus | None = None
         self._attitude: Any = None
-        self._measured: tuple[float, float] | None = None
         self._command = PointingCommand()
         self._reported: tuple[object, ...] = ()
 
@@ -111,6 +114,9 @@ class Px4Stage:
         self._now = arrival
         if not self._in_time(message.header.stamp, self.settings.guard.command_timeout):
             return []
+        if message.header.frame_id not in ('', self.settings.base_frame, BASE_STABILIZED):
+            raise ValueError(f'a command in {message.header.frame_id!r}, expected {self.settings.base_frame!r} or '
+                             f'{BASE_STABILIZED!r}')
         self.meters['command'].tick()
         self._commanded.take(to_seconds(message.header.stamp), arrival)
         self._command = message
@@ -179,9 +185,11 @@ class Px4Stage:
         return []
 
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
-        """Store the gimbal's measured angles, from which its motion starts after a claim."""
-        self._now, self._measured = arrival, px4.gimbal_from(message)
-        return []
+        """Publish the gimbal's orientation, from which its motion also starts after a claim."""
+        self._now = arrival
+        known = self.meters['attitude'].age <= self.settings.guard.attitude_timeout
+        state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
+        return [] if state is None else [Outgoing(GIMBAL_TOPIC, state)]
 
     def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Process PX4's reply to the registration of the external mode."""
@@ -235,12 +243,14 @@ class Px4Stage:
                  and inputs.command_age <= limits.command_timeout
                  and self.meters['bearing'].age <= limits.bearing_timeout)
         pan, tilt = command.pan, command.tilt
-        if self.settings.lock_to_horizon and self._attitude is not None and math.isfinite(pan + tilt):
-            pan, tilt = levelled(pan, tilt, attitude_ned_to_enu(self._attitude))
+        if self._attitude is not None and math.isfinite(pan + tilt):
+            gimbal = GimbalMount(stabilized=self.settings.lock_to_horizon)
+            pan, tilt = angles_of_command(gimbal, pan, tilt, command.header.frame_id == BASE_STABILIZED,
+                                          attitude_ned_to_enu(self._attitude).tolist())
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
             self._status.nav_state if self._status and inputs.status_age <= limits.status_timeout else None,
-            self.system_id, self._measured)
+            self.system_id, self.gimbal_feedback.measured)
 
     def _steady(self) -> float:
         return self._now.steady

@@ -9,7 +9,7 @@ import pytest
 from transforms3d.euler import euler2quat
 
 from av_px4.continuity import ContinuousPose, HeldPosition
-from av_px4.frames import Pose, gimbal_angles, gimbal_degrees, levelled, pose_from_px4, yawspeed_ned
+from av_px4.frames import Pose, gimbal_degrees, pose_from_px4, yawspeed_ned
 
 QUADRANTS = [(40.0, 25.0), (130.0, 25.0), (-130.0, -20.0), (-40.0, -20.0)]   # pan (left +), tilt (up +) in deg
 
@@ -50,22 +50,6 @@ class TestGimbal:
         """To the left is negative yaw for MAVLink, up is positive pitch; and where the gimbal then looks is where it should."""
         pitch, yaw = gimbal_degrees(math.radians(pan), math.radians(tilt))
         assert (pitch, yaw) == pytest.approx((tilt, -pan))
-        back = gimbal_angles(euler2quat(0.0, math.radians(pitch), math.radians(yaw), 'sxyz'))
-        assert np.degrees(back) == pytest.approx([pan, tilt])
-
-    @pytest.mark.parametrize(('pan', 'tilt'), QUADRANTS)
-    def test_a_level_vehicle_needs_no_levelling(self, pan, tilt):
-        for yaw in (0.0, 2.0, -3.0):
-            level = levelled(math.radians(pan), math.radians(tilt), euler2quat(0.0, 0.0, yaw))
-            assert np.degrees(level) == pytest.approx([pan, tilt])
-
-    def test_a_nose_pitched_up_raises_what_is_ahead_and_lowers_what_is_behind(self):
-        nose_up = euler2quat(0.0, math.radians(-10.0), 0.7, 'sxyz')   # FLU: positive pitch is nose down
-        assert np.degrees(levelled(0.0, 0.0, nose_up)) == pytest.approx([0.0, 10.0])
-        assert np.degrees(levelled(math.pi, 0.0, nose_up)) == pytest.approx([180.0, -10.0])
-
-    def test_pan_stays_on_its_branch(self):
-        assert math.degrees(levelled(math.radians(200.0), 0.0, euler2quat(0.0, 0.0, 1.0))[0]) == pytest.approx(200.0)
 
     def test_yaw_rate_to_the_left_is_negative_for_px4(self):
         assert yawspeed_ned(0.3) == -0.3

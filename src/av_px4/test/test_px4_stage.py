@@ -193,8 +193,9 @@ def test_a_message_of_another_firmware_is_refused():
 
 
 def test_an_external_mode_needs_messages_that_the_firmware_has():
-    gimbal = SimpleNamespace(enabled=True, id=0, lock_to_horizon=True, need_ack=True, ack_timeout=1.0, rate_deg=120.0,
-                             acceleration_deg=600.0, pan_limits_deg=[-150.0, 150.0], tilt_limits_deg=[-80.0, 45.0])
+    gimbal = SimpleNamespace(enabled=True, id=0, frame='gimbal_link', lock_to_horizon=True, need_ack=True, ack_timeout=1.0,
+                             rate_deg=120.0, acceleration_deg=600.0, pan_limits_deg=[-150.0, 150.0],
+                             tilt_limits_deg=[-80.0, 45.0])
     parameters = SimpleNamespace(
         gimbal=gimbal, body=SimpleNamespace(rate_deg=45.0, acceleration_deg=200.0), component=191, turn_body=True,
         external_mode=True, external_mode_name='AV Track', rate=50.0, odom_frame='odom', base_frame='base_link',

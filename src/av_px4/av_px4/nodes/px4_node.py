@@ -13,13 +13,13 @@ from nav_msgs.msg import Odometry
 
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
-from av_common.qos import LATCHED, RESULT
-from av_interfaces.msg import Bearing, PointingCommand
+from av_common.qos import LATCHED, RESULT, STREAM
+from av_interfaces.msg import Bearing, GimbalState, PointingCommand
 from av_px4.gimbal import Claim
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
 from av_px4.settings import px4_settings
-from av_px4.stage import ODOMETRY_TOPIC, STATE_TOPIC, Outgoing, make_px4_stage
+from av_px4.stage import GIMBAL_TOPIC, ODOMETRY_TOPIC, STATE_TOPIC, Outgoing, make_px4_stage
 
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
            'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',
@@ -52,7 +52,8 @@ class Px4Node(RigNode):
             self._link.advertise(name, kind)
         self._unusable, self._undated = '', 0
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
-                         STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED)}
+                         STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
+                         GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
 
     def activate(self) -> None:
         """Subscribe to the rig's topics and search for PX4's."""

@@ -36,6 +36,7 @@ from av_interfaces.msg import GimbalState
 
 TILTED = tuple(euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz'))  # of the body
 RIG = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_gimbal.yaml')
+FRAMES = ('base_link', 'gimbal_link')
 
 
 @pytest.mark.parametrize('rpy', [(0.0, 0.0, 0.0), (0.0, 0.0, 180.0), (180.0, 10.0, -30.0)])
@@ -72,7 +73,7 @@ def test_the_camera_stands_on_the_gimbal():
     array, camera, _ = static_transforms(RIG, Time(sec=5))
     assert (array.header.frame_id, camera.header.frame_id) == (RIG.base_frame, RIG.gimbal.frame)
     turned = gimbal_to_body(RIG.gimbal, 0.3, 0.1)
-    moving = gimbal_transform(RIG, gimbal_message(RIG, 7.5, turned, 0.01, True))
+    moving = gimbal_transform(RIG, gimbal_message(FRAMES, 7.5, turned, 0.01, True))
     assert (moving.header.frame_id, moving.child_frame_id) == (RIG.base_frame, RIG.gimbal.frame)
     assert np.allclose(quat2mat(attitude_of(moving.transform.rotation)), turned)
 
@@ -136,11 +137,16 @@ def test_measured_orientations_go_before_modelled_ones_until_they_stop():
     history = GimbalHistory()
     assert history.add(sample(10.00, 0.9, measured=False), 10.0)
     assert history.add(sample(9.98, 0.0), 10.01)  # older than what the model gave ahead
-    assert not history.add(sample(10.05, 0.9, measured=False), 10.05)
+    assert not history.add(sample(10.03, 0.9, measured=False), 10.03)
     assert history.newest.measured
-    late = 10.02 + FEEDBACK_TIMEOUT_S
+    assert history.add(sample(10.10, 0.1, measured=False), 10.1)  # a gap
+    assert history.has_feedback(10.1)
+    assert history.add(sample(10.08, 0.1), 10.12)
+    assert [kept.time for kept in history._samples] == [9.98, 10.08]
+    late = 10.13 + FEEDBACK_TIMEOUT_S
     assert history.add(sample(late, 0.9, measured=False), late)
     assert not history.newest.measured
+    assert not history.has_feedback(late)
 
 
 @pytest.mark.parametrize(('time', 'pan', 'reason'), [
@@ -179,7 +185,7 @@ def test_memory_is_bounded():
     ({'variance': -1.0}, 'variance'), ({'variance': math.inf}, 'variance'), ({'child': 'camera'}, 'expected from'),
     ({'frame': 'map'}, 'expected from'), ({'source': 7}, 'source')])
 def test_a_message_that_cannot_be_used_is_refused(change, reason):
-    message = gimbal_message(RIG, 7.5, np.eye(3), 0.01, True)
+    message = gimbal_message(FRAMES, 7.5, np.eye(3), 0.01, True)
     assert sample_of(message, 'base_link', 'gimbal_link').measured
     message.orientation.w = change.get('w', 1.0)
     message.variance = change.get('variance', 0.01)

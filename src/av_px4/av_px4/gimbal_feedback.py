@@ -1,0 +1,82 @@
+"""The attitude that PX4's gimbal reports, as the rig's gimbal state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from transforms3d.quaternions import quat2mat
+
+from av_common.clock import SenderClock
+from av_common.frames import attitude_ned_to_enu, yaw_of
+from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
+from av_common.rig import GimbalMount
+from av_common.rig_messages import gimbal_message
+from av_interfaces.msg import GimbalState
+from av_px4.odometry import SYNCHRONISATION_SLEW
+
+YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
+FAILED = 8 + 64 + 128 + 256  # MAVLink's GIMBAL_DEVICE_ERROR_FLAGS: encoder, software, communication, calibrating
+UNIT_TOLERANCE = 0.01  # of the norm of a quaternion
+SIGMA = math.radians(1.0)  # of the report, and of the vehicle's attitude at its time
+
+
+class GimbalFeedback:
+    """Converts the messages GimbalDeviceAttitudeStatus of PX4 1.17.
+
+    MAVLink gives roll and pitch from the horizon, and yaw from north or from the vehicle's heading. The gimbal is thus turned
+    against the body by the vehicle's attitude, which must be known.
+
+    Attributes:
+        measured (rad): the newest pan and tilt from the horizon and the vehicle's heading, None before the first.
+
+    Parameters:
+        base_frame, gimbal_frame: frames of the vehicle's body and of the gimbal
+        gimbal_id: number of the gimbal, 0 for any
+    """
+
+    def __init__(self, base_frame: str, gimbal_frame: str, gimbal_id: int) -> None:
+        self.measured: tuple[float, float] | None = None
+        self._gimbal, self._id = GimbalMount(frame=gimbal_frame), gimbal_id
+        self._frames = (base_frame, gimbal_frame)
+        self._clock = SenderClock(drift=SYNCHRONISATION_SLEW)
+
+    def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
+        """The gimbal's orientation; None for that of another gimbal, and where it cannot be dated or turned.
+
+        Parameters:
+            message: a GimbalDeviceAttitudeStatus
+            arrival (s): time of its arrival, ROS time
+            attitude_ned: the vehicle's attitude (w, x, y, z) from FRD to NED, None while it is unknown
+
+        Raises ValueError for an impossible attitude or flags, and for a gimbal that reports a failure.
+        """
+        if self._id and getattr(message, 'gimbal_device_id', 0) not in (0, self._id):
+            return None
+        norm = math.hypot(*map(float, message.q))
+        if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+            raise ValueError(f'attitude of norm {norm:.3g}, expected 1')
+        if message.failure_flags & FAILED:
+            raise ValueError(f'the gimbal reports the failure {message.failure_flags}')
+        if attitude_ned is None:
+            return None
+        attitude = attitude_ned_to_enu(attitude_ned).tolist()
+        gimbal_in_body = stabilized_to_body(attitude) @ _levelled(message, yaw_of(attitude))
+        self.measured = pan_and_tilt(self._gimbal, gimbal_in_body, attitude)
+        time = self._clock.date(1e-6 * message.timestamp, arrival) if message.timestamp else None
+        return None if time is None else gimbal_message(self._frames, time, gimbal_in_body, SIGMA**2, measured=True)
+
+
+def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:
+    """Rotation matrix (3, 3) from the gimbal's frame (FLU) to the level one with the body's heading `yaw` (rad, ENU)."""
+    vehicle, earth = message.device_flags & YAW_IN_VEHICLE_FRAME, message.device_flags & YAW_IN_EARTH_FRAME
+    if vehicle and earth:
+        raise ValueError('the gimbal reports yaw in the frames of vehicle and earth at once')
+    if earth or (not vehicle and message.device_flags & YAW_LOCK):
+        c, s = math.cos(yaw), math.sin(yaw)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ quat2mat(attitude_ned_to_enu(message.q))
+    w, x, y, z = map(float, message.q)
+    return quat2mat((w, x, -y, -z))  # FRD to FLU on either side
