@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from rosidl_runtime_py.utilities import get_message
 
+from av_bags.decompression import limit_rosbags
 from av_bags.definitions import AUDIO_COMMON, definition, installed, parse
 from av_bags.errors import BagError
 from av_bags.salvage import salvage
@@ -29,6 +30,7 @@ MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 FOREVER = 2**63 - 1
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
+limit_rosbags()
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
+
+from av_bags.decompression import decompress
 
 # Errors that reading damaged bytes can raise.
 DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, OSError, MemoryError, KeyError)
@@ -58,7 +61,8 @@ def _records(path: Path, problems: list[str]) -> Iterator[McapRecord]:
                 return
             if isinstance(record, Chunk):
                 try:
-                    yield from breakup_chunk(record, validate_crc=True)
+                    content = decompress(record.data, record.compression, record.uncompressed_size)
+                    yield from breakup_chunk(replace(record, data=content, compression=''), validate_crc=True)
                 except DAMAGE as error:
                     problems.append(f'{path.name}: the chunk at byte {offset} is damaged ({error})')
             else:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from av_evaluation.metrics.metrics import Errors, errors_of
 from av_evaluation.metrics.statistics import blocks_of, rmse, rmse_interval
 
 Columns = dict[str, NDArray]
+MOST_BYTES = 1_000_000_000    # of a kept result, decompressed
 
 
 @dataclass
@@ -94,7 +96,7 @@ class RunResult:
 
     @classmethod
     def load(cls, folder: Path, name: str, key: str) -> RunResult | None:
-        """Read a result; None where there is none or its file is incomplete.
+        """Read a result; None where there is none, or its file is incomplete or larger than any result.
 
         Parameters:
             folder: to which it was saved.
@@ -103,11 +105,13 @@ class RunResult:
         """
         try:
             with np.load(folder / f'{name}-{key}.npz') as kept:
+                if sum(entry.file_size for entry in kept.zip.infolist()) > MOST_BYTES:
+                    return None
                 columns = {column: kept[column] for column in kept.files}
             header, numbers = json.loads(str(columns.pop('words')))
             plot = folder / f'{name}-{key}.png'
             result = cls(**header, plot=plot.read_bytes() if plot.exists() else b'')
-        except (OSError, ValueError, KeyError):  # absent, or incomplete
+        except (OSError, ValueError, KeyError, MemoryError, BadZipFile):  # absent, or incomplete
             return None
         for method, values in numbers.items():
             arrays = {column.split('/')[1]: value for column, value in columns.items() if column.startswith(f'{method}/')}
