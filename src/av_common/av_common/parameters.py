@@ -11,7 +11,7 @@ from typing import Any
 from rclpy.exceptions import ParameterException
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 
-from av_common.files import one_line, shown
+from av_common.files import shown
 from av_common.node import RenamedParameterError, RigNode
 from av_common.parameter_rules import ParameterError, check_together, check_value
 from av_common.yaml_reader import load_yaml
@@ -49,6 +49,24 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
         named = sorted({file for name, file in files.items() if name in str(error)})
         raise ValueError(f'{"".join(named)}{node}: {error}') from error
     return parameters
+
+
+def check_parameter_file(file: str | Path) -> None:
+    """Raise OSError or ValueError, in one line with file and key, for what is no parameter file.
+
+    The middleware's own reader waits for pipes, ends processes on deep nesting, and does not name the key.
+
+    Parameters:
+        file: the file; whether a node has these parameters is not looked at.
+    """
+    for node, parameters in _sections_of(Path(file)):
+        for name, value in parameters.items():
+            items = value if isinstance(value, list) else [value]
+            if len(kinds := {type(item) for item in items}) > 1 or not kinds <= {bool, int, float, str}:
+                raise ValueError(f'parameter file {file}: {node} {name} is {shown(value)}, expected a truth value, a number, a '
+                                 'text, or a list of one of these')
+            if int in kinds and not all(-LARGEST <= number < LARGEST for number in items):
+                raise ValueError(f'parameter file {file}: {node} {name} is {shown(value)}, expected whole numbers of 64 bits')
 
 
 LARGEST = 2**63     # of the integers of parameters
@@ -109,28 +127,48 @@ def _read(file: Path, node: str) -> dict[str, Any]:
     `rclpy.parameter.parameter_dict_from_yaml_file` finds neither the nodes of `/*/node`, `/**/namespace/node` and
     `namespace: node:`, nor those of `/**/node` without a namespace, and reads '1' in quotes as a number.
     """
-    content = load_yaml(file, 'parameter file') or {}
+    return {name: value for path, parameters in _sections_of(file) if re.fullmatch(_pattern(path), node)
+            for name, value in parameters.items()}
+
+
+def _sections_of(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
+    """Paths of nodes in a file, and their parameters by names with dots. Raises OSError or ValueError with file and key."""
     try:
-        return {name: value for pattern, section in _sections(content) if re.fullmatch(pattern, node)
-                for name, value in _flat(section)}
-    except (AttributeError, TypeError) as error:
-        raise ValueError(f'parameter file {file}: expected NODE: ros__parameters: NAME: VALUE ({one_line(error)})') from error
+        return list(_sections(load_yaml(file, 'parameter file') or {}))
+    except _StructureError as error:
+        raise ValueError(f'parameter file {file}: {error}, expected NODE: ros__parameters: NAME: VALUE') from error
 
 
-def _sections(tree: Mapping[str, Any], path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """For each section a regular expression of its nodes' full names, and its parameters; * is one name, ** any number."""
+class _StructureError(ValueError):
+    """A part of a parameter file that is no mapping by names."""
+
+
+def _names(tree: Any, path: str) -> Iterator[tuple[str, Any]]:
+    if not isinstance(tree, dict):
+        raise _StructureError(f'{path or "its content"} is {shown(tree)}')
     for name, branch in tree.items():
+        if not isinstance(name, str):
+            raise _StructureError(f'{path} has the key {shown(name)}'.strip())
+        yield name, branch
+
+
+def _sections(tree: Any, path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
+    for name, branch in _names(tree, path):
         if name == 'ros__parameters':
-            yield path, branch or {}
+            yield path, dict(_flat(branch or {}, path))
         else:
-            parts = (part for part in name.split('/') if part)
-            wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
-            yield from _sections(branch, path + ''.join(wild.get(part, '/' + re.escape(part)) for part in parts))
+            yield from _sections(branch, '/'.join([path, *filter(None, name.split('/'))]))
 
 
-def _flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
+def _pattern(path: str) -> str:
+    """A regular expression of the full names of the nodes of a path; * is one name, ** any number."""
+    wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
+    return ''.join(wild.get(part, '/' + re.escape(part)) for part in path.split('/')[1:])
+
+
+def _flat(tree: Any, path: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for name, value in _names(tree, f'{path} {prefix}'.strip()):
         if isinstance(value, dict):
-            yield from _flat(value, prefix + name + PARAMETER_SEPARATOR_STRING)
+            yield from _flat(value, path, prefix + name + PARAMETER_SEPARATOR_STRING)
         else:
             yield prefix + name, value

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import os
+import re
 import sys
 from contextlib import redirect_stdout
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -14,7 +17,7 @@ from generate_parameter_library_py.generate_python_module import (
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 
-from av_common.parameters import node_parameters
+from av_common.parameters import check_parameter_file, node_parameters
 
 DESCRIPTION = """
 tracker:
@@ -129,3 +132,37 @@ def test_an_integer_is_refused_by_the_node_where_a_real_number_is_due(tmp_path, 
     with pytest.raises(ParameterException):
         of_the_node(context, '', tmp_path / 'params.yaml')
     assert node_parameters('toy', 'tracker', [tmp_path / 'params.yaml']).tau == 1.0
+
+
+def parameter_file(text):
+    return f'/**/tracker:\n  ros__parameters: {text}\n'
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('a: [', 'not YAML in line'), ('[' * 3000, 'levels of nesting'), ('- 1', 'its content is'), ('rate: 3', '/rate is 3'),
+    ('tracker: {ros__parameters: 7}', '/tracker is 7'), ('tracker: {ros__parameters: {5: 1}}', '/tracker has the key 5'),
+    (parameter_file('{rotation: {patience: null}}'), '/**/tracker rotation.patience is None'),
+    (parameter_file('{limits: [1, 2.0]}'), '/**/tracker limits is'), (parameter_file('{limits: [[1]]}'), 'limits is'),
+    (parameter_file(f'{{count: {10**30}}}'), 'count is'), (parameter_file(f'{{count: {"9" * 400}}}'), ''),
+    ('&a {ros__parameters: {b: *a}}', 'alias'), ('\0', 'not YAML')])
+def test_what_is_no_parameter_file_is_named_before_any_node_starts(tmp_path, text, words):
+    """In one line with file and key; the middleware's reader would hang, end the process, or name nothing."""
+    file = tmp_path / 'params.yaml'
+    file.write_text(text)
+    if not words:
+        check_parameter_file(file)    # a text, whatever it looks like
+        return
+    with pytest.raises(ValueError, match=re.escape(words)) as error:
+        check_parameter_file(file)
+    assert str(file) in str(error.value) and '\n' not in str(error.value)
+
+
+def test_a_pipe_is_no_parameter_file(tmp_path):
+    os.mkfifo(tmp_path / 'pipe')
+    with pytest.raises(OSError, match='pipe is a pipe, expected a file'):
+        check_parameter_file(tmp_path / 'pipe')
+
+
+@pytest.mark.parametrize('name', ['rig_params.yaml'])
+def test_shipped_parameter_files_are_accepted(name):
+    check_parameter_file(Path(__file__).resolve().parents[3] / 'config' / name)

@@ -31,6 +31,7 @@ from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
 from av_common.launched import RUN_FOLDER
+from av_common.parameters import check_parameter_file
 from av_common.rig import load_rig
 from av_fusion import guard
 from av_fusion.security.keystore import check_enclave
@@ -83,7 +84,10 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
         for old, new in RENAMED_ARGUMENTS.items():
             if old in context.launch_configurations:
                 raise ValueError(f'{old}:= is now named {new}:=')
-        entities = start({name: context.launch_configurations[name] for name in declarations})
+        arguments = {name: context.launch_configurations[name] for name in declarations}
+        if arguments['params']:
+            check_parameter_file(arguments['params'])
+        entities = start(arguments)
         folder = mkdtemp(prefix='av_rig_')
         entities.append(guard_process(folder))
         interruption = interrupt_with_launch([entity for entity in entities if isinstance(entity, ExecuteProcess)])

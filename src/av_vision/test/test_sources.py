@@ -1,5 +1,7 @@
 """Files as cameras, and devices that vanish."""
 
+import re
+import struct
 import time
 from types import SimpleNamespace
 
@@ -9,6 +11,7 @@ import pytest
 
 from av_vision.sources import Capture, CapturedImage, SourceError
 from av_vision.sources.files import FileSource, Recording
+from av_vision.sources.image_file import IMAGE_SUFFIXES
 from av_vision.sources.v4l2 import DeviceSource
 
 
@@ -50,6 +53,44 @@ def test_a_folder_of_images_in_order_of_names(tmp_path):
     frames = [image for _, image in Recording(tmp_path, rate=5.0).frames()]
     assert [int(image[0, 0]) for image in frames] == [1000, 2000, 3000]
     assert frames[0].dtype == np.uint16
+
+
+@pytest.mark.parametrize('depth', [np.uint8, np.uint16])
+@pytest.mark.parametrize('suffix', sorted(IMAGE_SUFFIXES))
+def test_an_image_is_measured_before_it_is_read(tmp_path, suffix, depth):
+    """Whatever OpenCV writes is read in its own depth; what claims to be larger than a camera's image is not."""
+    path, image = tmp_path / f'image{suffix}', np.full((30, 44), 200, depth)
+    if suffix not in ('.pgm', '.png', '.tif', '.tiff') and depth is np.uint16:
+        pytest.skip('a format of 8 bits')
+    cv2.imwrite(str(path), image)
+    (_, read), = Recording(path).frames()
+    assert read.shape[:2] == (30, 44) and read.dtype == depth
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(SourceError, match=re.escape(str(path))):
+        list(Recording(path).frames())
+
+
+def claims(suffix):
+    """A file that claims 16000x16000 pixels."""
+    if suffix == '.pgm':
+        return b'P5 # a comment\n16000 16000 255\n'
+    image = cv2.imencode(suffix, np.zeros((30, 44, 3), np.uint8), [cv2.IMWRITE_WEBP_QUALITY, 50])[1].tobytes()
+    order = '>' if suffix in ('.png', '.jpg') else '<'
+    kind = 'I' if suffix in ('.png', '.bmp') else 'H'
+    if suffix == '.tif':    # entries of width and height, each with its type and number
+        entry = rb'([\x00\x01]\x01\x03\x00\x01\x00\x00\x00)[\x1e\x2c]\x00'
+        return re.sub(entry, lambda found: found[1] + struct.pack('<H', 16000), image)
+    pair = (30, 44) if suffix == '.jpg' else (44, 30)
+    return image.replace(struct.pack(f'{order}2{kind}', *pair), struct.pack(f'{order}2{kind}', 16000, 16000), 1)
+
+
+@pytest.mark.parametrize('suffix', ['.bmp', '.jpg', '.pgm', '.png', '.tif', '.webp'])
+def test_an_image_of_absurd_size_is_refused_in_one_line(tmp_path, suffix):
+    path = tmp_path / f'image{suffix}'
+    path.write_bytes(claims(suffix))
+    with pytest.raises(SourceError, match='image of 16000x16000 pixels') as error:
+        list(Recording(path).frames())
+    assert str(path) in str(error.value) and '\n' not in str(error.value)
 
 
 def test_stamps_are_the_start_and_the_time_in_the_file(video):

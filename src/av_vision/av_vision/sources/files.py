@@ -11,9 +11,9 @@ import cv2
 from numpy.typing import NDArray
 
 from av_common.files import check_file
+from av_vision.encoded_image import MOST_PIXELS
 from av_vision.sources.capture import CapturedImage, SourceError
-
-IMAGE_SUFFIXES = frozenset({'.bmp', '.jpeg', '.jpg', '.pgm', '.png', '.tif', '.tiff', '.webp'})
+from av_vision.sources.image_file import IMAGE_SUFFIXES, read_image
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -60,7 +60,7 @@ class Recording:
         if self._files:
             for index, path in enumerate(self._files):
                 if wanted(index):
-                    yield index, self._read_image(path)
+                    yield index, read_image(path)
             return
         video = self._open_video()
         index = 0
@@ -73,26 +73,17 @@ class Recording:
         video.release()
 
     def _open_video(self) -> cv2.VideoCapture:
-        _checked(self.path)
+        try:
+            check_file(self.path)  # OpenCV would wait for a pipe
+        except OSError as error:
+            raise SourceError(str(error)) from error
         video = cv2.VideoCapture(str(self.path))
         if not video.isOpened():
             raise SourceError(f'{self.path} ({self.path.stat().st_size} bytes) cannot be opened as a video')
+        width, height = (int(video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if width * height > MOST_PIXELS:
+            raise SourceError(f'{self.path} has images of {width}x{height} pixels, expected at most {MOST_PIXELS} pixels')
         return video
-
-    def _read_image(self, path: Path) -> NDArray:
-        _checked(path)
-        image = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-        if image is None:
-            raise SourceError(f'{path} ({path.stat().st_size} bytes) cannot be read as an image')
-        return image
-
-
-def _checked(path: Path) -> None:
-    """Raise SourceError for what is no file: OpenCV would wait for a pipe."""
-    try:
-        check_file(path)
-    except OSError as error:
-        raise SourceError(str(error)) from error
 
 
 class FileSource:
