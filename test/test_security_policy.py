@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from fnmatch import fnmatchcase
@@ -14,6 +15,7 @@ import node_endpoints
 import pytest
 from node_endpoints import variants
 
+from av_evaluation.attack.rig import free_domain
 from av_fusion.security.policy import DISCOVERY, RULES, read_policy
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
@@ -47,7 +49,9 @@ def test_a_node_is_permitted_what_it_has_and_nothing_else(name, tmp_path):
     for variant in range(len(variants(name))):
         (folder := tmp_path / str(variant)).mkdir()
         command = [sys.executable, node_endpoints.__file__, name, str(variant), folder]
-        run = subprocess.run(command, text=True, capture_output=True, check=False)
+        # Other tests' nodes of the same name would be found in the graph first.
+        run = subprocess.run(command, text=True, capture_output=True, check=False,
+                             env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain())})
         assert run.returncode == 0, run.stderr
         log += run.stderr
         for kind, names in json.loads(run.stdout.splitlines()[-1]).items():

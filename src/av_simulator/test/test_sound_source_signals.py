@@ -78,5 +78,5 @@ def test_missing_or_unreadable_file_is_named(tmp_path):
         RecordedSignal(tmp_path / 'nothing.wav')
     text = tmp_path / 'text.wav'
     text.write_text('no sound')
-    with pytest.raises(ValueError, match='text.wav'):
+    with pytest.raises(OSError, match='text.wav'):
         RecordedSignal(text).stream(RATE, [0], nowhere)
