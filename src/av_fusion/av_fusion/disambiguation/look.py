@@ -1,0 +1,233 @@
+"""Plans where a gimbal turns the camera while the target is heard but not seen.
+
+A look shows the target, and with it which of its possible directions is true, or makes them less probable by not showing it.
+What is best is the look that is expected to tell most for the time that it takes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import angles_to_direction, direction_to_angles
+from av_common.gimbal_geometry import gimbal_to_mount
+from av_common.rig import GimbalMount
+
+REPLAN_S = 0.2  # time between predictions
+OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
+BUDGET_S = 8.0  # for which looks are requested in a row
+REST_S = 8.0  # without looks after that, and after looks told nothing; in between the body may turn
+ARRIVAL_S = 1.5  # beyond the time of the way until the camera must see where it was asked to look
+LEAST_CHANCE = 0.1  # that a look shows the target, for which it is made
+EDGE = 0.85  # share of the field of view that counts: boxes at its edge are cut off
+STICK = 1.3  # gain for which another look replaces one that is under way
+GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking at a place until it counts as seen, and how long that is remembered
+# Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
+OFFSETS = (-2.857, -1.356, 0.0, 1.356, 2.857)
+WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
+
+Matrix = NDArray[np.float64]
+
+
+class Place(NamedTuple):
+    """A possible direction of the target in the world.
+
+    Parameters:
+        azimuth, elevation (rad), across_variance, elevation_variance (rad^2): the direction and its errors.
+        weight: probability of the place.
+        visible: probability that a camera that looks there for the first time finds the target, if it is there.
+    """
+
+    azimuth: float
+    elevation: float
+    across_variance: float
+    elevation_variance: float
+    weight: float
+    visible: float
+
+
+class Sight(NamedTuple):
+    """What the camera saw last.
+
+    Parameters:
+        time (s): capture time of the newest image.
+        camera_in_world (3, 3): rotation matrix from the camera's frame (x along the optical axis) to the world at that time.
+        half_view, half_height (rad): half of the field of view.
+    """
+
+    time: float
+    camera_in_world: Matrix
+    half_view: float
+    half_height: float
+
+
+@dataclass(frozen=True)
+class LookSettings:
+    """Settings of `LookPlanner`.
+
+    Parameters:
+        gimbal: limits, rate and mount of the gimbal.
+        enabled: whether looks are requested.
+    """
+
+    gimbal: GimbalMount
+    enabled: bool = True
+
+
+class LookPlanner:
+    """Requests looks of the camera until one shows the target, or none is likely to.
+
+    Parameters:
+        settings: see `LookSettings`.
+    """
+
+    def __init__(self, settings: LookSettings) -> None:
+        self.settings = settings
+        gimbal = settings.gimbal
+        self._limits = np.radians([gimbal.pan_limits_deg, gimbal.tilt_limits_deg])
+        self._rate = math.radians(gimbal.max_rate_deg)
+        self._since: float | None = None  # first of the looks in a row
+        self._rests_until = self._planned = -math.inf
+        self._look: Matrix | None = None  # direction in the world
+        self._due = math.inf  # when the camera must see it
+        self._glances: deque[tuple[float, Sight]] = deque()  # duration and sight
+
+    def cancel(self) -> None:
+        """Forget the looks because the target is seen, or told apart."""
+        self._since, self._look, self._due, self._rests_until = None, None, math.inf, -math.inf
+        self._glances.clear()
+
+    def see(self, sight: Sight) -> None:
+        """Note that an image did not show the target: the longer it is in view without being seen, the less visible it is."""
+        before = self._glances[-1][1].time if self._glances else -math.inf
+        if not before < sight.time:
+            return
+        self._glances.append((min(sight.time - before, GLANCE_S), sight))
+        while self._glances[0][1].time < sight.time - GLANCES_KEPT_S:
+            self._glances.popleft()
+
+    def plan(self, time: float, find_places: Callable[[], Sequence[Place]], sight: Sight | None, mount_in_world: Matrix
+             ) -> Matrix | None:
+        """Direction (3,) in the world to look at; None when no look is requested.
+
+        Parameters:
+            time (s): time of the request.
+            find_places: returns the possible directions; it is called every REPLAN_S only.
+            sight: of the newest image, None without one: then there is no camera to look with.
+            mount_in_world (3, 3): rotation matrix from the gimbal's mount to the world.
+        """
+        if abs(time - self._planned) < REPLAN_S:
+            return self._look
+        if time < self._planned:
+            self.cancel()
+        self._planned = time
+        places = find_places() if self.settings.enabled and sight is not None and time >= self._rests_until else []
+        if sight is None or not places:
+            self._look = None
+            return None
+        self._since = time if self._since is None else self._since
+        if time - self._since > BUDGET_S or (time > self._due and not self._sees_look(sight)):
+            self._look = None
+        else:
+            self._look = self._best(places, sight, mount_in_world)
+        if self._look is None:
+            self._since, self._due, self._rests_until = None, math.inf, time + REST_S
+        return self._look
+
+    def _sees_look(self, sight: Sight) -> bool:
+        return self._look is not None and bool(in_view(self._look[None], sight.camera_in_world, sight.half_view,
+                                                       sight.half_height)[0])
+
+    def _best(self, places: Sequence[Place], sight: Sight, mount_in_world: Matrix) -> Matrix | None:
+        points, shares, visible = self._points(places)
+        looks = self._reachable(np.vstack([points, *([self._look[None]] if self._look is not None else [])]) @ mount_in_world)
+        cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
+        seen = np.array([in_view(points, camera, sight.half_view, sight.half_height) for camera in cameras])
+        chance = seen @ (shares * visible).ravel()
+        now = self._reachable((sight.camera_in_world[:, 0] @ mount_in_world)[None])[0]
+        way = np.abs(looks - now).max(axis=1) / self._rate
+        value = information(seen.reshape(len(looks), *shares.shape), shares, visible) / (way + OVERHEAD_S)
+        if self._look is not None:
+            value[-1] *= STICK
+        value[chance < LEAST_CHANCE] = -math.inf
+        best = int(np.argmax(value))
+        if not math.isfinite(value[best]):
+            return None
+        if self._look is None or not in_view(self._look[None], cameras[best], sight.half_view, sight.half_height)[0]:
+            self._due = self._planned + float(way[best]) + ARRIVAL_S
+        return cameras[best][:, 0]
+
+    def _points(self, places: Sequence[Place]) -> tuple[Matrix, Matrix, Matrix]:
+        """Points (n * k, 3) that stand for n places, their probabilities (n, k), and those that they are visible (n, k).
+
+        Fog that hides a target in one image hides it in the next: what was looked at is either elsewhere, or hidden.
+        """
+        points, shares, visible = [], [], []
+        total = sum(place.weight for place in places)
+        for place in places:
+            across = np.array(OFFSETS[1:4]) * math.sqrt(min(place.across_variance, 1.0))
+            up = np.array(OFFSETS) * math.sqrt(min(place.elevation_variance, 1.0))
+            elevation = np.clip(place.elevation + up, -0.5 * math.pi, 0.5 * math.pi)[:, None]
+            azimuth = place.azimuth + across[None] / np.maximum(np.cos(elevation), 0.2)
+            directions = angles_to_direction(azimuth, elevation).reshape(-1, 3)
+            unseen = place.visible * np.exp(-self._looked_at(directions) / GLANCE_S)
+            remaining = 1.0 - place.visible + unseen
+            share = np.outer(WEIGHTS, WEIGHTS[1:4]).ravel() * remaining
+            points.append(directions)
+            shares.append(place.weight / total * share / share.sum())
+            visible.append(unseen / np.maximum(remaining, 1e-9))
+        return np.vstack(points), np.array(shares), np.array(visible)
+
+    def _looked_at(self, directions: Matrix) -> Matrix:
+        """For how long (s) the camera had directions (n, 3) in view."""
+        return sum((duration * in_view(directions, sight.camera_in_world, sight.half_view, sight.half_height)
+                    for duration, sight in self._glances), np.zeros(len(directions)))
+
+    def _reachable(self, directions: Matrix) -> Matrix:
+        """Pan and tilt (n, 2) closest to directions (n, 3) in the mount's frame."""
+        pan, tilt = direction_to_angles(directions)
+        (left, right), (low, high) = self._limits
+        turned = np.stack([pan, pan + math.tau, pan - math.tau])
+        beyond = np.maximum(np.maximum(left - turned, turned - right), 0.0)
+        nearest = np.take_along_axis(turned, beyond.argmin(axis=0)[None], axis=0)[0]
+        return np.stack([np.clip(nearest, left, right), np.clip(tilt, low, high)], axis=1)
+
+
+def in_view(directions: Matrix, camera: Matrix, half_view: float, half_height: float) -> Matrix:
+    """Whether directions (n, 3) are within the field of view, as 0 or 1 (n,).
+
+    Parameters:
+        directions (n, 3): unit vectors.
+        camera (3, 3): rotation matrix from the camera's frame (x along the optical axis) to the frame of the directions.
+        half_view, half_height (rad): half of the field of view.
+    """
+    x, y, z = (directions @ camera).T
+    wide, high = np.tan(EDGE * np.minimum((half_view, half_height), 1.5))
+    return ((x > 0.0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)).astype(float)
+
+
+def information(seen: Matrix, shares: Matrix, visible: Matrix) -> Matrix:
+    """Information (nats) about the direction of the target that is expected of each of m looks, (m,).
+
+    A look that shows the target leaves no uncertainty; one that does not, the entropy of the posterior. Within a place, which
+    way the target is off its centre counts as much as in which place it is: the camera measures both.
+
+    Parameters:
+        seen (m, n, k): whether a look has a point in view.
+        shares (n, k): probabilities of the points.
+        visible (n, k): probability that a point in view is seen.
+    """
+    missed = shares * (1.0 - visible * seen)
+    chance = missed.sum(axis=(1, 2))
+    return _entropy(shares[None])[0] - chance * _entropy(missed / np.maximum(chance, 1e-12)[:, None, None])
+
+
+def _entropy(shares: Matrix) -> Matrix:
+    """Entropy (nats, (m,)) of distributions (m, n, k)."""
+    return -(shares * np.log(np.maximum(shares, 1e-12))).sum(axis=(1, 2))
