@@ -11,6 +11,7 @@ ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          
 from __future__ import annotations
 
 import importlib.util
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -18,7 +19,9 @@ from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch.actions import ExecuteProcess, LogInfo
 
+from av_common.yaml_reader import load_yaml
 from av_fusion.launching import (
+    CONFIG,
     RIG_ARGUMENTS,
     Arguments,
     MissingPackageError,
@@ -51,6 +54,8 @@ ARGUMENTS = {
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
     'model': ('', "a detector's ONNX file, or `shipped`; empty: the visual oracle with simulators, else shipped", None),
     **RIG_ARGUMENTS,
+    'rig': ('', "description of the rig: array, camera, gimbal, and their poses; empty: the scenario's, else config/rig.yaml",
+            None),
     'port_offset': ('0', 'source:=sim or udp: offset of every UDP port, for several rigs; multiples of 250 up to 1750 avoid '
                     "the ports of DDS and Linux's ephemeral ports", None),
     'bind_address': ('127.0.0.1', 'source:=udp: address of this machine at which a simulator on another one is received, with '
@@ -80,6 +85,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     for name in ('audio', 'video', 'drone_recording', 'model', 'rig', 'array', 'params'):
         if arguments[name] not in ('', 'shipped') and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
+    arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
     recorder = recorder_nodes(arguments, {})
@@ -96,6 +102,17 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         notes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
     supervision = Supervision(essential, recorder, monitor[0] if monitor else None, duration, bool(arguments['out']))
     return [*supervision.entities(), *essential, *monitor, *recorder, *notes]
+
+
+def described_rig(arguments: Arguments) -> str:
+    """The rig's description that a scenario names, else config/rig.yaml; the simulator reports unreadable scenarios."""
+    if arguments['source'] == 'sim':
+        require('source:=sim', 'av_simulator')
+        from av_simulator.config_files import find_config  # only where the simulator is installed
+        with suppress(ValueError, OSError, LookupError, TypeError):
+            content = load_yaml(find_config(arguments['scenario'], 'scenarios'))
+            return str(find_config(str(content['rig']['description'])))
+    return str(CONFIG / 'rig.yaml')
 
 
 def simulator(arguments: Arguments) -> list[ExecuteProcess]:

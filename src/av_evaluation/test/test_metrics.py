@@ -7,6 +7,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 
 from av_common.track import State
 from av_evaluation.metrics.metrics import summarise
@@ -25,7 +26,7 @@ def circle_log(error_deg: float = 2.0) -> RunLog:
         world, yaw = 0.3 * 0.1 * k, 0.1 * 0.1 * k
         body = world - yaw
         log.target.add(t, 10.0 * math.cos(world), 10.0 * math.sin(world), 3.0)
-        log.rig.add(t, 0.0, 0.0, 0.0, yaw)
+        log.rig.add(t, 0.0, 0.0, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2))
         log.fused.add(t, body + math.radians(error_deg), 0.05, State.VISUAL_ACTIVE if k < 100 else State.ACOUSTIC_ACTIVE,
                       k > 20, 0.1)
         log.sound.add(t, math.pi - body, body + math.radians(5.0), 0.9, 0.02)
@@ -86,7 +87,8 @@ def test_the_log_is_saved_as_tables(tmp_path):
     log.save(tmp_path)
     table = np.genfromtxt(tmp_path / 'fused.csv', delimiter=',', names=True)
     assert np.allclose(table['time'], log.fused['time'], atol=1e-6) and np.allclose(table['azimuth'], log.fused['azimuth'])
-    assert {path.name for path in tmp_path.iterdir()} == {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv'}
+    names = {'target.csv', 'rig.csv', 'sound.csv', 'sight.csv', 'fused.csv', 'picture.csv'}
+    assert {path.name for path in tmp_path.iterdir()} == names
 
 
 def test_series_refuses_rows_of_another_width():
@@ -118,3 +120,19 @@ def test_a_log_with_a_folder_holds_every_row_and_little_memory(tmp_path, folder)
     assert len(newest) >= 1000
     np.testing.assert_array_equal(newest, plain.fused['time'][-len(newest):])
     assert not list(tmp_path.iterdir())
+
+
+def test_the_truth_is_in_the_body_that_tilts():
+    """The azimuth of the direction in the body's frame, by rotations of scipy, not the heading's difference."""
+    log, place = RunLog(), np.array([4.0, 3.0, 6.0])
+    attitudes = Rotation.from_euler('ZYX', [[50.0, 20.0, -15.0], [62.0, 10.0, 25.0]], degrees=True)
+    for t, attitude in enumerate(attitudes):
+        log.rig.add(t, 1.0, 1.0, 1.0, *attitude.as_quat()[[3, 0, 1, 2]])
+        log.target.add(t, *place)
+    for t, attitude in enumerate(attitudes):
+        east, north, _ = attitude.inv().apply(place - 1.0)
+        assert log.true_azimuth([float(t)])[0] == pytest.approx(np.arctan2(north, east), abs=1e-6)
+    between = Slerp([0.0, 1.0], attitudes)(0.3).inv().apply(place - 1.0)
+    assert log.true_azimuth([0.3])[0] == pytest.approx(np.arctan2(between[1], between[0]), abs=1e-6)
+    assert np.degrees(log.heading([0.0, 1.0])) == pytest.approx([50.0, 62.0])
+    assert np.isnan(log.true_azimuth([1.5])[0])

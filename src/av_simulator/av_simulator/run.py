@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from av_common.angles import direction_to_angles
 from av_common.rig import load_rig
 from av_sim_bridge.vehicle import VehicleState
+from av_sim_bridge.wire.gimbal import GimbalSample
 from av_simulator.config_files import find_config
 from av_simulator.rendering.view import RenderedImage, View
 from av_simulator.scenario import Scenario, load_scenario
@@ -49,11 +50,13 @@ class TruthSample:
         time (s): time of the states.
         rig: state of the rig.
         targets: state of each target.
+        gimbal: what the gimbal reports; None without one.
     """
 
     time: float
     rig: VehicleState
     targets: list[VehicleState]
+    gimbal: GimbalSample | None = None
 
     @property
     def bearings(self) -> list[Bearing]:
@@ -82,19 +85,19 @@ class Step:
     truth: list[TruthSample]
 
 
-def open_world(scenario: str | Path | Scenario, rig: str | Path = 'rig', seed: int | None = None,
+def open_world(scenario: str | Path | Scenario, rig: str | Path = '', seed: int | None = None,
                sample_rate: int = 48_000) -> World:
     """The world of a scenario. Raises ConfigError or OSError for unreadable files.
 
     Parameters:
         scenario: name of a shipped scenario, path of a file, or a Scenario.
-        rig: name or path of the rig's description.
+        rig: name or path of the rig's description; empty for the scenario's.
         seed: seed, None for the scenario's.
         sample_rate (Hz): sample rate of the microphones.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(find_config(str(scenario), 'scenarios'))
-    return World(scenario, load_rig(find_config(str(rig))), seed, sample_rate)
+    return World(scenario, load_rig(find_config(str(rig or scenario.rig.description))), seed, sample_rate)
 
 
 def steps(world: World, duration: float | None = None, image_rate: float = 15.0, truth_rate: float = 100.0,
@@ -128,7 +131,8 @@ def steps(world: World, duration: float | None = None, image_rate: float = 15.0,
 def truth_samples(world: World, at: list[float]) -> list[TruthSample]:
     """The true states of a world at times `at` (s) within its newest step."""
     targets = [world.target_states(number, at) for number in range(len(world.scenario.targets))]
-    return [TruthSample(time, world.rig_state(time), states) for time, *states in zip(at, *targets, strict=True)]
+    return [TruthSample(time, world.rig_state(time), states, world.gimbal_sample(round(time * world.sample_rate), time))
+            for time, *states in zip(at, *targets, strict=True)]
 
 
 def times(begin: float, end: float, rate: float) -> list[float]:

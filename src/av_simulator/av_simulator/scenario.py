@@ -74,6 +74,7 @@ class RigMotion:
 
     Parameters:
         trajectory: path of the rig.
+        description: name or path of the rig's description for which the scenario is made, where none is given.
         yaw_deg (deg): initial yaw, counter-clockwise from east.
         yaw_rate_deg (deg/s): yaw rate until the first command.
         max_yaw_rate_deg (deg/s): limit of the yaw rate.
@@ -86,6 +87,7 @@ class RigMotion:
     """
 
     trajectory: Trajectory = field(default_factory=lambda: Static((0.0, 0.0, 1.5)))
+    description: str = 'rig'
     yaw_deg: float = 0.0
     yaw_rate_deg: float = bounded(0.0, low=-180.0, high=180.0)
     max_yaw_rate_deg: float = bounded(60.0, above=0.0, high=720.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +40,7 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     return [case for name in inputs for case in (
         [Case(name, **common, stage=options.stage, parameters=tuple(options.params), remap=remap, namespace=options.namespace)]
         if is_bag(Path(name)) else
-        [Case(name, seed, **common, follow=not options.static) for seed in range(1, options.seeds + 1)])]
+        [Case(name, seed, **common, follow=not options.static, rig=options.rig) for seed in range(1, options.seeds + 1)])]
 
 
 def show(runs: Sequence[RunResult]) -> None:
@@ -48,6 +49,10 @@ def show(runs: Sequence[RunResult]) -> None:
     for tau, methods in taus_of(runs).items():
         print(f'tau {tau:g}: RMSE' + ','.join(f' {name} {figures["rmse_deg"]:.2f}°' for name, figures in methods.items()
                                               if figures['rmse_deg'] is not None))
+    kept = [run.in_picture for run in runs if math.isfinite(run.in_picture)]
+    if kept:
+        low, high = 100.0 * min(kept), 100.0 * max(kept)
+        print(f'in the picture: {low:.1f} to {high:.1f} % of the time that the camera could see the drone if it looked there')
     for text in dict.fromkeys(text for run in runs for text in (*run.notes, *run.missing.values())):
         print(f'  ! {text}', file=sys.stderr)
 
@@ -64,6 +69,7 @@ def make_parser() -> argparse.ArgumentParser:
     add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the simulator's oracle, "
         'and bags their recorded detections')
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
+    add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
     add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
     add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')
     add('--remap', nargs='+', action='extend', default=[], metavar='NAME:=TOPIC', help='bags: names of topics in the bag')

@@ -59,7 +59,7 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0
     elif method == 'sight':
         detected = log.sight['score'] >= tau
         time = log.sight['time'][detected]
-        world = wrap(log.sight['azimuth'][detected] + _yaw(time, log))
+        world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
     elif method == 'kalman':
         time, world = _kalman(record, log, tau, aided)
@@ -70,7 +70,7 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0
             time, world = _averaged(time, world)
     if not time.size and not observed:
         raise UnavailableError(f'{method}: no measurements')
-    return time, wrap(_median(world) - _yaw(time, log))
+    return time, wrap(_median(world) - log.heading(time))
 
 
 def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5) -> Series:
@@ -105,7 +105,7 @@ def _tracked(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
     """Times (n, s) and world azimuths (n, rad) with a track."""
     known = series['state'] != State.NONE
     time = series['time'][known]
-    return time, wrap(series['azimuth'][known] + _yaw(time, log))
+    return time, wrap(series['azimuth'][known] + log.heading(time))
 
 
 def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
@@ -116,7 +116,7 @@ def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, 
     for k, (measurement, true) in enumerate(zip(measurements, log.true_azimuth(time), strict=True)):
         azimuths = [hypothesis.azimuth for hypothesis in measurement.hypotheses]
         azimuth[k] = azimuths[int(np.argmin(np.abs(wrap(np.array(azimuths) - true))))]
-    return time, wrap(azimuth + _yaw(time, log))
+    return time, wrap(azimuth + log.heading(time))
 
 
 def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
@@ -136,7 +136,7 @@ def _kalman(record: MeasurementRecord, log: RunLog, tau: float, aided: bool) -> 
     events = [(time + delay, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*doa, strict=True)]
     for camera in (event for event in record.events if isinstance(event, CameraMeasurement)):
         if camera.best is not None and camera.best.score >= tau:
-            events.append((camera.time, float(camera.best.azimuth + _yaw(camera.time, log)), math.radians(1.0) ** 2))
+            events.append((camera.time, float(camera.best.azimuth + log.heading(camera.time)), math.radians(1.0) ** 2))
     if not events:
         return np.zeros(0), np.zeros(0)
     events.sort()
@@ -156,10 +156,6 @@ def _filtered(events: list[tuple[float, float, float]]) -> NDArray:
         covariance = covariance - np.outer(gain, covariance[0])
         filtered.append(state[0])
     return wrap(np.array(filtered))
-
-
-def _yaw(time: NDArray | float, log: RunLog) -> NDArray:
-    return np.interp(time, log.rig['time'], np.unwrap(log.rig['yaw'])) if len(log.rig) else np.zeros(np.shape(time))
 
 
 def _median(azimuth: NDArray) -> NDArray:

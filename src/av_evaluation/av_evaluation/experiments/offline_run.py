@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from nav_msgs.msg import Odometry
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import LocalizerSettings
@@ -22,12 +22,14 @@ from av_pointing.controller import PointingController
 from av_pointing.stage import PointingStage
 from av_sim_bridge.messages import oracle_detections_message
 from av_simulator.rendering.view import View
+from av_simulator.run import times
 from av_simulator.scenario import Scenario
 from av_simulator.world import World
 from av_vision.stage import DetectionStage
 
 STEP = 1600  # samples: what RFlySim sends at a time
 SAMPLE_RATE = 48_000
+POSE_RATE = 100.0  # Hz, of odometry and of the gimbal's orientation, as the live simulator sends them
 EGO_NOISE_S = 10.0  # length of the record of the rig alone, for rigs with rotors
 SILENT_DB = -120.0
 
@@ -44,7 +46,7 @@ class OfflineRun:
         rig: description of the rig.
         tracker: estimates the bearing.
         seed: of the world; the scenario's where None.
-        pointing: turns the rig by its commands; where None the rig moves as the scenario says.
+        pointing: turns the rig and its gimbal by its commands; where None the rig moves as the scenario says.
         estimators: further methods of direction finding to record.
         detection: detects in rendered images; where None the simulator's visual oracle gives the detections.
         image_every: steps of 1/30 s from one image to the next.
@@ -59,7 +61,7 @@ class OfflineRun:
         settings = replace(settings or LocalizerSettings(), temperature_c=scenario.weather.temperature_c)
         ego_noise = ego_noise_of(scenario, rig, self.world.seed) if scenario.noise.ego_rotors else None
         self.rig = OfflineRig(rig.array.geometry, rig.array.mount.rotation, rig.camera.model, rig.camera.optical_to_body,
-                              tracker, detection, estimators, settings, ego_noise)
+                              tracker, detection, estimators, settings, ego_noise, rig.gimbal is not None)
         if ego_noise is not None:
             self.log.notes['ego-noise'] = f'known from {EGO_NOISE_S:.0f} s of the rig alone'
         self._pointing = PointingStage(pointing) if pointing is not None else None
@@ -82,12 +84,12 @@ class OfflineRun:
         """Run in steps of 1/30 s, each of which gives its time (s) and the newest bearing."""
         count = 0
         while self.world.time < (duration or self._duration):
-            first = round(self.world.time * SAMPLE_RATE)
+            begin = self.world.time
+            first = round(begin * SAMPLE_RATE)
             samples = self.world.advance(STEP)
             now = self.world.time
-            self._log_truth(now)
-            state = self.world.rig_state(now)
-            odometry = self.rig.on_pose(now, state.attitude_wxyz, float(state.rate_flu[2]))
+            for moment in [*times(begin, now - 1e-6, POSE_RATE), now]:
+                odometry = self._log_truth(moment)
             self.rig.on_samples(samples, SAMPLE_RATE, first, now)
             if count % self._image_every == 0:
                 self._observe(self.world.view(count, now), now)
@@ -95,16 +97,25 @@ class OfflineRun:
             if self._pointing is not None and self.rig.bearing is not None:
                 instant = Instant(now, now)
                 self._pointing.on_odometry(odometry, instant)
-                self.world.dynamics.command(self._pointing.on_bearing(self.rig.bearing, instant).yaw_rate, now)
+                command = self._pointing.on_bearing(self.rig.bearing, instant)
+                self.world.dynamics.command(command.yaw_rate, now)
+                if command.move_gimbal:
+                    self.world.dynamics.look(command.pan, command.tilt, now)
             count += 1
             yield now, self.rig.bearing
 
-    def _log_truth(self, now: float) -> None:
-        state = self.world.rig_state(now)
-        self.log.rig.add(now, *state.position, math.atan2(state.rotation[1, 0], state.rotation[0, 0]))
-        self.log.target.add(now, *self.world.target_state(0, now).position)
+    def _log_truth(self, moment: float) -> Odometry:
+        """Log the true poses, and report those of rig and gimbal."""
+        state = self.world.rig_state(moment)
+        self.log.rig.add(moment, *state.position, *state.attitude_wxyz)
+        self.log.target.add(moment, *self.world.scenario.targets[0].trajectory(moment)[0])
+        gimbal = self.world.gimbal_sample(round(moment * SAMPLE_RATE), moment)
+        if gimbal is not None:
+            self.rig.on_gimbal(gimbal, moment)
+        return self.rig.on_state(state)
 
     def _observe(self, view: View, now: float) -> None:
+        self.log.picture.add(now, *self._oracle.picture(view))
         if self._renderer is not None:
             self.rig.on_image(self._renderer.render(view).bgr, now, now)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,21 @@ class Oracle:
             if box is not None:
                 found.append(box)
         return found
+
+    def picture(self, view: View) -> tuple[bool, bool]:
+        """Whether the first drone could be seen by a camera that looks straight at it, and whether it is in the picture.
+
+        Parameters:
+            view: the camera's view.
+        """
+        drone = view.drones[0]
+        ahead = drone.position - view.position
+        ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+        right = np.cross(ahead, [0.0, 0.0, 1.0] if abs(ahead[2]) < 0.99 else [1.0, 0.0, 0.0])
+        right = right / np.linalg.norm(right)
+        there = replace(view, rotation=np.stack([right, np.cross(ahead, right), ahead], axis=1), drones=[drone])
+        seen = appearance(self._camera, view, drone)
+        return bool(self.boxes(there)), seen is not None and seen.in_view >= 0.5
 
     def _box(self, view: View, drone: Drone, seen: Appearance) -> OracleBox | None:
         points = np.concatenate([drone.position[np.newaxis], rotor_hubs(drone), outline(drone)])

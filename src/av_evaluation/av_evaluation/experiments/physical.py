@@ -30,6 +30,7 @@ from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.geometry import camera_in_body
+from av_sim_bridge.vehicle import VehicleState
 from av_vision.stage import DetectionStage, make_detection_stage
 
 # Clips that the shipped detector was not trained on.
@@ -70,9 +71,10 @@ class StaticRig:
 
     def advance(self, time: float, true_azimuth: float) -> None:
         """Let time pass until `time` (s), when the target is at `true_azimuth` (rad)."""
-        self.rig.log.rig.add(time, 0.0, 0.0, 0.0, 0.0)
+        state = VehicleState(time, np.zeros(3))
+        self.rig.log.rig.add(time, *state.position, *state.attitude_wxyz)
         self.rig.log.target.add(time, 10.0 * math.cos(true_azimuth), 10.0 * math.sin(true_azimuth), 0.0)
-        self.rig.on_pose(time, np.array([1.0, 0.0, 0.0, 0.0]), 0.0)
+        self.rig.on_state(state)
         self.rig.advance(time)
 
 

@@ -65,6 +65,8 @@ class RunResult:
         truth: columns `time` (s) and `azimuth` (rad, body frame); empty without truth.
         state: columns `time` (s), `state` and `sigma` (rad) of the track.
         plot: PNG of the run.
+        in_picture: share of the time with the target in the picture, of that for which the camera could see it if it looked
+            there; nan where that is not known.
     """
 
     name: str
@@ -77,6 +79,7 @@ class RunResult:
     truth: Columns = field(default_factory=dict)
     state: Columns = field(default_factory=dict)
     plot: bytes = b''
+    in_picture: float = math.nan
 
     def save(self, folder: Path) -> None:
         """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
@@ -85,7 +88,7 @@ class RunResult:
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
         numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
                    for name, method in self.methods.items()}
-        header = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'missing', 'notes')}
+        header = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'in_picture', 'missing', 'notes')}
         if self.plot:
             (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)
         content = io.BytesIO()

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
 from av_bags.retrying_file import UnnamedFile
-from av_common.angles import wrap
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
 
@@ -85,7 +85,9 @@ class RunLog:
 
     Attributes:
         target: true positions of the target in the world.
-        rig: true positions and yaw of the rig in the world.
+        rig: true positions of the rig in the world, and attitudes (w, x, y, z) from its body to the world.
+        picture: for each image whether the camera could see the target if it looked there, and whether it is in the picture;
+            of simulated runs.
         sound: azimuths of the first and second hypothesis of each window; `mirrored` is nan without a second one.
         sight: azimuth of the best detection of each image, nan with score 0 where there is none.
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
@@ -97,10 +99,11 @@ class RunLog:
 
     def __init__(self, folder: Path | None = None) -> None:
         self.target = Series('time', 'x', 'y', 'z', folder=folder)
-        self.rig = Series('time', 'x', 'y', 'z', 'yaw', folder=folder)
+        self.rig = Series('time', 'x', 'y', 'z', 'qw', 'qx', 'qy', 'qz', folder=folder)
         self.sound = Series('time', 'azimuth', 'mirrored', 'confidence', 'delay', folder=folder)
         self.sight = Series('time', 'azimuth', 'score', 'delay', folder=folder)
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay', folder=folder)
+        self.picture = Series('time', 'visible', 'inside', folder=folder)
         self.notes: dict[str, str] = {}
 
     def newest(self) -> RunLog:
@@ -124,15 +127,32 @@ class RunLog:
         return len(self.target) > 1 and len(self.rig) > 1
 
     def true_azimuth(self, time: ArrayLike) -> NDArray[np.float64]:
-        """True azimuth (n, rad) of the target in the body frame at times (n, s), nan outside of the truth's span."""
+        """True azimuth (n, rad) of the target in the body's tilting frame at times (n, s), nan outside of the truth's span."""
         time = np.asarray(time, float)
         if not self.has_truth:
             return np.full(time.shape, math.nan)
         outside = {'left': math.nan, 'right': math.nan}
-        east, north = (np.interp(time, self.target['time'], self.target[axis], **outside)
-                       - np.interp(time, self.rig['time'], self.rig[axis], **outside) for axis in 'xy')
-        yaw = np.interp(time, self.rig['time'], np.unwrap(self.rig['yaw']), **outside)
-        return wrap(np.arctan2(north, east) - yaw)
+        away = np.stack([np.interp(time, self.target['time'], self.target[axis], **outside)
+                         - np.interp(time, self.rig['time'], self.rig[axis], **outside) for axis in 'xyz'], axis=-1)
+        forward, left = np.einsum('...i,...ij->j...', away, self._rotations(time))[:2]
+        return np.arctan2(left, forward)
+
+    def heading(self, time: ArrayLike) -> NDArray[np.float64]:
+        """True yaw (n, rad) of the rig at times (n, s), 0 without truth."""
+        time = np.asarray(time, float)
+        if not len(self.rig):
+            return np.zeros(time.shape)
+        forward = self._rotations(time)[..., 0]
+        return np.arctan2(forward[..., 1], forward[..., 0])
+
+    def _rotations(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """True rotations (n, 3, 3) from the body to the world at times (n, s); outside of their span those of its ends."""
+        times, first = np.unique(self.rig['time'], return_index=True)
+        attitudes = Rotation.from_quat(np.stack([self.rig[name] for name in ('qx', 'qy', 'qz', 'qw')], axis=1)[first])
+        if len(times) == 1:
+            return np.broadcast_to(attitudes.as_matrix()[0], (*time.shape, 3, 3))
+        within = Slerp(times, attitudes)(np.clip(time, times[0], times[-1]).ravel())
+        return within.as_matrix().reshape(*time.shape, 3, 3)
 
     @property
     def duration(self) -> float:

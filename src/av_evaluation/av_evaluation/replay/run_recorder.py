@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from av_bags import topics as names
-from av_common.frames import attitude_of, yaw_of
+from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
@@ -59,4 +59,4 @@ class RunRecorder:
         if name == names.TRUE_TARGET:
             self.log.target.add(time, position.x, position.y, position.z)
         else:
-            self.log.rig.add(time, position.x, position.y, position.z, yaw_of(attitude_of(q)))
+            self.log.rig.add(time, position.x, position.y, position.z, *attitude_of(q))

@@ -18,7 +18,7 @@ import av_pointing
 import av_sim_bridge
 import av_simulator
 import av_vision
-from av_simulator.config_files import find_config
+from av_simulator.config_files import find_config, shipped
 from av_vision.models import shipped_model
 
 PACKAGES = (av_audio, av_bags, av_common, av_evaluation, av_fusion, av_pointing, av_sim_bridge, av_simulator, av_vision)
@@ -38,6 +38,7 @@ class Case:
         model: ONNX file of the detector, 'shipped', or '' for the simulator's visual oracle or the recorded detections.
         follow: whether the rig of a scenario obeys the pointing controller, or moves as the scenario defines.
         changes: values of the scenario's file by dotted keys.
+        rig: name or file of the rig's description, '' for the scenario's.
         array: array file in place of the rig's.
         band_hz (Hz): band of the localizer in scenarios.
         stage: of a bag, from which to compute, see `ReplaySettings`.
@@ -55,6 +56,7 @@ class Case:
     model: str = ''
     follow: bool = True
     changes: tuple[tuple[str, Any], ...] = ()
+    rig: str = ''
     array: str = ''
     band_hz: tuple[float, float] = (200.0, 4000.0)
     stage: str = ''
@@ -74,14 +76,15 @@ class Case:
         stem = Path(self.input).stem.replace(':', '_')
         if self.data:
             return stem
+        rig = f'_{Path(self.rig).stem}' if self.rig else ''
         changes = ''.join(f'_{key.split(".")[-1]}={value}' for key, value in self.changes if isinstance(value, int | float))
-        return stem if self.is_bag else f'{stem}_{self.seed}{changes}'
+        return stem if self.is_bag else f'{stem}_{self.seed}{rig}{changes}'
 
     @property
     def key(self) -> str:
         """Digest of everything that the result depends on: case, files, code and shipped detector."""
         files = ('' if self.data else self.input, self.model, self.array, *self.parameters)
-        content = json.dumps([asdict(self), *map(_content, files), _code()])
+        content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code()])
         return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
@@ -137,6 +140,12 @@ def _content(name: str) -> str:
         return str([(str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files if file.exists()])
     file = path if path.suffix == '.yaml' and path.exists() else find_config(name, 'scenarios')
     return hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@cache
+def _rigs() -> list[str]:
+    """The shipped descriptions of rigs, which scenarios name."""
+    return [find_config(name).read_text() for name in shipped('')]
 
 
 @cache

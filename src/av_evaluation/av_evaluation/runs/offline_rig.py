@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from std_msgs.msg import Header
@@ -19,6 +18,7 @@ from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage
 from av_bags import topics
 from av_common.camera import PinholeCamera
+from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
@@ -26,14 +26,18 @@ from av_evaluation.replay.estimator_comparison import EstimatorComparison
 from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
-from av_fusion.measurement.converter import MeasurementConverter, fixed_rotations
+from av_fusion.measurement.converter import MeasurementConverter, RotationOf, fixed_rotations
 from av_fusion.stage import FusionStage
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing
+from av_sim_bridge.messages import gimbal_message, odometry_message
+from av_sim_bridge.vehicle import VehicleState
+from av_sim_bridge.wire.gimbal import GimbalSample
 from av_vision.messages import image_message
 from av_vision.stage import DetectionStage
 
 TARGET_CLASSES = ('drone',)
+BODY = 'base_link'
 
 
 class OfflineRig:
@@ -48,24 +52,29 @@ class OfflineRig:
         array: microphones.
         array_rotation (3, 3): from the array's frame to the body.
         camera: intrinsics.
-        camera_rotation (3, 3): from the camera's optical frame to the body.
+        camera_rotation (3, 3): from the camera's optical frame to the body, or to the gimbal.
         tracker: estimates the bearing.
         detection: detects in images; None where only detections are given.
         estimators: further methods of `LocalizerSettings`, whose directions go to the record only.
         settings: of the localizer.
         ego_noise: of the rig alone.
+        gimbal: whether a gimbal carries the camera.
     """
 
     def __init__(self, array: MicrophoneArray, array_rotation: NDArray, camera: PinholeCamera, camera_rotation: NDArray,
                  tracker: Tracker, detection: DetectionStage | None = None, estimators: Sequence[str] = (),
-                 settings: LocalizerSettings | None = None, ego_noise: NoiseRecording | None = None) -> None:
+                 settings: LocalizerSettings | None = None, ego_noise: NoiseRecording | None = None,
+                 gimbal: bool = False) -> None:
         settings = settings or LocalizerSettings()
         self.record = MeasurementRecord()
         self.bearing: Bearing | None = None
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
-        self._converter = MeasurementConverter(fixed_rotations(rotations), TARGET_CLASSES, camera)
+        history = GimbalHistory() if gimbal else None
+        rotation_of = fixed_rotations(rotations) if history is None else carried(rotations, 'camera', history)
+        self._converter = MeasurementConverter(rotation_of, TARGET_CLASSES, camera)
         recorder = RunRecorder(self.record)
-        fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder)
+        fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder,
+                             gimbal=history)
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
             self._converter, self.record)
@@ -88,14 +97,16 @@ class OfflineRig:
         """Detections of an image captured at `time`; `make` gives the message for its header."""
         self._take(topics.DETECTIONS, make(Header(stamp=to_stamp(time), frame_id='camera')), arrival)
 
-    def on_pose(self, time: float, attitude_wxyz: NDArray, yaw_rate: float) -> Odometry:
-        """The rig's attitude in the world and its yaw rate (rad/s), known at once; returns the message."""
-        odometry = Odometry(header=Header(stamp=to_stamp(time)))
-        w, x, y, z = map(float, attitude_wxyz)
-        odometry.pose.pose.orientation = Quaternion(w=w, x=x, y=y, z=z)
-        odometry.twist.twist.angular.z = yaw_rate
-        self._take(topics.ODOMETRY, odometry, time)
+    def on_state(self, state: VehicleState) -> Odometry:
+        """The rig's pose and velocities in the world, known at once; returns the message."""
+        odometry = odometry_message(Header(stamp=to_stamp(state.time)), BODY, state)
+        self._take(topics.ODOMETRY, odometry, state.time)
         return odometry
+
+    def on_gimbal(self, sample: GimbalSample, arrival: float) -> None:
+        """The measured orientation of the gimbal that carries the camera."""
+        header = Header(stamp=to_stamp(sample.time), frame_id=BODY)
+        self._take(topics.GIMBAL, gimbal_message(header, 'gimbal', sample), arrival)
 
     def advance(self, now: float) -> None:
         """Give the bearings that are due until `now` without a measurement."""
@@ -109,3 +120,19 @@ class OfflineRig:
     def _publish(self, name: str, time: float, message: Any) -> None:
         if name == topics.BEARING:
             self.bearing = message
+
+
+def carried(rotations: Mapping[str, NDArray[np.float64]], frame: str, gimbal: GimbalHistory) -> RotationOf:
+    """Of sensors one of which is carried by a gimbal.
+
+    Parameters:
+        rotations (3, 3): by the name of the sensor's frame, to the body, or to the gimbal.
+        frame: name of the frame that the gimbal carries.
+        gimbal: orientations of the gimbal.
+    """
+    def rotation_of(name: str, time: float) -> NDArray[np.float64] | None:
+        if name != frame:
+            return rotations.get(name)
+        sample = gimbal.at(time)
+        return None if sample is None else sample.rotation @ rotations[frame]
+    return rotation_of

@@ -80,6 +80,9 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
             result.missing[label] = str(error)
     if log.has_truth:
         result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
+    visible = log.picture['visible'] > 0.0
+    if visible.any():
+        result.in_picture = float(np.mean(log.picture['inside'][visible]))
     result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
     return result
 
@@ -109,10 +112,11 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, a
 
 
 def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
-    scenario, rig = changed_scenario(case), load_rig(find_config('rig'))
+    scenario = changed_scenario(case)
+    rig = load_rig(find_config(case.rig or scenario.rig.description))
     if case.array:
         rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
-    pointing = PointingController(PointingSettings(move_gimbal=False)) if case.follow else None
+    pointing = PointingController(PointingSettings(move_gimbal=rig.gimbal is not None)) if case.follow else None
     run = OfflineRun(scenario, rig, BayesTracker(), case.seed, pointing, _estimators(case.methods),
                      detection_stage(case.model) if case.model else None, settings=LocalizerSettings(band_hz=case.band_hz))
     run.run(case.duration or None)

@@ -26,7 +26,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument('--out', type=Path, required=True, help='folder for the results; created if needed')
     parser.add_argument('--duration', type=positive, help="duration in seconds (default: the scenario's)")
     parser.add_argument('--seed', type=seed, help="seed (default: the scenario's)")
-    parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
+    parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
     parser.add_argument('--drone-recording', metavar='FILE', help='sound file that every drone emits')
     parser.add_argument('--voice', type=renamed('--drone-recording'), help=argparse.SUPPRESS)
     parser.add_argument('--image-rate', type=not_negative, default=15.0, help='images a second, 0 for none (%(default)s)')
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
         scenario = load_scenario(file)
         if options.drone_recording:
             scenario = with_recording(scenario, options.drone_recording)
-        world = World(scenario, load_rig(find_config(options.rig)), options.seed)
+        world = World(scenario, load_rig(find_config(options.rig or scenario.rig.description)), options.seed)
         options.out.mkdir(parents=True, exist_ok=True)
         if options.preview:
             _preview(world, options)

@@ -22,7 +22,7 @@ def parse(arguments: list[str] | None = None) -> argparse.Namespace:
     """Parse the command line."""
     parser = argparse.ArgumentParser(prog='simulator', description=__doc__)
     parser.add_argument('scenario', help='name of a shipped scenario, or a YAML file')
-    parser.add_argument('--rig', default='rig', help='rig description (default: the shipped config/rig.yaml)')
+    parser.add_argument('--rig', help="rig description (default: the scenario's, else the shipped config/rig.yaml)")
     parser.add_argument('--host', default='127.0.0.1', help='receiver of the datagrams (default: %(default)s)')
     parser.add_argument('--bind-address', default='', metavar='ADDRESS',
                         help='address of this machine from which is sent (default: that by which the receiver is reached)')
@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
             scenario = with_recording(scenario, options.drone_recording)
         if options.at:
             scenario = standing_at(scenario, *options.at)
-        world = World(scenario, load_rig(find_config(options.rig)), options.seed)
+        world = World(scenario, load_rig(find_config(options.rig or scenario.rig.description)), options.seed)
         simulator = Simulator(world, WireOptions(
             host=options.host, bind_address=options.bind_address, allowed_senders=tuple(options.allowed_senders),
             ports=Ports().shifted(options.port_offset), sample_format=options.sample_format,

@@ -13,7 +13,7 @@ from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.rig_messages import static_transforms
 from av_common.stamps import to_stamp
 from av_sim_bridge import messages
-from av_simulator.run import Step
+from av_simulator.run import Step, TruthSample
 from av_simulator.world import World
 from av_vision.messages import camera_info_message, image_message
 
@@ -22,7 +22,7 @@ WORLD_FRAME = 'map'
 _TOPICS = {
     'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
     'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
-    'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
+    'gimbal/state': 'av_interfaces/msg/GimbalState', 'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
     'truth/target': 'nav_msgs/msg/Odometry', '/tf_static': 'tf2_msgs/msg/TFMessage',
 }
 
@@ -52,6 +52,7 @@ class BagRecorder:
             rig = messages.odometry_message(header, self._rig.base_frame, sample.rig)
             self._write('odometry', EPOCH + sample.time, rig)
             self._write('truth/rig', EPOCH + sample.time, rig)
+            self._write_gimbal(sample)
             self._write('truth/target', EPOCH + sample.time,
                         messages.odometry_message(header, 'target', sample.targets[0]))
         for view, image in step.images:
@@ -60,6 +61,13 @@ class BagRecorder:
             self._write('camera/camera_info', EPOCH + view.time,
                         camera_info_message(header, self._rig.camera.model))
             self._write('detections', EPOCH + view.time, messages.oracle_detections_message(header, image.boxes))
+
+    def _write_gimbal(self, sample: TruthSample) -> None:
+        gimbal = self._rig.gimbal
+        if gimbal is not None and sample.gimbal is not None:
+            time = EPOCH + sample.time
+            header = messages.make_header(time, self._rig.base_frame)
+            self._write('gimbal/state', time, messages.gimbal_message(header, gimbal.frame, sample.gimbal))
 
     def close(self) -> None:
         """Finish the bag."""
