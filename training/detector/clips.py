@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from tight import tightened
 
 WIDTH, HEIGHT = 640, 512
 CLASSES = ('drone', 'bird', 'airplane', 'helicopter')
@@ -24,10 +25,6 @@ CLASSES = ('drone', 'bird', 'airplane', 'helicopter')
 UNSEEN_SCENES = {'drone': (*range(43, 55),), 'bird': (20, 22, 23, 10, 14), 'airplane': (49, 50, 44, 22),
                  'helicopter': (49, 52, 55, 58, 61)}
 RATE, STRIDE = 30.0, 3  # frames/s; a rig processes about ten of them
-# Pixels by which labels are wider and higher than what they are around: medians over 600 objects of the training clips that
-# stand before plain sky; it is the same for objects of 5 and of 50 pixels. Rendered boxes get the same padding.
-PADDING = np.array([20.0, 18.0], np.float32)
-NO_PADDING = np.zeros(2, np.float32)
 SPLITS = ('train', 'validation', 'test_clip', 'test_scene')
 
 
@@ -56,7 +53,7 @@ def clips_of(data: Path, split: str) -> list[str]:
 
 
 def film(data: Path, clip: str) -> Iterator[tuple[float, NDArray[np.uint8], NDArray[np.float32]]]:
-    """Every third frame of a clip as a rig would see them: time in s, image, boxes (k, 5) of class, x1, y1, x2, y2."""
+    """Every third frame of a clip as a rig would see them: time in s, image, labels (k, 5) of class, x1, y1, x2, y2."""
     boxes = read_boxes(data / 'labels' / f'{clip}.csv')
     video, number = cv2.VideoCapture(str(data / 'video' / f'{clip}.mp4')), 0
     while video.grab():
@@ -66,7 +63,7 @@ def film(data: Path, clip: str) -> Iterator[tuple[float, NDArray[np.uint8], NDAr
 
 
 def build_cache(data: Path, cache: Path, stride: int = 8) -> None:
-    """Decode every stride-th frame of every clip once into `frames.u8` (n, 512, 640, 3) BGR with `index.json` beside it."""
+    """Decode every stride-th frame of every clip once into `frames.u8` (n, 512, 640, 3) and tight boxes into `index.json`."""
     if (cache / 'index.json').exists():
         return
     cache.mkdir(parents=True, exist_ok=True)
@@ -83,33 +80,25 @@ def build_cache(data: Path, cache: Path, stride: int = 8) -> None:
                     if frame.shape[:2] != (HEIGHT, WIDTH):
                         raise ValueError(f'{clip} has frames of {frame.shape[1::-1]}, expected {(WIDTH, HEIGHT)}')
                     out.write(frame.tobytes())
-                    index.append({'clip': clip, 'frame': number, 'split': split_of(clip), 'boxes': boxes.get(number, [])})
+                    there = tightened(frame, boxes.get(number, [])).tolist()
+                    index.append({'clip': clip, 'frame': number, 'split': split_of(clip), 'boxes': there})
                 number += 1
     (cache / 'index.json').write_text(json.dumps(index))
 
 
-def scaled(boxes: NDArray, factor: float, padding: NDArray = PADDING) -> NDArray[np.float32]:
-    """Boxes (k, 5) of a image scaled by a factor: the objects scale, what is left around them does not.
-
-    `padding` is what the boxes have around the objects, the answer's is PADDING.
-    """
-    half, middle = 0.5 * (boxes[:, 3:] - boxes[:, 1:3]), 0.5 * (boxes[:, 3:] + boxes[:, 1:3]) * factor
-    half = np.maximum(half - 0.5 * padding, 1.0) * factor + 0.5 * PADDING
-    return np.concatenate([boxes[:, :1], middle - half, middle + half], axis=1).astype(np.float32)
+def scaled(boxes: NDArray, factor: float) -> NDArray[np.float32]:
+    """Boxes (k, 5) of a image scaled by a factor."""
+    return (boxes * np.array([1.0, factor, factor, factor, factor])).astype(np.float32)
 
 
 class Frames:
-    """The cached frames of some splits: images (n, 512, 640, 3) as a memory map and boxes (k, 5) of class, x1, y1, x2, y2.
-
-    The boxes have `padding` pixels around the objects: the labels' of real clips, none of simulated ones.
-    """
+    """The cached frames of some splits: images (n, 512, 640, 3) as a memory map, tight boxes (k, 5) of class and corners."""
 
     def __init__(self, cache: Path, *splits: str) -> None:
         index = json.loads((cache / 'index.json').read_text())
         self.images = np.memmap(cache / 'frames.u8', np.uint8, 'r', shape=(len(index), HEIGHT, WIDTH, 3))
         self.rows = [i for i, entry in enumerate(index) if entry['split'] in splits]
         self.clips = [index[i]['clip'] for i in self.rows]
-        self.padding = NO_PADDING if self.clips and self.clips[0].startswith('V_SIM') else PADDING
         self.boxes = [np.array(index[i]['boxes'], np.float32).reshape(-1, 5) for i in self.rows]
 
     def __len__(self) -> int:

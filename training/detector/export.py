@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from clips import CLASSES, HEIGHT, PADDING, WIDTH, Frames, scaled
+from album import cut
+from clips import CLASSES, HEIGHT, WIDTH, Frames, scaled
 from measure import FrameResult, Measurement, detect_all, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from painted import log_uniform
 from pasting import paste
-from samples import clip_boxes
 from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
@@ -124,10 +124,11 @@ def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: 
     while len(results) < count:
         i = int(rng.integers(len(frames)))
         crop = np.ascontiguousarray(frames.image(i)[:, :HEIGHT])
-        there = clip_boxes(frames.boxes[i], HEIGHT)
+        there = cut(frames.boxes[i], HEIGHT, HEIGHT)
         truth = paste(rng, crop, there, sprites, log_uniform(rng, 12.0, 300.0), 1.0, np.zeros(3), 0)
         if len(truth) > len(there):
-            results.append(FrameResult(f'rendered {len(results)}', 0.0, detector.candidates(crop, detector.threshold), truth))
+            seen = detector.candidates(crop, detector.threshold)
+            results.append(FrameResult(f'rendered {len(results)}', 0.0, seen, truth, truth))
     return results
 
 
@@ -156,7 +157,7 @@ def main() -> None:
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
     metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'near_imgsz': str(NEAR_INPUT),
-                'padding': str(PADDING.tolist()), 'license': 'Apache-2.0', 'steps': steps,
+                'license': 'Apache-2.0', 'steps': steps,
                 'description': 'Drone detector, trained from YOLOX-nano (Megvii, Apache-2.0); see the model card'}
     low = DetectorSettings(score_threshold=LOWEST, keep=('drone',))
     write(Decoded(network, mixing, shift), args.out, metadata)

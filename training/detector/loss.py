@@ -44,7 +44,7 @@ def complete_iou(a: Tensor, b: Tensor) -> Tensor:
 @torch.no_grad()
 def assign(truth: Tensor, corners: Tensor, strides: Tensor) -> tuple[Tensor, Tensor]:
     """For each cell the object (k, 5: class, x1, y1, x2, y2) it answers for, -1 for none, and that it is let off for, too."""
-    owner = torch.full((len(corners),), -1, dtype=torch.long)
+    owner = torch.full((len(corners),), -1, dtype=torch.long, device=corners.device)
     lenient = owner.clone()
     if not len(truth):
         return owner, lenient

@@ -6,9 +6,11 @@ import numpy as np
 from clips import CLASSES, HEIGHT, WIDTH, Frames
 from numpy.typing import NDArray
 from pasting import outlined
+from tight import padded, standing_out
 
 BLOCK, CROWD, LEAST = 64, 12.0, 20  # pixels, spread of grey, blocks of a clip
 CUTOUTS = 12  # of each clip
+ROUND = np.array([8.0, 8.0], np.float32)  # pixels of sky around an object that is cut out
 DARK = 90  # grey of walls and woods
 
 
@@ -35,23 +37,12 @@ def cutouts(frames: Frames) -> list[list[NDArray[np.uint8]]]:
     for rows in of_clip.values():
         for i in rows[::max(len(rows) // CUTOUTS, 1)]:
             for label, *box in frames.boxes[i]:
-                crop, off = standing_out(frames.image(i), box)
+                crop, off = standing_out(frames.image(i), padded(np.array(box), ROUND))
                 if min(crop.shape[:2]) < 8 or off is None:
                     continue
                 sprite = np.dstack([crop, np.clip((off - 10.0) * 8.0, 0, 255)]).astype(np.uint8)
                 made[int(label)].append(outlined(sprite))
     return made
-
-
-def standing_out(image: NDArray, box: NDArray) -> tuple[NDArray, NDArray | None]:
-    """What is in a box and how far (h, w) each pixel is from the colour around the box; None where that is no plain sky."""
-    x1, y1, x2, y2 = np.rint(np.clip(box, 0, [WIDTH, HEIGHT] * 2)).astype(int)
-    crop = image[y1:y2, x1:x2]
-    around = surroundings(image, x1, y1, x2, y2).astype(np.float32)
-    rim = np.concatenate([around[:4].reshape(-1, 3), around[-4:].reshape(-1, 3), around[:, :4].reshape(-1, 3)])
-    if rim.std(axis=0).max() > 6.0:
-        return crop, None
-    return crop, np.abs(crop - np.median(rim, axis=0)).max(axis=2)
 
 
 def surroundings(image: NDArray, x1: int, y1: int, x2: int, y2: int) -> NDArray:

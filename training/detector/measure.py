@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-from clips import PADDING, clips_of, film
-from material import standing_out
+from clips import clips_of, film
 from numpy.typing import NDArray
+from tight import PADDING, padded, tightened, without_padding
 
 from av_vision.detections import Candidates
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
-
-STANDS_OUT = 20.0  # of 255, from the colour of the sky
 
 
 @dataclass
@@ -99,49 +97,54 @@ def match(boxes: NDArray, real: NDArray) -> tuple[NDArray, NDArray]:
 
 @dataclass
 class FrameResult:
-    """What a network saw in one image, and the boxes (k, 5) of class, x1, y1, x2, y2 that are there."""
+    """What a network saw in one image, and what is there: tight boxes (k, 5) of class, x1, y1, x2, y2 and the labels' own."""
 
     clip: str
     time: float
     seen: Candidates
     truth: NDArray[np.float32]
+    labels: NDArray[np.float32]
 
-    @property
-    def drones(self) -> NDArray[np.float32]:
-        """Boxes (k, 4) of the drones that are there."""
-        return self.truth[self.truth[:, 0] == 0, 1:]
-
-
-def extent(image: NDArray[np.uint8], box: NDArray) -> float:
-    """Longer side in pixels of what a label is around: of what stands out, or the label less its padding where no sky is plain.
-
-    Some labels are three times as large as their drone.
-    """
-    _, off = standing_out(image, box)
-    if off is None:
-        return float((box[2:] - box[:2] - PADDING).max())
-    return float(max(*cv2.boundingRect((off > STANDS_OUT).astype(np.uint8))[2:], 1))
+    def drones(self, loose: bool = False) -> NDArray[np.float32]:
+        """Boxes (k, 4) of the drones that are there, tight or as labelled."""
+        some = self.labels if loose else self.truth
+        return some[some[:, 0] == 0, 1:]
 
 
 def detect_all(detector: Detector, data: Path, split: str) -> list[FrameResult]:
     """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold."""
-    return [FrameResult(clip, time, detector.candidates(image, detector.threshold), truth)
-            for clip in clips_of(data, split) for time, image, truth in film(data, clip)]
+    results = []
+    for clip in clips_of(data, split):
+        results += [FrameResult(clip, time, detector.candidates(image, detector.threshold), tightened(image, labels), labels)
+                    for time, image, labels in film(data, clip)]
+        print(f'\r{split}: {len(results)} images', end='', file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return results
 
 
-def measure(results: list[FrameResult], detector: Detector, temporal_fusion: bool = True) -> Measurement:
-    """What the detector reports: with `temporal_fusion` as on the rig, or each image by itself."""
+def measure(results: list[FrameResult], detector: Detector, temporal_fusion: bool = True, loose: bool = False) -> Measurement:
+    """What the detector reports: with `temporal_fusion` as on the rig, or each image by itself.
+
+    Its boxes without their padding are compared with tight ones, or `loose`, with the labels' padding, with the labels.
+    """
     scores, overlaps, offsets, frames = [], [], [], []
-    clip = ''
+    clip, padding = '', detector.model.box_padding
     for i, result in enumerate(results):
         if result.clip != clip:
             clip, temporal = result.clip, TemporalDetector(detector, temporal_fusion=temporal_fusion)
         found, _ = temporal.fuse(result.seen, result.time)
-        overlap, offset = match(found.boxes, result.drones)
+        boxes = without_padding(found.boxes, padding)
+        overlap, offset = match(padded(boxes, PADDING) if loose else boxes, result.drones(loose))
         scores.append(found.scores)
         overlaps.append(overlap)
         offsets.append(offset)
         frames.append(np.full(len(found), i))
     overlap = np.concatenate(overlaps)
     return Measurement(np.clip(np.concatenate(scores).astype(float), 1e-6, 1 - 1e-6), overlap >= 0.3, overlap,
-                       np.concatenate(offsets), np.concatenate(frames), np.array([len(result.drones) for result in results]))
+                       np.concatenate(offsets), np.concatenate(frames), np.array([len(one.drones()) for one in results]))
+
+
+def longer_sides(results: list[FrameResult]) -> NDArray[np.float64]:
+    """Size in pixels of the drone in each image; NaN where there is not just one."""
+    drones = [result.drones() for result in results]
+    return np.array([(one[0, 2:] - one[0, :2]).max() if len(one) == 1 else np.nan for one in drones])

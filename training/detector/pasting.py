@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from clips import NO_PADDING, scaled
 from numpy.typing import NDArray
 from painted import Rng
 
@@ -49,8 +48,7 @@ def paste(rng: Rng, image: NDArray, boxes: NDArray, sprites: list[NDArray], size
     boxes = boxes[shared_with(boxes, x, y, w, h) < 0.4]
     if label is None:
         return boxes
-    padded = np.clip(scaled(np.array([[label, *box]], np.float32), 1.0, NO_PADDING), 0, side)
-    return np.concatenate([boxes, padded]).astype(np.float32)
+    return np.concatenate([boxes, np.array([[label, *box]])]).astype(np.float32)
 
 
 def crowd(image: NDArray[np.uint8], x: int, y: int, w: int, h: int) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from album import Album, cut
 from clips import CLASSES, HEIGHT, WIDTH, Frames, scaled
 from material import before_dark, crowded_places, cutouts
 from numpy.typing import NDArray
@@ -13,9 +14,9 @@ from pasting import fog, paste
 Sample = tuple[NDArray[np.uint8], NDArray[np.float32]]
 cv2.setNumThreads(1)  # the network has the cores
 PAINTED, BRANCHES = 120, 150  # images
-MIXTURE = {'DRONE': 0.15, 'BIRD': 0.12, 'AIRPLANE': 0.16, 'HELICOPTER': 0.08, 'CROWDED': 0.27, 'PAINTED': 0.03,
-           'SIMULATED': 0.19}
-ENLARGED = 0.6  # share of the crops
+MIXTURE = {'DRONE': 0.10, 'BIRD': 0.06, 'AIRPLANE': 0.09, 'HELICOPTER': 0.05, 'CROWDED': 0.13, 'PAINTED': 0.02,
+           'SIMULATED': 0.10, 'ELSEWHERE': 0.45}
+ENLARGED = 0.45  # share of the crops
 SCALES = (1.25, 1.6, 2.0, 2.25, 2.5, 3.0)  # of images and tiles, as the detector enlarges them
 CROWDED = 0.75  # share of the renders that are pasted where there is something behind them
 BEFORE_DARK = 0.7  # share of the simulator's crops with a drone before something dark
@@ -29,8 +30,8 @@ class Sampler:
     Labels are (k, 5): class, x1, y1, x2, y2 in pixels of the crop.
     """
 
-    def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None) -> None:
-        self._frames, self._simulated = frames, simulated
+    def __init__(self, frames: Frames, bank: Bank, simulated: Frames | None = None, album: Album | None = None) -> None:
+        self._frames, self._simulated, self._album = frames, simulated, album
         self._sprites = [bank[kind] for kind in CLASSES]
         self._others = bank['other']
         self._branches = [branches(np.random.default_rng([number, 4])) for number in range(BRANCHES)]
@@ -44,7 +45,8 @@ class Sampler:
         dark = np.array([before_dark(simulated, i) for i in range(len(simulated))]) if simulated else np.zeros(0, bool)
         self._before_dark = np.flatnonzero(dark if dark.any() else ~dark)
         self._before_light = np.flatnonzero(dark if dark.all() else ~dark)
-        there = {'CROWDED': bool(self._crowded), 'PAINTED': True, 'SIMULATED': bool(len(dark))}
+        there = {'CROWDED': bool(self._crowded), 'PAINTED': True, 'SIMULATED': bool(len(dark)),
+                 'ELSEWHERE': bool(album)}
         self._kinds = [kind for kind in MIXTURE if there.get(kind, kind in self._by_kind)]
         shares = np.array([MIXTURE[kind] for kind in self._kinds])
         self._shares = shares / shares.sum()
@@ -65,6 +67,8 @@ class Sampler:
         elif kind == 'SIMULATED':
             some = self._before_dark if rng.random() < BEFORE_DARK else self._before_light
             image, boxes = window_of(rng, self._simulated, int(rng.choice(some)), side)
+        elif kind == 'ELSEWHERE':
+            image, boxes = self._album.draw(rng, side)
         elif kind == 'CROWDED':
             i, *centre = rng.choice(self._crowded[rng.integers(len(self._crowded))])
             image, boxes = window_of(rng, self._frames, int(i), side, np.array(centre))
@@ -89,7 +93,7 @@ class Sampler:
                 nearer = clearness ** rng.uniform(0.15, 1.0)
                 # Large crops are few, and only they hold near drones.
                 most = 0.9 * side if side >= 200 or rng.random() < 0.5 else 40.0
-                least = 6.0 if side < 200 else 8.0 if side < 400 else 40.0
+                least = 6.0 if side < 200 else 7.0
                 size = log_uniform(rng, max(least / scale, 6.0), most / scale)
                 boxes = paste(rng, image, boxes, self._sprites[0], size, nearer, veil, 0, rng.random() < CROWDED)
         return boxes
@@ -140,22 +144,13 @@ def window_of(rng: Rng, frames: Frames, i: int, side: int, centre: NDArray | Non
     if centre is not None:
         low, high = np.clip(centre - 0.9 * window, 0, high), np.clip(centre - 0.1 * window, 0, high)
     corner = np.floor(rng.uniform(low, high + 1e-6))
-    cut = round(window)
+    extent = round(window)
     x, y = corner.astype(int)
-    crop = frame[y:y + cut, x:x + cut]
+    crop = frame[y:y + extent, x:x + extent]
     scale = side / np.array(crop.shape[1::-1], float)
     image = cv2.resize(crop, (side, side), interpolation=cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR)
     moved = boxes - np.array([0, x, y, x, y], np.float32)
-    return image, clip_boxes(scaled(moved, float(scale.mean()), frames.padding), side)
-
-
-def clip_boxes(boxes: NDArray, side: int, least: float = 0.45) -> NDArray[np.float32]:
-    """Boxes cut at the crop's edge; those of which less than `least` is left go."""
-    cut = boxes.copy()
-    cut[:, 1:] = np.clip(boxes[:, 1:], 0, side)
-    area = np.prod(boxes[:, 3:] - boxes[:, 1:3], axis=1)
-    left = np.prod(cut[:, 3:] - cut[:, 1:3], axis=1)
-    return cut[left >= least * np.maximum(area, 1e-6)].astype(np.float32)
+    return image, cut(scaled(moved, float(scale.mean())), side, side)
 
 
 def visible(image: NDArray[np.uint8], box: NDArray) -> bool:

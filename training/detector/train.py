@@ -18,6 +18,7 @@ from threading import Event
 
 import numpy as np
 import torch
+from album import Album
 from clips import Frames, build_cache
 from loss import loss
 from network import Network, cells
@@ -29,7 +30,7 @@ from torch import Tensor
 
 # (side of the crops, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
 # things and how much in a image is nothing.
-BATCHES = ((128, 40, 0.42), (256, 14, 0.28), (512, 5, 0.2), (768, 2, 0.1))
+BATCHES = ((128, 40, 0.2), (256, 14, 0.3), (416, 6, 0.3), (640, 3, 0.2))
 WARM_UP, DECAY = 200, 0.5
 
 
@@ -40,32 +41,48 @@ def rate_at(step: int, steps: int, peak: float) -> float:
 
 
 class Loader:
-    """Makes the crops of the next step in a process of its own while the network learns from the last ones."""
+    """Makes the crops of the next steps in processes of its own while the network learns from the last ones.
 
-    def __init__(self, sampler: Sampler, seed: int, step: int) -> None:
+    Parameters:
+        sampler: what makes a crop.
+        seed: seed of all steps.
+        step: the first step.
+        workers: number of processes, each of which makes one step in turn.
+        times: factor of the number of crops a step.
+        device: where the images and labels go.
+    """
+
+    def __init__(self, sampler: Sampler, seed: int, step: int, workers: int, times: int, device: str) -> None:
         forked = get_context('fork')
-        self._ask, theirs = forked.Pipe()
-        forked.Process(target=make_crops, args=(self._ask, theirs, sampler, seed), daemon=True).start()
-        theirs.close()
-        self._ask.send(step)
+        self._device, self._asked = device, []
+        for number in range(workers):
+            ours, theirs = forked.Pipe()
+            self._asked.append(ours)
+            # A worker must not keep the trainer's ends open: nobody's asking would never show.
+            forked.Process(target=make_crops, args=(list(self._asked), theirs, sampler, seed, times), daemon=True).start()
+            theirs.close()
+            ours.send(step + number)
 
-    def get(self, next_step: int) -> tuple[Tensor, list[Tensor]]:
-        """Images (n, 3, side, side) RGB in 0-1 and their labels (k, 5) of the step asked for before."""
-        images, boxes = self._ask.recv()
-        self._ask.send(next_step)
-        tensor = torch.from_numpy(images).flip(-1).permute(0, 3, 1, 2).float().div_(255.0)
-        return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one) for one in boxes]
+    def get(self, step: int) -> tuple[Tensor, list[Tensor]]:
+        """Images (n, 3, side, side) RGB in 0-1 and their labels (k, 5) of the next step, whose number this is."""
+        worker = self._asked.pop(0)
+        images, boxes = worker.recv()
+        worker.send(step + len(self._asked) + 1)
+        self._asked.append(worker)
+        tensor = torch.from_numpy(images).to(self._device).flip(-1).permute(0, 3, 1, 2).float().div_(255.0)
+        return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one).to(self._device) for one in boxes]
 
 
-def make_crops(asking: Connection, answer: Connection, sampler: Sampler, seed: int) -> None:
+def make_crops(asking: list[Connection], answer: Connection, sampler: Sampler, seed: int, times: int) -> None:
     """For each step asked for: images (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
-    asking.close()  # the trainer's end, inherited: were it open here, nobody's asking would never show
+    for inherited in asking:
+        inherited.close()
     with suppress(EOFError, BrokenPipeError):
         while True:
             rng = np.random.default_rng([seed, answer.recv()])
             side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
-            drawn = [sampler.draw(rng, side) for _ in range(count)]
+            drawn = [sampler.draw(rng, side) for _ in range(times * count)]
             answer.send((np.stack([image for image, _ in drawn]), [boxes for _, boxes in drawn]))
 
 
@@ -94,6 +111,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--rate', type=float, default=8e-4, help='peak learning rate (AdamW)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
+    parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
+    parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
+    parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
+    parser.add_argument('--times', type=int, default=1, help='factor of the crops a step, for accelerators')
     parser.add_argument('--pause-file', type=Path, help='training sleeps while this file exists')
     return parser.parse_args()
 
@@ -105,10 +126,11 @@ def main() -> None:
     torch.manual_seed(args.seed)
     build_cache(args.data, args.cache)
     build_simulated(args.cache / 'simulated')
-    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), Frames(args.cache / 'simulated', 'train'))
+    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), Frames(args.cache / 'simulated', 'train'),
+                      Album(args.cache, tuple(args.leave_out)))
     network = Network()
     start_from(network, args.start)
-    network = network.to(memory_format=torch.channels_last)
+    network = network.to(args.device, memory_format=torch.channels_last)
     average = deepcopy(network).eval()
     decayed = [p for p in network.parameters() if p[0].numel() > 1]
     plain = [p for p in network.parameters() if p[0].numel() == 1]
@@ -117,23 +139,25 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     checkpoint, step = args.out / 'checkpoint.pt', 0
     if checkpoint.exists():
-        state = torch.load(checkpoint)
+        state = torch.load(checkpoint, map_location=args.device)
         network.load_state_dict(state['network'])
         average.load_state_dict(state['average'])
         optimizer.load_state_dict(state['optimizer'])
         step = state['step']
-    loader = Loader(sampler, args.seed, step)
+    loader = Loader(sampler, args.seed, step, args.workers, args.times, args.device)
     last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
     stopped = Event()
     signal.signal(signal.SIGTERM, lambda *_: stopped.set())
     while step < args.steps and not stopped.is_set():
         while args.pause_file and args.pause_file.exists():
             time.sleep(1.0)
-        images, truth = loader.get(step + 1)
+        images, truth = loader.get(step)
         for group in optimizer.param_groups:
             group['lr'] = rate_at(step, args.steps, args.rate)
-        logits, raw = network(images)
-        total, parts = loss(logits, raw, truth, *cells(*images.shape[2:]))
+        with torch.autocast(args.device, torch.bfloat16, enabled=args.device == 'cuda'):
+            logits, raw = network(images)
+        grid = (one.to(args.device) for one in cells(*images.shape[2:]))
+        total, parts = loss(logits.float(), raw.float(), truth, *grid)
         if not math.isfinite(total.item()):
             raise FloatingPointError(f'the loss is {total.item()} at step {step}: lower --rate')
         optimizer.zero_grad(set_to_none=True)
