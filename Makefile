@@ -4,7 +4,7 @@
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
 #   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
-#   make detector   every figure of a detector's model card (MODEL=file, CACHE=folder for 7 GB, DATA=folder)
+#   make detector   every figure of a detector's model card, COCO's beside it (MODEL=file, CACHE=folder for 9 GB, DATA=folder)
 #   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
 #   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
@@ -38,7 +38,8 @@ report: build
 		$(if $(QUICK),--quick --out results/report_quick,--readme README.md --out results/report)
 
 detector: build
-	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection
+	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection \
+		--coco $(DATA)/models/yolox_nano_coco.onnx
 
 # Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked if actionlint is installed.
 lint: layers packages links

@@ -57,7 +57,7 @@ class Album:
         sources = self._places[rng.choice(len(self._places), p=self._shares)]
         versions = sources[rng.integers(len(sources))]
         picture = versions[rng.integers(len(versions))]
-        return view_of(rng, picture.image(), picture.truth, side)
+        return view_of(rng, *picture.load(), side)
 
 
 def view_of(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32], side: int) -> Sample:

@@ -80,7 +80,8 @@ def build_cache(data: Path, cache: Path, stride: int = 8) -> None:
                     if frame.shape[:2] != (HEIGHT, WIDTH):
                         raise ValueError(f'{clip} has frames of {frame.shape[1::-1]}, expected {(WIDTH, HEIGHT)}')
                     out.write(frame.tobytes())
-                    there = tightened(frame, boxes.get(number, [])).tolist()
+                    labels = np.array(boxes.get(number, []), np.float32).reshape(-1, 5)
+                    there = tightened(frame, labels).tolist()
                     index.append({'clip': clip, 'frame': number, 'split': split_of(clip), 'boxes': there})
                 number += 1
     (cache / 'index.json').write_text(json.dumps(index))

@@ -67,8 +67,8 @@ def look_at(detector: Detector, place: Place, cache: Path, count: int) -> Elsewh
     chosen = np.random.default_rng(0).permutation(len(there))[:count]
     shares, found, scores, hits, false, drones = [], [], [], [], [], []
     for number, i in enumerate(chosen):
-        image = there[i].image()
-        real = there[i].truth[there[i].truth[:, 0] == 0, 1:]
+        image, truth = there[i].load()
+        real = truth[truth[:, 0] == 0, 1:]
         seen = detector.detect(image)
         boxes = without_padding(seen.boxes, detector.model.box_padding)
         right = match(boxes, real)[0] >= 0.3
@@ -84,5 +84,5 @@ def look_at(detector: Detector, place: Place, cache: Path, count: int) -> Elsewh
         if number % 20 == 19:
             print(f'\r{place.name}: {number + 1} of {len(chosen)} pictures', end='', file=sys.stderr, flush=True)
     print(file=sys.stderr)
-    return Elsewhere(*(np.concatenate(one).astype(float) for one in (shares, found, scores)), np.concatenate(hits),
+    return Elsewhere(np.concatenate(shares), np.concatenate(found), np.concatenate(scores).astype(float), np.concatenate(hits),
                      np.array(false), np.array(drones))

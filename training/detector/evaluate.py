@@ -6,6 +6,7 @@ With `--coco MODEL` a COCO model, whose airplanes, birds and kites are drones, i
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -91,8 +92,8 @@ def elsewhere(detector: Detector, threshold: float, cache: Path, count: int) -> 
         by_share = '  '.join(f'{one.recall(threshold, low, high):.2f}' for low, high in pairwise(SHARES))
         print(f'{place.name:10} {len(one.drones):8} {one.drones.sum():6}  {one.recall(threshold):.3f}   '
               f'{one.false_pictures(threshold):.3f}   {one.calibration_error():.3f}   {by_share}', flush=True)
-        judged = 'judged on only' if place in JUDGED else 'may be trained on'
-        rows.append((f'pictures of {place.name} ({judged}), recall at IoU 0.3 / pictures with a false drone',
+        use = 'judged on only' if place in JUDGED else 'may be trained on'
+        rows.append((f'pictures of {place.name} ({use}), recall at IoU 0.3 / pictures with a false drone',
                      'COCO + 0.10 / a quarter', f'{one.recall(threshold):.2f} / {one.false_pictures(threshold):.3f}'))
     judged = together(seen[len(SOURCES):])
     share, number = judged.right_at_half()
@@ -185,10 +186,11 @@ def simulator(detector: Detector, threshold: float) -> None:
 
 def figures(model: Path, classes: tuple[str, ...], args: argparse.Namespace) -> list[Row]:
     """Every figure of one detector, printed; the rows of the table that compares it with others."""
-    settings = {'keep': ('drone',), 'rename': dict.fromkeys(classes, 'drone'), 'input_size': 0 if classes else args.size}
-    plain = Detector(model, DetectorSettings(**settings))
-    low = Detector(model, DetectorSettings(**settings, score_threshold=LOWEST))
-    threshold, rows = plain.threshold, []
+    rename, size = dict.fromkeys(classes, 'drone'), 0 if classes else args.size
+    settings = DetectorSettings(keep=('drone',), rename=rename, input_size=size)
+    plain, low = Detector(model, settings), Detector(model, replace(settings, score_threshold=LOWEST))
+    threshold = plain.threshold
+    rows: list[Row] = []
     print(f'\n{model.name}, threshold {threshold}')
     if 'real' in args.only:
         rows += real(low, threshold, args.data, args.clips)
@@ -199,7 +201,7 @@ def figures(model: Path, classes: tuple[str, ...], args: argparse.Namespace) -> 
         print('rendered drones, recall at IoU 0.3, 512 x 512 images:')
         rows += rendered(plain, frames, sprites, HEIGHT)
         print(f'1280 x 512 images in tiles of {SLICE}:')
-        rendered(Detector(model, DetectorSettings(**settings, slice_size=SLICE)), frames, sprites, 1280, 60)
+        rendered(Detector(model, replace(settings, slice_size=SLICE)), frames, sprites, 1280, 60)
     if 'simulator' in args.only:
         print('simulator, a drone of 0.5 m at 3 to 20 m:')
         simulator(low, threshold)

@@ -3,7 +3,9 @@
 `python export.py CHECKPOINT [CHECKPOINT ...] OUT.onnx --cache FOLDER --data DRONE_DETECTION`. Of several checkpoints of one
 run the mean of the weights is exported (Izmailov et al. 2018, arXiv:1803.05407): it is surer about places that no clip shows.
 
-All that is fitted here comes from the split `validation` alone. Logistic regression (Platt 1999, with the other classes'
+All that is fitted here comes from what a network was not trained on: the split `validation`, and the pictures of the places
+that the checkpoints of `--unseen` (of the same recipe, each without a place) left out; what is known of a network on pictures
+that it knows says nothing about others. Logistic regression (Platt 1999, with the other classes'
 logits as further evidence against) is folded into the graph, so that a drone's score is the probability that it is one; the
 threshold is the best for the clips as a rig sees them, in time (`av_vision.score_fusion`), and for rendered drones of all sizes
 (of builds of their own), with few false drones on birds, airplanes and helicopters.
@@ -14,19 +16,22 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
 import torch
 from album import cut
-from clips import CLASSES, HEIGHT, WIDTH, Frames, scaled
+from clips import CLASSES, HEIGHT, Frames
 from measure import FrameResult, Measurement, detect_all, match, measure
 from network import STRIDES, Network, cells, to_boxes
 from numpy.typing import NDArray
 from painted import log_uniform
 from pasting import paste
+from places import SOURCES, pictures
 from scipy.optimize import minimize
 from sprites import build_bank
 from torch import Tensor, nn
@@ -34,10 +39,10 @@ from torch import Tensor, nn
 from av_vision.detections import suppress
 from av_vision.score_fusion import ScoreFusionModel, logit
 from av_vision.yolo import Detector, DetectorSettings
-from av_vision.yolo.letterbox import letterbox, to_tensor
+from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 
-INPUT = 1280  # pixels of the longer side: enlarged, what is small is told apart better
-NEAR_INPUT = 320  # ... and what fills much of the image is seen as large as it was in training
+INPUT = 640  # pixels of the longer side
+NEAR_INPUT = 192  # ... and what fills much of the image is seen as large as it was in training
 LOWEST = 0.01
 FALSE = 0.05  # share of images without a drone that may show one
 # How the images of one thing belong together. Fitted once, to an earlier network's validation tracks, and held: of few clips
@@ -101,21 +106,35 @@ def fit(logits: NDArray, hits: NDArray) -> tuple[NDArray, float]:
 
 
 @torch.no_grad()
-def candidates(network: Network, frames: Frames) -> tuple[NDArray, NDArray]:
-    """Logits (n, classes) of the places that might be drones, and whether they are (IoU at least 0.3, each drone once)."""
-    found, hits = [], []
-    width, height = INPUT, INPUT * HEIGHT // WIDTH
-    corners, strides = cells(height, width)
-    for i in range(len(frames)):
-        image = to_tensor([letterbox(frames.image(i), height, width)[0]], True, 1.0 / 255.0, np.float32)
-        logits, raw = network(torch.from_numpy(image))
+def candidates(network: Network, images: Iterable[tuple[NDArray, NDArray]]) -> tuple[NDArray, NDArray]:
+    """Of images and their boxes (k, 5): logits (n, classes) of what might be drones, and whether it is (IoU at least 0.3)."""
+    found, hits = [np.empty((0, len(CLASSES)), np.float32)], [np.empty(0, bool)]
+    for image, truth in images:
+        fitted, scale = letterbox(image, *fitting_size(*image.shape[:2], INPUT))
+        logits, raw = network(torch.from_numpy(to_tensor([fitted], True, 1.0 / 255.0, np.float32)))
         some = torch.sigmoid(logits[0, :, 0]) > LOWEST
+        corners, strides = cells(*fitted.shape[:2])
         logits, boxes = logits[0, some].numpy(), to_boxes(raw[0], corners, strides)[some].numpy()
         kept = suppress(boxes, logits[:, 0] + 10.0, DetectorSettings.nms_iou, DetectorSettings.nms_nested)
-        real = scaled(frames.boxes[i], INPUT / WIDTH)[frames.boxes[i][:, 0] == 0, 1:]
         found.append(logits[kept])
-        hits.append(match(boxes[kept], real)[0] >= 0.3)
+        hits.append(match(boxes[kept], scale * truth[truth[:, 0] == 0, 1:])[0] >= 0.3)
     return np.concatenate(found), np.concatenate(hits)
+
+
+def network_of(states: list[dict[str, Any]]) -> Network:
+    """The network of the mean of some checkpoints' weights."""
+    network = Network()
+    network.load_state_dict(mean_of([state['average'] for state in states]))
+    return network.eval()
+
+
+def unseen(state: dict[str, Any], cache: Path, count: int = 400) -> Iterator[tuple[NDArray, NDArray]]:
+    """Some pictures of each place that a checkpoint's training left out, with their boxes."""
+    for place in SOURCES:
+        if place.name in state.get('left_out', ()):
+            there = list(pictures(place, cache))
+            for i in np.random.default_rng(0).permutation(len(there))[:count]:
+                yield there[i].load()
 
 
 def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: int = 500) -> list[FrameResult]:
@@ -145,15 +164,18 @@ def main() -> None:
     parser.add_argument('out', type=Path)
     parser.add_argument('--cache', type=Path, required=True)
     parser.add_argument('--data', type=Path, required=True)
+    parser.add_argument('--unseen', type=Path, nargs='*', default=[], help='checkpoints of trainings that left places out')
     args = parser.parse_args()
-    states = [torch.load(checkpoint) for checkpoint in args.checkpoints]
+    states = [torch.load(checkpoint, map_location='cpu') for checkpoint in args.checkpoints]
     steps = ' + '.join(f'{count} x {step}' for step, count in Counter(state['step'] for state in states).items())
-    network = Network()
-    network.load_state_dict(mean_of([state['average'] for state in states]))
-    network.eval()
+    network = network_of(states)
     frames = Frames(args.cache, 'validation')
     names = json.dumps(dict(enumerate(CLASSES)))
-    weights, shift = fit(*candidates(network, frames))
+    known = candidates(network, ((frames.image(i), frames.boxes[i]) for i in range(len(frames))))
+    others = [torch.load(checkpoint, map_location='cpu') for checkpoint in args.unseen] or states[-1:]
+    parts = [known, *(candidates(network_of([state]), unseen(state, args.cache)) for state in others)]
+    print('calibrated on', ', '.join(f'{len(hits)} boxes, {np.sum(hits)} drones' for _, hits in parts), flush=True)
+    weights, shift = fit(*(np.concatenate(each) for each in zip(*parts, strict=True)))
     mixing = weights[0] * np.eye(len(CLASSES))
     mixing[0] = weights
     metadata = {'names': names, 'task': 'detect', 'imgsz': str(INPUT), 'near_imgsz': str(NEAR_INPUT),

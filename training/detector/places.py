@@ -68,19 +68,22 @@ JUDGED = (
 class Picture:
     """A picture: its file, what it was made from (versions and frames of one source share it) and its boxes (k, 5).
 
-    A box is class, x1, y1, x2, y2 in pixels, tight around the object.
+    A box is class, x1, y1, x2, y2, tight around the object, as shares of the picture or in `pixels`.
     """
 
     path: Path
     source: str
-    truth: NDArray[np.float32]
+    boxes: NDArray[np.float32]
+    pixels: bool
 
-    def image(self) -> NDArray[np.uint8]:
-        """The picture, BGR; ValueError when the file is none."""
+    def load(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """The picture, BGR, and its boxes (k, 5) in pixels; ValueError when the file is no picture."""
         image = cv2.imread(str(self.path), cv2.IMREAD_COLOR)
         if image is None:
             raise ValueError(f'{self.path} is no picture')
-        return image
+        height, width = image.shape[:2]
+        scale = np.array([1.0] * 5 if self.pixels else [1.0, width, height, width, height], np.float32)
+        return np.asarray(image, np.uint8), self.boxes * scale
 
 
 def fetch(place: Place, cache: Path) -> Path:
@@ -101,7 +104,8 @@ def fetch(place: Place, cache: Path) -> Path:
 
 def pictures(place: Place, cache: Path) -> Iterator[Picture]:
     """The pictures of a place in a fixed order: one version of each source picture, none that is left out."""
-    folder, seen = fetch(place, cache), set()
+    folder = fetch(place, cache)
+    seen: set[str] = set()
     for path in sorted(folder.rglob('*')):
         name = f'/{path.relative_to(folder)}'
         if path.suffix.lower() not in ('.jpg', '.jpeg', '.png') or re.search(place.without, name):
@@ -111,9 +115,9 @@ def pictures(place: Place, cache: Path) -> Iterator[Picture]:
             continue
         seen.add(stem)
         label = folder / name[1:].replace(place.images, place.labels)
-        truth = read_corners(label, place) if place.corners else read_shares(label.with_suffix('.txt'), path, place)
-        if len(truth) or place.whole:
-            yield Picture(path, source_of(stem), truth[truth[:, 0] != NOTHING])
+        boxes = read_corners(label, place) if place.corners else read_shares(label.with_suffix('.txt'), place)
+        if len(boxes) or place.whole:
+            yield Picture(path, source_of(stem), boxes[boxes[:, 0] != NOTHING], place.corners)
 
 
 def source_of(stem: str) -> str:
@@ -122,19 +126,15 @@ def source_of(stem: str) -> str:
     return film if film.startswith('video') and number.isdigit() else stem
 
 
-def read_shares(label: Path, picture: Path, place: Place) -> NDArray[np.float32]:
+def read_shares(label: Path, place: Place) -> NDArray[np.float32]:
     """Boxes (k, 5) of a YOLO label: class and centre and size, or the corners of an outline, as shares of the picture."""
-    rows = [np.array(line.split(), float) for line in label.read_text().splitlines()] if label.exists() else []
-    size, truth = None, []
-    for row in rows:
-        if len(row) < 5:
-            continue
-        if size is None:
-            height, width = cv2.imread(str(picture)).shape[:2]
-            size = np.array([width, height], np.float32)
-        points = row[1:].reshape(-1, 2) if len(row) > 5 else np.stack([row[1:3] - 0.5 * row[3:], row[1:3] + 0.5 * row[3:]])
-        truth.append([place.classes[int(row[0])], *(points.min(0) * size), *(points.max(0) * size)])
-    return np.array(truth, np.float32).reshape(-1, 5)
+    boxes = []
+    for line in label.read_text().splitlines() if label.exists() else ():
+        row = np.array(line.split(), float)
+        if len(row) >= 5:
+            points = row[1:].reshape(-1, 2) if len(row) > 5 else row[1:3] + np.array([[-0.5], [0.5]]) * row[3:]
+            boxes.append([place.classes[int(row[0])], *points.min(0), *points.max(0)])
+    return np.array(boxes, np.float32).reshape(-1, 5)
 
 
 def read_corners(picture: Path, place: Place) -> NDArray[np.float32]:

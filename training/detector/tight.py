@@ -59,7 +59,7 @@ def tight_box(image: NDArray[np.uint8], box: NDArray) -> tuple[NDArray[np.float3
 
 def tightened(image: NDArray[np.uint8], boxes: NDArray) -> NDArray[np.float32]:
     """Labels (k, 5) of an image with tight boxes."""
-    rows = [[label, *tight_box(image, np.array(box))[0]] for label, *box in boxes]
+    rows = [[row[0], *tight_box(image, row[1:])[0]] for row in boxes]
     return np.array(rows, np.float32).reshape(-1, 5)
 
 

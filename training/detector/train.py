@@ -176,7 +176,7 @@ def main() -> None:
             sums, since, began = {}, 0, time.monotonic()
         if time.monotonic() - last_saved > 120 or step == args.steps or stopped.is_set():
             save(checkpoint, network=network.state_dict(), average=average.state_dict(), optimizer=optimizer.state_dict(),
-                 step=step)
+                 step=step, left_out=args.leave_out)
             last_saved = time.monotonic()
 
 
