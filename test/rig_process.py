@@ -9,13 +9,12 @@ import signal
 import subprocess
 import threading
 import time
-import uuid
 from pathlib import Path
 from typing import ClassVar
 
 from machine_load import slowness
 
-MARK = 'AV_RIG_TEST_RUN'
+from av_evaluation.processes import MarkedProcesses
 
 
 class RigProcess:
@@ -24,13 +23,11 @@ class RigProcess:
     running: ClassVar[list[RigProcess]] = []  # killed after each test by the fixture in conftest.py
 
     def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py') -> None:
-        self._run = uuid.uuid4().hex
         self.domain = random.SystemRandom().randrange(1, 100)
-        self.environment = {**os.environ, MARK: self._run, 'ROS_DOMAIN_ID': str(self.domain), 'PYTHONUNBUFFERED': '1'}
-        self._process = subprocess.Popen(
-            ['ros2', 'launch', 'av_fusion', launch_file, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL, text=True, env=self.environment, start_new_session=True)
-        self._lines: list[str] = []
+        self.marked = MarkedProcesses(['ros2', 'launch', 'av_fusion', launch_file, *arguments],
+                                       {'ROS_DOMAIN_ID': str(self.domain), 'PYTHONUNBUFFERED': '1'}, subprocess.PIPE)
+        self._process = self.marked.process
+        self._lines: list[bytes] = []
         self._reader = threading.Thread(target=lambda: self._lines.extend(self._process.stdout), daemon=True)
         self._reader.start()
         RigProcess.running.append(self)
@@ -43,7 +40,7 @@ class RigProcess:
     @property
     def output(self) -> str:
         """What was printed so far."""
-        return ''.join(self._lines)
+        return b''.join(self._lines).decode(errors='replace')
 
     def finish(self, timeout: float = 120.0) -> int:
         """Wait for the end; returns the exit code. Raises TimeoutExpired when it hangs."""
@@ -68,16 +65,7 @@ class RigProcess:
 
     def processes(self, name: str = '') -> list[int]:
         """Process ids of this run that are alive, those whose command line holds `name`."""
-        found = []
-        for folder in Path('/proc').glob('[0-9]*'):
-            try:
-                if (f'{MARK}={self._run}'.encode() in (folder / 'environ').read_bytes()
-                        and name.encode() in (folder / 'cmdline').read_bytes()
-                        and (folder / 'stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'):
-                    found.append(int(folder.name))
-            except OSError:
-                continue  # ended meanwhile, or not ours
-        return found
+        return [process for process in self.marked.alive() if not name or name.encode() in _words_of(process)]
 
     def leftovers(self) -> list[int]:
         """Process ids that outlive the run by more than two seconds, or as much longer as the machine is overloaded."""
@@ -94,5 +82,11 @@ class RigProcess:
 
     def kill(self) -> None:
         """Leave nothing behind, whatever the test found."""
-        for process in self.processes():
-            os.kill(process, signal.SIGKILL)
+        self.marked.signal(signal.SIGKILL)
+
+
+def _words_of(process: int) -> bytes:
+    try:
+        return Path(f'/proc/{process}/cmdline').read_bytes()
+    except OSError:
+        return b''  # ended meanwhile

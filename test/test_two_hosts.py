@@ -32,7 +32,7 @@ def test_a_simulator_on_another_host_is_obeyed_and_a_stranger_is_not():
         simulator = far.run(lambda: subprocess.Popen(
             [sys.executable, '-m', 'av_simulator.cli.simulator', 'behind_in_fog', '--host', RIG, '--bind-address', OTHER,
              '--port-offset', str(offset), '--audio-header', '--renderer', 'flat', '--duration', 'inf'],
-            stderr=subprocess.PIPE, text=True, env=rig.environment))
+            stderr=subprocess.PIPE, text=True, env=rig.marked.environment))
         try:
             rig.wait_for(r'deg \+-')
             stranger = far.run(sender_at, STRANGER)

@@ -69,22 +69,24 @@ class MarkedProcesses:
     Parameters:
         command: words of the program.
         environment: variables to set or replace.
-        output: file that takes what is printed; None for this process' own output.
+        output: file that takes what is printed, or subprocess.PIPE; None for this process' own output.
 
     Attributes:
         process: the program itself, leader of a process group of its own.
+        environment: of the program; a process that is started with it counts as one of these, too.
 
     Raises OSError where the program cannot be started.
     """
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str] | None = None,
-                 output: IO[bytes] | None = None) -> None:
+                 output: IO[bytes] | int | None = None) -> None:
         self._mark = f'{MARK}={uuid.uuid4().hex}'.encode()
         self._name = Path(command[0]).name
         name, _, value = self._mark.decode().partition('=')
+        self.environment = {**os.environ, **(environment or {}), name: value}
         self.process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT if output else None,
-            env={**os.environ, **(environment or {}), name: value}, start_new_session=True)
+            env=self.environment, start_new_session=True)
 
     def alive(self) -> dict[int, str]:
         """Names of the processes that run, by process id, the program itself included."""

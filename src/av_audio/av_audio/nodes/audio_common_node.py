@@ -33,7 +33,6 @@ class AudioCommonNode(RigNode):
         self._format = self.settings.sample_format
         self._incoming = self.settings.direction == 'from_audio_common'
         self._info: Any = None
-        self._problem_with_audio = ''
         self._counter = SampleCounter()
 
     def activate(self) -> None:
@@ -54,14 +53,9 @@ class AudioCommonNode(RigNode):
     def _on_data(self, message: Any) -> None:
         if self._info is None:
             return
-        try:
-            samples = pcm.decode(bytes(message.audio.data), self._info.sample_format, self._info.channels)
-            rate = self._info.sample_rate
-            first_sample = self._counter.place(len(samples), rate, to_seconds(message.header.stamp))
-        except ValueError as error:
-            self._problem_with_audio = str(error)
-            return
-        self._problem_with_audio = ''
+        samples = pcm.decode(bytes(message.audio.data), self._info.sample_format, self._info.channels)
+        rate = self._info.sample_rate
+        first_sample = self._counter.place(len(samples), rate, to_seconds(message.header.stamp))
         self._frames.publish(audio_frame(samples, first_sample, rate, message.header))
 
     def _on_frame(self, frame: AudioFrame) -> None:
@@ -69,22 +63,15 @@ class AudioCommonNode(RigNode):
             self._info = self._messages.AudioInfo(channels=frame.channels, sample_rate=frame.sample_rate,
                                                   sample_format=self._format, coding_format='WAVE')
             self._infos.publish(self._info)
-        try:
-            samples = samples_of(frame)
-        except ValueError as error:
-            self._problem_with_audio = str(error)
-            return
-        self._problem_with_audio = ''
+        samples = samples_of(frame)
         message = self._messages.AudioDataStamped(header=frame.header)
         message.audio.data = pcm.encode(samples, self._format)
         self._data.publish(message)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Missing inputs and problems with the audio."""
+        """Missing inputs."""
         if self._info is None:
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio_info' if self._incoming else 'no audio frames')
-        if self._problem_with_audio:
-            status.mergeSummary(DiagnosticStatus.ERROR, self._problem_with_audio)
 
 
 def main() -> None:

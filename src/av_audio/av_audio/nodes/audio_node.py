@@ -88,7 +88,6 @@ class AudioNode(RigNode):
     def cleanup(self) -> None:
         """Close the source."""
         self._source.close()
-        self.destroy_publisher(self._publisher)
 
     def _publish(self) -> None:
         if not self._started:

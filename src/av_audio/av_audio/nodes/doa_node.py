@@ -20,7 +20,7 @@ SILENT_S = 1.0
 
 
 class DoaNode(RigNode):
-    """Subscribes to `audio/frames` and publishes `doa`. Frames that do not fit are reported and skipped."""
+    """Subscribes to `audio/frames` and publishes `doa`. Frames that do not fit are refused."""
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
         'own_noise': 'ego_noise', 'own_rotors': 'ego_rotors', 'own_rotor_blades': 'ego_rotor_blades',
@@ -38,7 +38,6 @@ class DoaNode(RigNode):
         self._stage = make_doa_stage(self.settings)
         self._needs_motor_speeds = self.settings.ego_rotors == 'topic'
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
-        self._frame_problem = ''
         self._publisher = self.create_publisher(DoaArray, 'doa', RESULT)
 
     def activate(self) -> None:
@@ -73,19 +72,11 @@ class DoaNode(RigNode):
 
     def _on_audio(self, frame: AudioFrame) -> None:
         self._frames.tick()
-        try:
-            results = self._stage.on_audio(frame, self.now())
-        except ValueError as error:
-            if str(error) != self._frame_problem:
-                self.get_logger().error(f'audio frame skipped: {error}')
-            self._frame_problem = str(error)
-            return
-        self._frame_problem = ''
-        for message in results:
+        for message in self._stage.on_audio(frame, self.now()):
             self._publisher.publish(message)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
-        """Rate of frames, problems with them, and level."""
+        """Rate of frames, and level."""
         latest = self._stage.latest
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
@@ -93,9 +84,7 @@ class DoaNode(RigNode):
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
-        if self._frame_problem:
-            status.mergeSummary(DiagnosticStatus.ERROR, self._frame_problem)
-        elif self._frames.age > SILENT_S:
+        if self._frames.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif latest is not None and not len(latest.azimuth):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')

@@ -86,10 +86,8 @@ class PlayerNode(RigNode):
         self._thread.join()
 
     def cleanup(self) -> None:
-        """Close bag and publishers."""
+        """Close the bag."""
         self._bag.close()
-        for publisher in (*self._outputs.values(), self._clock_output):
-            self.destroy_publisher(publisher)
 
     def _run(self) -> None:
         records = iter(self._feed)

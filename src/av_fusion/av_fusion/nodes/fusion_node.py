@@ -58,11 +58,6 @@ class FusionNode(RigNode):
         """Thresholds and limits must fit each other."""
         make_tracker(settings)
 
-    def cleanup(self) -> None:
-        """Close the publishers."""
-        self.destroy_publisher(self._bearing_publisher)
-        self.destroy_publisher(self._state_publisher)
-
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
         self._publish(self._stage.on_doa(message, self.now()))

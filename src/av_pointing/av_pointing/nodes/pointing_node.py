@@ -67,10 +67,6 @@ class PointingNode(RigNode):
         """Limits must enclose the neutral angle."""
         pointing_settings(settings)
 
-    def cleanup(self) -> None:
-        """Close the publisher."""
-        self.destroy_publisher(self._publisher)
-
     def _on_bearing(self, message: Bearing) -> None:
         self._meters['bearing'].tick()
         self._publish(self._stage.on_bearing(message, self._instant()))

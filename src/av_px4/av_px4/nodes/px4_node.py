@@ -47,10 +47,10 @@ class Px4Node(RigNode):
         self._link = Px4Link(self, self._settings.fmu)
         self._stage = make_px4_stage(self._settings, self._link.messages)
         for name, kind in OUTPUTS.items():
-            self._link.subscribe(name, kind, partial(self._take, name, getattr(self._stage, f'on_{name}')))
+            self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in (INPUTS | (MODE_INPUTS if self._settings.external_mode else {})).items():
             self._link.advertise(name, kind)
-        self._unusable, self._undated = '', 0
+        self._undated = 0
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
@@ -60,7 +60,7 @@ class Px4Node(RigNode):
         self._stage.start(self._instant())
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
-            self.while_active(self.create_subscription, kind, topic, partial(self._take, topic, take), RESULT)
+            self.while_active(self.create_subscription, kind, topic, partial(self._take, take), RESULT)
         self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
         self.while_active(self.create_timer, 0.5, self._link.discover)
         self._link.discover()
@@ -75,21 +75,11 @@ class Px4Node(RigNode):
         """Limits must leave time to stop."""
         px4_settings(settings)
 
-    def cleanup(self) -> None:
-        """Close the publishers."""
-        for publisher in self._outputs.values():
-            self.destroy_publisher(publisher)
-
     def _instant(self) -> Instant:
         return Instant(time.monotonic(), self.now())
 
-    def _take(self, topic: str, take: Callable[[Any, Instant], list[Outgoing]], message: Any) -> None:
-        try:
-            out = take(message, self._instant())
-        except ValueError as error:
-            self._unusable = f'{topic}: {error}'
-            return
-        self._send(out)
+    def _take(self, take: Callable[[Any, Instant], list[Outgoing]], message: Any) -> None:
+        self._send(take(message, self._instant()))
 
     def _on_timer(self) -> None:
         self._send(self._stage.on_time(self._instant()))
@@ -119,8 +109,7 @@ class Px4Node(RigNode):
 
     def _problems(self) -> list[str]:
         gimbal, mode = self._stage.gimbal, self._stage.mode
-        found = [*self._link.problems.values(), self._unusable, mode.problem if mode else '']
-        self._unusable = ''
+        found = [*self._link.problems.values(), mode.problem if mode else '']
         if self._stage.odometry.undated > self._undated:
             found.append("poses that cannot be dated: PX4's clock has jumped, see UXRCE_DDS_SYNCT")
         self._undated = self._stage.odometry.undated

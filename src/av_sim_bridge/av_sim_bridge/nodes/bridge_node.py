@@ -77,11 +77,6 @@ class BridgeNode(RigNode):
         """Each stream needs a port of its own, rig and targets numbers of their own."""
         stream_ports(settings)
 
-    def cleanup(self) -> None:
-        """Close the publishers."""
-        for publisher in self._outputs.values():
-            self.destroy_publisher(publisher)
-
     def _check_addresses(self) -> None:
         """Who may send to this node, and where its commands go. Raises ValueError."""
         bind_address, control_host = self._settings.bind_address, self._settings.control_host

@@ -67,12 +67,6 @@ class CameraNode(RigNode):
         """Stop capturing."""
         self._capture.stop()
 
-    def cleanup(self) -> None:
-        """Destroy the publishers."""
-        for publisher in (self._images, self._infos, self._depths, self._motions):
-            if publisher is not None:
-                self.destroy_publisher(publisher)
-
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()
         header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)

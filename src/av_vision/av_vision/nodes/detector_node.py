@@ -49,7 +49,7 @@ class DetectorNode(RigNode):
         """Begin to detect."""
         self._stage.reset()
         self._latest: Latest[Image | CompressedImage] = Latest()
-        self._images, self._unusable, self._image_problem, self._took = RateMeter(), 0, '', 0.0
+        self._images, self._took = RateMeter(), 0.0
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
         self._worker.start()
         subscribe = self.create_subscription
@@ -57,9 +57,9 @@ class DetectorNode(RigNode):
             self.while_active(subscribe, CompressedImage, 'camera/image_raw/compressed', self._latest.put, IMAGE)
         else:
             self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
-        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._on_depth, IMAGE)
+        self.while_active(subscribe, Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
         if self.settings.camera_height > 0.0:
-            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._on_camera_info, RESULT)
+            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
 
     def deactivate(self) -> None:
         """Stop detecting."""
@@ -72,22 +72,19 @@ class DetectorNode(RigNode):
         if settings.input_size % 32:
             raise ValueError(f'input_size is {settings.input_size}, expected a multiple of 32')
 
-    def cleanup(self) -> None:
-        """Destroy the publishers."""
-        for publisher in (self._detections, self._visibility, self._debug):
-            self.destroy_publisher(publisher)
-
     def _work(self) -> None:
         while (message := self._latest.take()) is not None:
             started = time.perf_counter()
             try:
                 self._detect(message)
-            except (ValueError, cv2.error) as error:
-                self._skip(error)
+            except cv2.error as error:
+                self.refused.refuse('image', ValueError(error.err))
+                continue
+            except Exception as error:  # noqa: BLE001  this thread is not one that the node guards
+                self.refused.refuse('image', error)
                 continue
             self._took = time.perf_counter() - started
             self._images.tick()
-            self._image_problem = ''
 
     def _detect(self, message: Image | CompressedImage) -> None:
         detections, visibility = self._stage.on_image(message, self.now())
@@ -98,33 +95,12 @@ class DetectorNode(RigNode):
             drawn = draw(image_from_message(message), *detections_from_message(detections))
             self._debug.publish(image_message(message.header, drawn, 'bgr8'))
 
-    def _on_depth(self, message: Image) -> None:
-        try:
-            self._stage.on_depth(message)
-        except ValueError as error:
-            self._skip(error)
-
-    def _on_camera_info(self, message: CameraInfo) -> None:
-        try:
-            self._stage.on_camera_info(message)
-        except ValueError as error:
-            self._skip(error)
-
-    def _skip(self, error: Exception) -> None:
-        self._unusable += 1
-        if str(error) != self._image_problem:
-            self.get_logger().error(f'input skipped: {error}', throttle_duration_sec=1.0)
-        self._image_problem = str(error) or repr(error)
-
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, time per image and losses."""
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
         status.add('dropped (replaced by a newer image)', str(self._latest.dropped))
-        status.add('unusable', str(self._unusable))
-        if self._image_problem:
-            status.mergeSummary(DiagnosticStatus.ERROR, self._image_problem)
-        elif self._images.age > STALE_S:
+        if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')
 
 
