@@ -16,10 +16,10 @@ from av_simulator.scenario import RigMotion, load_scenario
 from av_simulator.trajectories import Circle
 
 
-def turning_world(seed=None):
+def turning_world(description='rig', seed=None):
     scenario = load_scenario(find_config('circle', 'scenarios'))
     rig = RigMotion(trajectory=Circle((1.0, 2.0, 1.5), radius=2.0, period=20.0), yaw_deg=10.0, yaw_rate_deg=20.0)
-    return open_world(dataclasses.replace(scenario, rig=rig), seed=seed)
+    return open_world(dataclasses.replace(scenario, rig=rig), description, seed)
 
 
 def rendered(world, duration=0.4):
@@ -125,13 +125,14 @@ def test_arguments_of_old_names_are_refused_with_the_new_ones(program, capsys):
     assert 'is now named --drone-recording' in capsys.readouterr().err
 
 
-def test_bags_hold_the_topics_of_the_rig(tmp_path):
+@pytest.mark.parametrize('rig', ['rig', 'rig_gimbal'])
+def test_bags_hold_the_topics_of_the_rig(tmp_path, rig):
     pytest.importorskip('rclpy', reason='needs ROS 2')
     pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
     from rosbags.highlevel import AnyReader
 
     from av_simulator.offline.bag import EPOCH, BagRecorder
-    world = turning_world()
+    world = turning_world(rig)
     recorder = BagRecorder(tmp_path / 'bag', world)
     for step in steps(world, 1.0, 10.0, renderer='flat'):
         recorder.write(step)
@@ -140,7 +141,8 @@ def test_bags_hold_the_topics_of_the_rig(tmp_path):
         counts = {topic: info.msgcount for topic, info in reader.topics.items()}
         audio = [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(
             [each for each in reader.connections if each.topic == '/audio/frames'])]
-    assert counts == {'/audio/frames': 30, '/camera/image_raw': 10, '/camera/camera_info': 10, '/detections': 10,
+    gimbal = {'/gimbal/state': 100} if rig == 'rig_gimbal' else {}
+    assert counts == gimbal | {'/audio/frames': 30, '/camera/image_raw': 10, '/camera/camera_info': 10, '/detections': 10,
                       '/odometry': 100, '/truth/rig': 100, '/truth/target': 100, '/tf_static': 1}
     assert [message.first_sample for message in audio] == list(range(0, 48_000, 1600))
     assert audio[3].header.stamp.sec == int(EPOCH)

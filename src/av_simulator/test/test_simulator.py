@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from network_hosts import OTHER, RIG, STRANGER, two_hosts
+from scipy.spatial.transform import Rotation
 from udp_ports import free_ports
 
 from av_audio.ring_buffer import RingBuffer
@@ -28,6 +29,7 @@ from av_sim_bridge.receiving.streams import (
 )
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
+from av_sim_bridge.wire.gimbal import decode_gimbal
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 from av_simulator.config_files import find_config
@@ -58,7 +60,7 @@ class Decoders:
         self.clock = CommonClock()
         self.layout, self.ring = layout, RingBuffer(layout.channels, 4_000_000, layout.dtype)
         self.audio = AudioStream(layout, self.ring, self.clock)
-        self.images, self.boxes, self.states, self.depths = [], [], [], []
+        self.images, self.boxes, self.states, self.depths, self.gimbal = [], [], [], [], []
         stamps = CaptureStamps()
         self.image_stream, self.depth_stream = ImageStream(self.clock, stamps), ImageStream(self.clock, stamps, 'image depth')
         self.truth = TruthStream(self.clock)
@@ -109,11 +111,12 @@ class SleptTime:
         self.slept += max(seconds, 1e-6)
 
 
-def run(options, scenario=SCENARIO, at=None):
+def run(options, scenario=SCENARIO, at=None, rig='rig'):
     """A run of a simulator whose datagrams take 0.2 ms to the decoders; at(s) is called before each of them."""
     decoders, clock, ports = Decoders(AudioFormat(options.sample_format)), SleptTime(), options.ports
     handlers = {ports.audio: decoders.audio.take, ports.image: decoders.take_image, ports.depth: decoders.take_depth,
-                ports.rig_truth: decoders.take_truth, ports.target_truth: decoders.take_truth}
+                ports.rig_truth: decoders.take_truth, ports.target_truth: decoders.take_truth,
+                ports.gimbal: lambda datagram, *_: decoders.gimbal.append(decode_gimbal(datagram))}
 
     def send(datagram, address):
         if at is not None:
@@ -121,7 +124,7 @@ def run(options, scenario=SCENARIO, at=None):
         if address[1] in handlers:
             handlers[address[1]](datagram, clock.time() + 2e-4, ('127.0.0.1', 50_000))
 
-    simulator = Simulator(World(scenario, load_rig(find_config('rig'))), options, clock, send)
+    simulator = Simulator(World(scenario, load_rig(find_config(rig))), options, clock, send)
     simulator.run(scenario.duration)
     simulator.close()
     return simulator, decoders
@@ -221,6 +224,35 @@ def test_a_command_turns_the_rig_and_ceases_to_after_half_a_second():
     assert rates[-1] == 0.0
     assert np.abs(np.diff(rates)).max() <= 120.0 * 0.01 + 0.1      # acceleration limit at 100 states a second
     assert simulator.counts.commands == simulator.counts.malformed_commands == 20
+
+
+def test_a_command_turns_the_gimbal_and_the_images_with_it():
+    """Its reports follow to what was commanded, and it holds that; the drone that it looks at comes into the oracle's boxes."""
+    options = WireOptions(ports=free_ports(), renderer='flat')
+    beside = dataclasses.replace(SCENARIO, duration=3.0, targets=(Target(Static((0.5, -8.0, 2.6))),))
+    control, looked = the_bridge_at(options), np.deg2rad([-85.0, 8.0])
+
+    def command(now):
+        if now < 2.0:
+            look = encode_rig_control(RigControl(1, 1, pan=looked[0], tilt=looked[1]))
+            control.sendto(look, ('127.0.0.1', options.ports.control))
+
+    _, listener = run(options, beside, command, 'rig_gimbal')
+    control.close()
+    sight = np.array([Rotation.from_quat(sample.orientation_wxyz[[1, 2, 3, 0]]).apply([1.0, 0.0, 0.0])
+                      for sample in listener.gimbal])
+    pan, tilt = np.arctan2(sight[:, 1], sight[:, 0]), np.arcsin(sight[:, 2])
+    times = np.array([sample.time for sample in listener.gimbal])
+    assert len(times) == 300 and np.ptp(np.diff(times)) < 1e-6
+    np.testing.assert_allclose(np.stack([pan, tilt])[:, times > 1.2].mean(axis=1), looked, atol=2e-3)
+    assert np.abs(pan[1:] - pan[:-1]).max() < np.deg2rad(120.0 * 0.01 + 1.0)
+    seen = [bool(boxes) for boxes, _ in listener.boxes]
+    assert not any(seen[:3]) and all(seen[-15:])
+
+
+def test_a_rig_without_a_gimbal_sends_no_orientation():
+    _, listener = run(WireOptions(ports=free_ports(), image_rate=0.0), dataclasses.replace(SCENARIO, duration=0.5))
+    assert not listener.gimbal and listener.states
 
 
 def test_an_autopilot_moves_the_rig():

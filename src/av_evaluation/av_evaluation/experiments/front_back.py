@@ -1,5 +1,7 @@
 """Time and reliability of resolving front and back: random starts with the drone behind the rig, in fog, without detections.
 
+With `seen` the fog is so thin that a camera sees the drone where it looks there; a start then ends when the drone is seen, too.
+
 Each start is simulated (sound field, ground, noise at a given ratio) with a rig that obeys the pointing controller and with the
 shipped localizer. Methods differ in tracker and requested rotation. Times count from the first sample. A resolution is wrong
 when the bearing is nearer to the mirrored direction, or has an error of more than 20 degrees. Hypotheses closer together than
@@ -21,6 +23,7 @@ from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.tracker import BayesTracker
+from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
@@ -37,7 +40,9 @@ METHODS = {
     'planned': 'the filter, with the rotation of the largest expected information',
     'fixed': "the filter, with the publication's rotation of 45 degrees",
     'published': 'the published controller, with its rotation of 45 degrees',
+    'gimbal': 'as planned, with the camera on a gimbal (config/rig_gimbal.yaml)',
 }
+DENSE, THIN = 0.8, 0.12  # 1/m, fog that hides a drone at 10 m, and fog that does not: the transmission is 30 %
 
 
 @dataclass(frozen=True)
@@ -88,11 +93,11 @@ def draw_starts(count: int, seed: int = 1, fastest_deg: float = 20.0) -> list[St
                   float(random.uniform(0.0, 20.0)), str(random.choice(drones)), 1000 * seed + k) for k in range(count)]
 
 
-def scenario_of(start: Start) -> Scenario:
-    """The scenario of a start: the drone circles at 10 m in fog that hides it, over reflecting ground."""
+def scenario_of(start: Start, fog: float = DENSE) -> Scenario:
+    """The scenario of a start: the drone circles at 10 m in fog (1/m), over reflecting ground."""
     path = Circle(center=(0.0, 0.0, 3.0), radius=10.0, period=360.0 / (start.rate_deg or 1e-3), start_deg=start.azimuth_deg)
     return Scenario('front_back', (Target(path, drone=start.drone),), DURATION_S, start.seed,
-                    weather=Weather(fog=Profile(values=(0.8,))), ground=Ground('forest'),
+                    weather=Weather(fog=Profile(values=(fog,))), ground=Ground('forest'),
                     noise=Noise(diffuse_db_spl=30.0, snr=Snr(start.snr_db, 10.0)))
 
 
@@ -100,16 +105,23 @@ def tracker_of(method: str) -> BayesTracker | GatedTracker:
     """The tracker of one of METHODS."""
     if method == 'published':
         return GatedTracker(GatedSettings())
-    rotation = RotationSettings() if method == 'planned' else replace(RotationSettings(), fixed=FIXED)
+    rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
     return BayesTracker(BayesSettings(rotation=rotation))
 
 
-def resolve(start: Start, method: str) -> Resolution:
-    """Simulate one start with one of METHODS until front and back are resolved."""
-    run = OfflineRun(scenario_of(start), load_rig(find_config('rig')), tracker_of(method), start.seed,
-                     PointingController(PointingSettings(move_gimbal=False)))
+def resolve(start: Start, method: str, seen: bool = False) -> Resolution:
+    """Simulate one start until front and back are resolved.
+
+    Parameters:
+        start: the start.
+        method: one of METHODS.
+        seen: whether the drone must have been seen, too, in thin fog.
+    """
+    rig = load_rig(find_config('rig_gimbal' if method == 'gimbal' else 'rig'))
+    run = OfflineRun(scenario_of(start, THIN if seen else DENSE), rig, tracker_of(method), start.seed,
+                     PointingController(PointingSettings(move_gimbal=rig.gimbal is not None)))
     for now, bearing in run.steps():
-        if bearing is not None and bearing.resolved:
+        if bearing is not None and bearing.resolved and (not seen or bearing.source & Bearing.SOURCE_SIGHT):
             truth = float(run.log.true_azimuth([now])[0])
             return Resolution(now, is_wrong(bearing.azimuth, truth), bearing.hemisphere_probability)
     return Resolution(math.inf, False, 0.5)

@@ -22,7 +22,7 @@ WORLD_FRAME = 'map'
 _TOPICS = {
     'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
     'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
-    'gimbal/state': 'av_interfaces/msg/GimbalState', 'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
+    'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
     'truth/target': 'nav_msgs/msg/Odometry', '/tf_static': 'tf2_msgs/msg/TFMessage',
 }
 
@@ -38,7 +38,8 @@ class BagRecorder:
     def __init__(self, folder: Path, world: World):
         self._rig, self._rate = world.rig, world.sample_rate
         self._writer = BagWriter(folder)
-        for topic, kind in _TOPICS.items():
+        gimbal = {'gimbal/state': 'av_interfaces/msg/GimbalState'} if world.rig.gimbal else {}
+        for topic, kind in (_TOPICS | gimbal).items():
             self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
         self._write('/tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
 
