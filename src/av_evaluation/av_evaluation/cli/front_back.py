@@ -20,13 +20,14 @@ LOOK_SHARE = 0.5  # of the time of turning the body, in which a look of the gimb
 def main(arguments: list[str] | None = None) -> int:
     """Simulate the starts with each method and print the table; returns 1 where the filter misses its bounds."""
     options = _parser().parse_args(arguments)
+    methods = options.methods or (['planned', 'gimbal'] if options.seen else ['planned', 'fixed', 'published'])
     starts = draw_starts(options.starts, options.seed)
     until = 'see and resolve' if options.seen else 'resolve'
     print(f'{len(starts)} starts behind the rig (seed {options.seed}), 0-20 dB, up to 20 deg/s; time to {until} (s)')
     print(f'{"":<11}{"wrong":>8}{"unresolved":>12}{"median":>8}{"95 %":>7}{"longest":>9}')
     figures, resolutions = {}, {}
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
-        for method in options.methods:
+        for method in methods:
             resolutions[method] = list(pool.map(resolve, starts, repeat(method), repeat(options.seen), chunksize=4))
             figures[method] = f = summarise(resolutions[method])
             print(f'{method:<11}{100 * f["wrong"]:>6.1f} %{100 * f["unresolved"]:>10.1f} %{f["median"]:>8.2f}{f["p95"]:>7.2f}'
@@ -58,16 +59,16 @@ def _missed(ours: dict[str, float], published: dict[str, float] | None) -> list[
 def _missed_by_gimbal(turned: dict[str, float] | None, looked: dict[str, float] | None) -> list[str]:
     if turned is None or looked is None or looked['median'] <= LOOK_SHARE * turned['median']:
         return []
-    return [f'median {looked["median"]:.2f} s with a gimbal, expected at most {LOOK_SHARE:g} of the {turned["median"]:.2f} s without']
+    return [f'median {looked["median"]:.2f} s with a gimbal, expected at most {LOOK_SHARE:g} of {turned["median"]:.2f} s without']
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='front_back', description=__doc__)
     parser.add_argument('--starts', type=int, default=200, help='number of starts (%(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='of the starts (%(default)s)')
-    parser.add_argument('--methods', nargs='+', choices=METHODS, default=['planned', 'fixed', 'published'],
-        help='to compare (%(default)s)')
-    parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too: --methods planned gimbal')
+    parser.add_argument('--methods', nargs='+', choices=METHODS,
+                        help='to compare; with --seen planned and gimbal, else all but gimbal')
+    parser.add_argument('--seen', action='store_true', help='in thinner fog, until the drone is seen, too')
     parser.add_argument('--out', type=Path, help='JSON file for every start and its results')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
