@@ -59,7 +59,8 @@ def _missed(ours: dict[str, float], published: dict[str, float] | None) -> list[
 def _missed_by_gimbal(turned: dict[str, float] | None, looked: dict[str, float] | None) -> list[str]:
     if turned is None or looked is None or looked['median'] <= LOOK_SHARE * turned['median']:
         return []
-    return [f'median {looked["median"]:.2f} s with a gimbal, expected at most {LOOK_SHARE:g} of {turned["median"]:.2f} s without']
+    with_gimbal, without = looked['median'], turned['median']
+    return [f'median {with_gimbal:.2f} s with a gimbal, expected at most {LOOK_SHARE:g} of {without:.2f} s without']
 
 
 def _parser() -> argparse.ArgumentParser:
