@@ -25,7 +25,7 @@ NOTHING = -1  # a labelled thing that has no class here: a picture with it alone
 class Place:
     """A data set: a repository at a commit, the folders taken from it, the classes of its labels and who may use it.
 
-    Labels are YOLO's (class, centre and size as shares) in `labels` where the pictures are in `images`, or corners in pixels.
+    Labels are YOLO's (class, centre and size as shares) in the folder `labels` beside `images`, or corners in pixels.
     `whole` says that every picture is labelled: one without a label shows nothing; otherwise it is left out. `without` is
     a pattern of files left out: of `flying` the frames of Svanstrom's clips and the pictures that are `phantom`'s, too.
     """
@@ -36,7 +36,6 @@ class Place:
     licence: str
     folders: tuple[str, ...]
     classes: tuple[int, ...]
-    images: str = '/images/'
     labels: str = '/labels/'
     without: str = '(?!)'
     whole: bool = True
@@ -56,7 +55,7 @@ SOURCES = (
 )
 JUDGED = (
     Place('drone-net', 'chuanenlin/drone-net', '29729dae40e7a4cd43d04db407a73b75f4cfa774', 'stated for the labels only',
-          ('images', 'normalized-labels'), (DRONE,), images='images/', labels='normalized-labels/'),
+          ('images', 'normalized-labels'), (DRONE,), labels='/normalized-labels/'),
     Place('curated', 'SamuelTre07/Drone_Detection_Dataset', 'e03dc7d49495b27709267a67297a03c72f8f0e5e', 'research only',
           ('train', 'val'), (DRONE,)),
     Place('phantom', 'creiser/drone-detection', '8159a947088cfc0d6b62a7d0af3c89882d1c7798', 'none stated',
@@ -114,7 +113,7 @@ def pictures(place: Place, cache: Path) -> Iterator[Picture]:
         if stem in seen:
             continue
         seen.add(stem)
-        label = folder / name[1:].replace(place.images, place.labels)
+        label = folder / name.replace('/images/', place.labels)[1:]
         boxes = read_corners(label, place) if place.corners else read_shares(label.with_suffix('.txt'), place)
         if len(boxes) or place.whole:
             yield Picture(path, source_of(stem), boxes[boxes[:, 0] != NOTHING], place.corners)
