@@ -2,6 +2,9 @@
 
 PX4 asks every registered component several times a second whether it can run, and leaves the mode when no reply
 arrives. These requests also confirm to this client that the registration is still valid.
+
+PX4 lists a mode once for each request that it grants, and forgets one by itself only when disarmed. So this client asks only
+while PX4 is heard, ends what it knows to be registered before it asks again, and ends what PX4 grants a second time.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ API_VERSION = 1        # px4_ros2_api_version
 RETRY_S = 2.0          # interval between requests for registration
 LOST_AFTER_S = 2.0     # time without an arming check request after which the registration counts as lost
 GRACE_S = 5.0          # the same limit before the first arming check request
+SETTLE_S = 1.0         # between the end of a registration and the next request; PX4 drops a silent one in this time, too
 
 
 @dataclass(frozen=True)
@@ -78,33 +82,60 @@ class ExternalMode:
         self.registration: Registration | None = None
         self.problem = ''
         self._random = random.Random(seed)
-        self._request_id: int | None = None
-        self._asked_at = -math.inf
+        self._requests: list[int] = []        # the newest, of which any may still be granted
+        self._ended: list[Registration] = []  # which PX4 may still have
+        self._next = math.inf                 # time of the next request
         self._question_at = -math.inf
 
-    def step(self, time: float) -> Register | None:
-        """The request to send at `time` (s, monotonic), None if none is due."""
-        if self.registration is not None:
-            if time <= self._question_at + LOST_AFTER_S:
-                return None
+    def start(self, time: float, former: Registration | None = None) -> None:
+        """Begin to register.
+
+        Parameters:
+            time (s): monotonic
+            former: the registration of an earlier process of this node, which PX4 may still have
+        """
+        self._next = time + SETTLE_S
+        self._ended += [former] if former else []
+
+    def step(self, time: float, heard: bool) -> Register | Registration | None:
+        """What to send: a request, or a registration to end; None if nothing is due.
+
+        Parameters:
+            time (s): monotonic
+            heard: whether PX4 is heard and reads what is sent; else it may be lost, or wait and arrive in a crowd
+        """
+        if self.registration is not None and time > self._question_at + LOST_AFTER_S:
+            self._ended.append(self.registration)
             self.forget('PX4 no longer asks for it')
-        if time < self._asked_at + RETRY_S:
+        if not heard:
+            self._next = max(self._next, time + SETTLE_S)
             return None
-        self._asked_at = time
-        self._request_id = self._random.getrandbits(63)
-        return Register(self._request_id, self.name)
+        if time < self._next:
+            return None
+        if self._ended:
+            self._next = time + SETTLE_S
+            return self._ended.pop()
+        if self.registration is not None:
+            return None
+        self._next = time + RETRY_S
+        self._requests = [*self._requests[-9:], self._random.getrandbits(63)]
+        return Register(self._requests[-1], self.name)
 
     def on_reply(self, time: float, request_id: int, name: str, api_version: int, success: bool,
                  arming_check_id: int, mode_id: int) -> Registration | None:
-        """Process a reply and return the registration if PX4 granted it. Replies to other components are ignored.
+        """Process a reply and return the registration if PX4 granted one. Replies to other components are ignored.
 
         Parameters:
             time (s): arrival, monotonic
             request_id, name, api_version, success, arming_check_id, mode_id: fields of RegisterExtComponentReply
         """
-        if request_id != self._request_id or name != self.name:
+        if request_id not in self._requests or name != self.name:
             return None
-        self._request_id = None
+        self._requests.remove(request_id)
+        granted = Registration(name, arming_check_id, mode_id)
+        if success and self.registration is not None:
+            self._ended += [granted] if granted != self.registration else []
+            return None
         if not success:
             self.problem = 'PX4 refused the registration'
         elif api_version != API_VERSION:
@@ -113,7 +144,7 @@ class ExternalMode:
             self.problem = f'PX4 gave mode {mode_id} and check {arming_check_id}, expected a mode of 23 to 30'
         else:
             self.problem = ''
-            self.registration = Registration(name, arming_check_id, mode_id)
+            self.registration = granted
             self._question_at = time + GRACE_S - LOST_AFTER_S
         return self.registration
 

@@ -98,10 +98,14 @@ class Inputs:
     place_known: bool = False
     unacknowledged: bool = False
 
-    def healthy(self, settings: GuardSettings) -> bool:
-        """Whether the vehicle can hold its position. If not, PX4 takes over (COM_OF_LOSS_T, or the mode's arming check)."""
-        return (self.status is not None and self.status_age <= settings.status_timeout and self.place_known
-                and self.attitude_age <= settings.attitude_timeout and self.position_age <= settings.position_timeout)
+    def unable(self, settings: GuardSettings) -> str:
+        """Why the vehicle cannot hold its position, so that PX4 takes over (COM_OF_LOSS_T, arming check); empty if it can."""
+        reasons = {
+            'no fresh vehicle_status': not (self.status and self.status_age <= settings.status_timeout),
+            'no fresh attitude': not self.attitude_age <= settings.attitude_timeout,
+            'no fresh position': not self.position_age <= settings.position_timeout,
+            'no position to hold': not self.place_known}
+        return next((reason for reason, holds in reasons.items() if holds), '')
 
 
 @dataclass(frozen=True)
@@ -113,12 +117,14 @@ class Decision:
         setpoint: whether a trajectory setpoint that holds the position is sent
         yaw_rate (rad/s): yaw rate of that setpoint, counter-clockwise; 0 holds the heading
         reason: explanation for `px4/state`
+        withheld: why no heartbeat is sent, so that the pilot cannot select OFFBOARD; empty if it is
     """
 
     heartbeat: bool
     setpoint: bool
     yaw_rate: float
     reason: str
+    withheld: str = ''
 
 
 @dataclass
@@ -145,11 +151,11 @@ class BodyGuard:
         if self._time is not None and time - self._time > STALL:
             self._resumed = time
         self._time = time
-        heartbeat = inputs.healthy(self.settings)
+        withheld = inputs.unable(self.settings)
         forbidden = self._forbidden(time, inputs)
         if forbidden:
             self._rate = 0.0
-            return Decision(heartbeat, False, 0.0, forbidden)
+            return Decision(not withheld, False, 0.0, forbidden, withheld)
         halt = self._halt(inputs, armed=bool(inputs.status and inputs.status.armed))
         limit, change = self.settings.max_rate, self.settings.max_acceleration * dt
         wanted = 0.0 if halt else min(max(inputs.yaw_rate, -limit), limit)
@@ -158,7 +164,7 @@ class BodyGuard:
         left = STOP_WITHIN - MARGIN - max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
         ceiling = self.settings.max_acceleration * max(left, 0.0)
         self._rate = min(max(self._rate, -ceiling), ceiling)
-        return Decision(heartbeat, True, self._rate, halt or 'turning as commanded')
+        return Decision(not withheld, True, self._rate, halt or 'turning as commanded', withheld)
 
     def _forbidden(self, time: float, inputs: Inputs) -> str:
         """Reason why no setpoint may be sent, empty if one may."""

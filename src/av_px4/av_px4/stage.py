@@ -19,7 +19,7 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import Command
 from av_px4.continuity import HeldPosition
-from av_px4.external_mode import ExternalMode
+from av_px4.external_mode import ExternalMode, Registration
 from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.gimbal_feedback import GimbalFeedback
@@ -31,6 +31,8 @@ STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
 OLDEST_MEASUREMENT_S = 1.0    # age since its capture from which a measurement moves no body
 ODOMETRY_GAP = 0.5    # s without vehicle_odometry after which vehicle_attitude takes its place
+HEARTBEAT = 'offboard_control_mode'
+REGISTRATION = frozenset({'register_ext_component_request', 'unregister_ext_component'})
 ODOMETRY_TOPIC, STATE_TOPIC, GIMBAL_TOPIC = 'odometry', 'px4/state', 'gimbal/state'
 
 
@@ -74,15 +76,23 @@ class Px4Stage:
         self._attitude: Any = None
         self._command = PointingCommand()
         self._reported: tuple[object, ...] = ()
+        self.unread: set[str] = set()    # inputs to which PX4 does not subscribe
 
     @property
     def system_id(self) -> int:
         """MAVLink id of the vehicle, 1 before its first status."""
         return self._status.system_id if self._status else 1
 
-    def start(self, now: Instant) -> None:
-        """Set the time of the start; must be called before the first message."""
+    def start(self, now: Instant, former: Registration | None = None) -> None:
+        """Begin; must be called before the first message.
+
+        Parameters:
+            now: time of the start
+            former: the external mode of an earlier process, which PX4 may still have
+        """
         self._now, self._started = now, now.steady
+        if self.mode:
+            self.mode.start(now.steady, former)
 
     def advance(self, now: Instant) -> None:
         """Set the instant to which the ages and rates of `meters` refer."""
@@ -102,10 +112,7 @@ class Px4Stage:
         """Make a step unless a message has just caused one, and register the mode. To be called at `settings.rate`."""
         self._now = now
         out = self._step() if now.steady - self._last_step > 0.9 / self.settings.rate else []
-        request = self.mode.step(now.steady) if self.mode else None
-        if request:
-            out.append(self._out('register_ext_component_request', px4.register_message, request))
-        return out
+        return out + self._register()
 
     # from the rig
 
@@ -194,7 +201,7 @@ class Px4Stage:
     def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Process PX4's reply to the registration of the external mode."""
         self._now = arrival
-        if self.mode is None or self.mode.registration:
+        if self.mode is None:
             return []
         registration = self.mode.on_reply(
             arrival.steady, message.request_id, px4.text(message.name), message.px4_ros2_api_version, message.success,
@@ -206,12 +213,28 @@ class Px4Stage:
         self._now = arrival
         if self.mode is None:
             return []
-        can_run = self._guard_inputs().healthy(self.settings.guard)
+        can_run = not self._guard_inputs().unable(self.settings.guard)
         answer = self.mode.on_question(arrival.steady, message.request_id, can_run,
                                        getattr(message, 'valid_registrations_mask', None))
         return [self._out('arming_check_reply', px4.answer_message, answer)] if answer else []
 
     # decisions
+
+    @property
+    def offboard_withheld(self) -> str:
+        """Why the pilot cannot select OFFBOARD; empty if PX4 is sent the heartbeat that it asks for."""
+        if not self.settings.turn_body:
+            return 'turn_body is false'
+        return self.decision.withheld or (
+            f'PX4 does not read {HEARTBEAT}: see dds_topics.yaml' if HEARTBEAT in self.unread else '')
+
+    def _register(self) -> list[Outgoing]:
+        """Steps of the registration of the external mode."""
+        heard = self.meters['status'].age <= self.settings.guard.status_timeout and not self.unread & REGISTRATION
+        step = self.mode.step(self._now.steady, heard) if self.mode else None
+        if isinstance(step, Registration):
+            return [self._out('unregister_ext_component', px4.unregister_message, step)]
+        return [self._out('register_ext_component_request', px4.register_message, step)] if step else []
 
     def _step(self) -> list[Outgoing]:
         inputs, out = self._guard_inputs(), []
@@ -220,7 +243,7 @@ class Px4Stage:
             out += self._commands(self.gimbal.step(self._now.steady, self._gimbal_inputs(inputs)))
         self.decision = self._guard.step(self._now.steady, inputs)
         if self.decision.heartbeat and self.settings.turn_body:
-            out.append(self._out('offboard_control_mode', px4.offboard_message))
+            out.append(self._out(HEARTBEAT, px4.offboard_message))
         if self.decision.setpoint:
             out.append(self._setpoint(self.decision.yaw_rate))
         else:
@@ -278,16 +301,17 @@ class Px4Stage:
 
     def _report(self) -> list[Outgoing]:
         """The message of the state if it has changed."""
-        status, mode = self._status, self.mode
+        status, mode, withheld = self._status, self.mode, self.offboard_withheld
         values = {'armed': bool(status and status.armed), 'nav_state': status.nav_state if status else -1,
                   'failsafe': bool(status and status.failsafe), 'gimbal': self.gimbal.claim.value,
-                  'body': self.decision.reason, 'offboard offered': self.decision.heartbeat and self.settings.turn_body,
+                  'body': self.decision.reason, 'offboard offered': not withheld, 'offboard withheld': withheld,
                   'external mode': mode.registration.mode_id if mode and mode.registration else -1}
         if tuple(values.values()) == self._reported:
             return []
         self._reported = tuple(values.values())
         return [Outgoing(STATE_TOPIC, DiagnosticStatus(
-            level=DiagnosticStatus.OK, name='px4', message=self.decision.reason,
+            level=DiagnosticStatus.OK, name='px4',
+            message=self.decision.reason + (f'; OFFBOARD is not offered: {withheld}' if withheld else ''),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
 
 

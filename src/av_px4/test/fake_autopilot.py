@@ -44,6 +44,8 @@ class FakeAutopilot:
     gimbal_wanted: list = field(default_factory=lambda: [0.0, 0.0])
     owner: tuple | None = None
     modes: dict = field(default_factory=dict)       # arming check id -> (name, nav_state)
+    answered: dict = field(default_factory=dict)    # arming check id -> time
+    most_modes: int = 0
     time: float = 0.0
     changed: float = 0.0                  # when the mode last changed
     heartbeats: list = field(default_factory=list)
@@ -66,6 +68,7 @@ class FakeAutopilot:
 
     def advance(self, dt):
         self.time += dt
+        self._forget_silent_modes()
         if not self.obeys_any_mode and self.nav_state not in {OFFBOARD} | self.own_modes:
             self.wanted_rate = 0.0
         if self.nav_state == OFFBOARD and self._heartbeat_age() > 1.0:
@@ -140,7 +143,8 @@ class FakeAutopilot:
     def register(self, name):
         """Arming check id and nav_state of a new external mode."""
         number = next(k for k in range(8) if k not in self.modes)
-        self.modes[number] = (name, 23 + number)
+        self.modes[number], self.answered[number] = (name, 23 + number), self.time
+        self.most_modes = max(self.most_modes, len(self.modes))
         return number, 23 + number
 
     def unregister(self, number):
@@ -149,9 +153,15 @@ class FakeAutopilot:
 
     def answer(self, number, can_run):
         if number in self.modes:
-            self.last_answer = self.time
+            self.last_answer = self.answered[number] = self.time
             if not can_run and self.nav_state == self.modes[number][1]:
                 self.change_mode(RETURN, 'the external mode cannot run')
+
+    def _forget_silent_modes(self):
+        """One that does not answer goes, but not while armed, and then its name is listed twice after a second request."""
+        for number in [] if self.armed else list(self.modes):
+            if self.time - self.answered[number] > 1.2:
+                del self.modes[number]
 
     def reset_heading(self, angle):
         """The estimator corrects its heading by an angle."""

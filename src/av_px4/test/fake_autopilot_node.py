@@ -1,7 +1,8 @@
 """The fake autopilot on PX4's topics, with PX4's quality of service and the suffixes of its firmware.
 
 Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"pilot": 14}, {"set": {"acknowledges": false}},
-{"silence": ["vehicle_status"]}, {"reset_heading": 0.5}, {"point": {...} or null}), writes its state twenty times a second.
+{"silence": ["vehicle_status"]}, {"connected": false}, {"speak": {"vehicle_status": "vehicle_status_v2"}},
+{"reset_heading": 0.5}, {"point": {...} or null}), writes its state twenty times a second.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 import time
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fake_autopilot import FakeAutopilot
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -40,9 +42,10 @@ def quaternion(yaw, pitch=0.0):
 class FakeNode:
     """Topics around a FakeAutopilot."""
 
-    def __init__(self, firmware, prefix='/fmu', acks=True):
+    def __init__(self, firmware, prefix='/fmu', acks=True, stale=()):
         self.node, self.model = rclpy.create_node('fake_autopilot'), FakeAutopilot(obeys_any_mode=firmware == '1.16')
         self.prefix, self.firmware, self.silent, self.point = prefix, firmware, set(), None
+        self.connected, self.spoken, self.said = True, {}, {}
         self.ticks, self.pilot, self.bearing, self.log = 0, None, None, []
         outputs = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude',
                    'vehicle_odometry': 'VehicleOdometry', 'vehicle_local_position': 'VehicleLocalPosition'}
@@ -65,12 +68,17 @@ class FakeNode:
         self.publishers = {name: self.node.create_publisher(*self.topic('out', name, kind), WRITES)
                            for name, kind in outputs.items()}
         for name, (kind, callback) in inputs.items():
-            self.node.create_subscription(*self.topic('in', name, kind), callback, READS)
+            self.node.create_subscription(*self.topic('in', name, kind), self.while_connected(callback), READS)
+        self.publishers |= {name: self.node.create_publisher(
+            getattr(messages, ''.join(map(str.capitalize, name.rpartition('_')[0].split('_')))), f'{prefix}/out/{name}', WRITES)
+            for name in stale}
         self.bearings = self.node.create_publisher(Bearing, '/target/bearing', RIG)
         self.pointing = self.node.create_publisher(PointingCommand, '/pointing/command', RIG)
         self.node.create_subscription(Odometry, '/odometry', self.on_odometry, RIG)
         self.node.create_subscription(Bearing, '/target/bearing', self.on_bearing, RIG)
         self.node.create_subscription(PointingCommand, '/pointing/command', self.on_pointing, RIG)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self.on_diagnostics, RIG)
+        self.node.create_subscription(DiagnosticStatus, '/px4/state', lambda m: self.said.update(state=m.message), RIG)
         self.odometry, self.tracking = None, 0.0
 
     def topic(self, side, name, kind):
@@ -79,6 +87,15 @@ class FakeNode:
         return message, f'{self.prefix}/{side}/{name}' + (f'_v{version}' if version else '')
 
     # inputs
+
+    def while_connected(self, callback):
+        """The callback while the agent runs."""
+        return lambda m: callback(m) if self.connected else None
+
+    def on_diagnostics(self, m):
+        for status in m.status:
+            if status.name == 'px4_node: status':
+                self.said['diagnostics'] = status.message
 
     def on_command(self, m):
         params = [getattr(m, f'param{k}') for k in range(1, 8)]
@@ -117,8 +134,8 @@ class FakeNode:
         return int(1e6 * (time.time() - CLOCK_LAG))
 
     def publish(self, name, message):
-        if name in self.publishers and name not in self.silent:
-            self.publishers[name].publish(message)
+        if name in self.publishers and name not in self.silent and self.connected:
+            self.publishers[self.spoken.get(name, name)].publish(message)
 
     def tick(self):
         model, now, k = self.model, self.timestamp(), self.ticks
@@ -142,7 +159,7 @@ class FakeNode:
             self.publish('vehicle_status', messages.VehicleStatus(
                 timestamp=now, nav_state=model.nav_state, arming_state=2 if model.armed else 1, failsafe=model.failsafe,
                 system_id=model.system, component_id=1))
-        if k % 30 == 0 and self.firmware != '1.14':
+        if k % 30 == 0 and model.modes:
             model.question = (model.question + 1) % 256
             request = messages.ArmingCheckRequest(timestamp=now, request_id=model.question)
             if hasattr(request, 'valid_registrations_mask'):
@@ -169,7 +186,8 @@ class FakeNode:
 
     def state(self):
         model = self.model
-        return {'time': model.time, 'nav_state': model.nav_state, 'heading': model.heading, 'yaw_rate': model.yaw_rate,
+        return {'most_modes': model.most_modes, 'said': self.said, 'time': model.time,
+                'nav_state': model.nav_state, 'heading': model.heading, 'yaw_rate': model.yaw_rate,
                 'wanted_rate': model.wanted_rate, 'gimbal': model.gimbal, 'owner': model.owner, 'denied': model.denied,
                 'commands': {str(number): model.commands.count(number) for number in set(model.commands)},
                 'setpoints': model.setpoints, 'foreign': model.setpoints_in_foreign_modes, 'events': model.events,
@@ -184,7 +202,9 @@ class FakeNode:
                     setattr(self.model, key, tuple(new) if isinstance(new, list) else new)
             elif name == 'silence':
                 self.silent = set(value)
-            elif name in ('point', 'pilot'):
+            elif name == 'speak':
+                self.spoken = value
+            elif name in ('point', 'pilot', 'connected'):
                 setattr(self, name, value)
             elif name == 'write_log':
                 with open(value, 'w') as file:  # noqa: PTH123
@@ -200,9 +220,10 @@ def main():
     parser.add_argument('firmware')
     parser.add_argument('--prefix', default='/fmu')
     parser.add_argument('--pilot', type=int, help='the mode that the pilot selects whenever PX4 lets him')
+    parser.add_argument('--stale', nargs='*', default=[], help='topics of another firmware that a stale agent offers')
     options = parser.parse_args()
     rclpy.init()
-    fake = FakeNode(options.firmware, options.prefix)
+    fake = FakeNode(options.firmware, options.prefix, stale=options.stale)
     fake.pilot = options.pilot
     due = time.monotonic()
     while True:

@@ -33,11 +33,12 @@ class FakeVehicle:
             if line.startswith('{'):
                 self.state = json.loads(line)
 
-    def node(self, **parameters):
-        """Start px4_node; returns its process."""
+    def node(self, environment=None, **parameters):
+        """Start px4_node, with further variables in its environment; returns its process."""
         arguments = [part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')]
         command = [sys.executable, '-c', 'from av_px4.nodes.px4_node import main; main()', '--ros-args', *arguments]
-        process = subprocess.Popen(command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        process = subprocess.Popen(command, env={**self.environment, **(environment or {})}, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, text=True)
         self._nodes.append(process)
         return process
 
@@ -61,6 +62,12 @@ class FakeVehicle:
         self._nodes.remove(process)
         process.send_signal(signal.SIGINT)
         return process.communicate(timeout=seconds)[0]
+
+    def kill_node(self, process):
+        """End it without its knowledge."""
+        self._nodes.remove(process)
+        process.kill()
+        process.communicate()
 
     def close(self):
         for process in (*self._nodes, self._process):

@@ -128,6 +128,50 @@ def test_a_heading_reset_does_not_turn_the_rig(vehicle):
     vehicle.wait(lambda state: abs(state['odometry'] - before - 1.0) < 0.01, why='odometry of the attitude')
 
 
+@pytest.fixture
+def stale():
+    """A vehicle of 1.16 behind an agent that still offers topics of 1.17 and later."""
+    started = FakeVehicle('1.16', '--stale', 'vehicle_local_position_v1', 'vehicle_status_v4', 'vehicle_command_ack_v1')
+    yield started
+    started.close()
+
+
+def test_topics_of_another_firmware_do_not_matter_unless_they_are_those_that_send(stale):
+    stale.node()
+    stale.tell(point={'pan': 0.2, 'yaw_rate': 0.3})
+    stale.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
+    stale.wait(lambda state: 'diagnostics' in state['said'])
+    assert 'px4_msgs' not in stale.state['said']['diagnostics']
+    stale.tell(speak={'vehicle_local_position': 'vehicle_local_position_v1'})
+    stale.wait(lambda state: '/fmu/out/vehicle_local_position_v1 is version 1' in state['said']['diagnostics']
+               and 'is silent' in state['said']['diagnostics'], why='the version that sends is named')
+    stale.wait(lambda state: state['said']['state'].endswith('OFFBOARD is not offered: no fresh position'))
+    stale.tell(speak={})
+    stale.wait(lambda state: 'px4_msgs' not in state['said']['diagnostics'] and 'not offered' not in state['said']['state'])
+
+
+def test_the_external_mode_is_registered_once_whatever_restarts(vehicle, tmp_path):
+    """Killed and started again, in flight: PX4 forgets nothing while armed. Then the agent, and then PX4 itself."""
+    node = vehicle.node({'AV_RIG_RUN': str(tmp_path)}, external_mode='true')
+    for restart in ('1', '2'):
+        start = vehicle.wait(lambda state: state['modes'])['time']
+        vehicle.wait(lambda state, start=start: state['time'] > start + 0.5)
+        vehicle.kill_node(node)
+        node = vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': restart}, external_mode='true')
+        vehicle.wait(lambda state: not state['modes'], why='the former registration ended')
+        vehicle.wait(lambda state: state['modes'], why='registered again')
+    vehicle.tell(connected=False)
+    start = vehicle.state['time']
+    vehicle.wait(lambda state: state['time'] > start + 6.0)
+    vehicle.tell(connected=True)
+    vehicle.wait(lambda state: not state['modes'], why='the agent is back')
+    vehicle.wait(lambda state: state['modes'], why='registered again')
+    vehicle.tell(set={'modes': {}})
+    vehicle.wait(lambda state: not state['modes'])
+    vehicle.wait(lambda state: state['modes'], why='PX4 has started anew')
+    assert vehicle.state['most_modes'] == 1 and list(vehicle.state['modes'].values()) == [['AV Track', 23]]
+
+
 def test_without_px4_msgs_it_says_what_to_install():
     """The node stays alive, and its error message names the package and the branch."""
     process = subprocess.Popen([sys.executable, '-c', 'from av_px4.nodes.px4_node import main; main()'],

@@ -187,6 +187,27 @@ def test_the_state_is_sent_when_it_changes():
     assert values['nav_state'] == '14' and values['armed'] == 'True'
 
 
+@pytest.mark.parametrize(('silent', 'changes', 'why'), [
+    ('vehicle_status', {}, 'no fresh vehicle_status'), ('vehicle_attitude', {}, 'no fresh attitude'),
+    ('vehicle_local_position', {}, 'no fresh position'), ('', {'turn_body': False}, 'turn_body is false'), ('', {}, '')])
+def test_the_state_says_why_offboard_is_not_offered(silent, changes, why):
+    rig = Rig(**changes)
+    rig.silent = {silent}
+    rig.run(1.0)
+    state = rig.of(STATE_TOPIC)[-1]
+    values = {pair.key: pair.value for pair in state.values}
+    assert (values['offboard offered'], values['offboard withheld']) == (str(not why), why)
+    assert bool(rig.of('offboard_control_mode', since=rig.time - 0.1)) == (not why)
+    assert state.message.endswith(f'OFFBOARD is not offered: {why}' if why else 'nav_state 4)')
+
+
+def test_the_state_says_that_px4_reads_no_heartbeat():
+    rig = Rig()
+    rig.stage.unread.add('offboard_control_mode')
+    rig.run(1.0)
+    assert 'PX4 does not read offboard_control_mode' in rig.of(STATE_TOPIC)[-1].message
+
+
 def test_a_message_of_another_firmware_is_refused():
     with pytest.raises(ValueError, match='px4_msgs'):
         Rig().stage.on_vehicle_status(Message(nav_state=200, arming_state=2), Instant(0.0, 0.0))

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import math
+import time
 from collections.abc import Callable
 from functools import partial
 from types import ModuleType
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from av_px4.topics import VersionError, check_version, find_topic
+from av_common.guarded_node import GuardedNode
+from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
 
 # PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber is compatible and receives no message from before its
 # subscription: an old status must not look like a fresh one. PX4's own subscribers are BEST_EFFORT and VOLATILE.
@@ -31,12 +33,18 @@ def load_px4_msgs() -> ModuleType:
 class Px4Link:
     """Subscriptions and publishers that are created as soon as PX4's topics appear. Raises ImportError without px4_msgs.
 
+    Of the versions of a topic, that of px4_msgs is used. While it is silent the others are watched without being decoded.
+
     Parameters:
         node: node that owns them
         prefix: the part of the topics' names before `/out/` and `/in/`, such as `fmu`
+
+    Attributes:
+        messages: the module px4_msgs.msg
+        problems: what is wrong with the versions, by the topics' names without prefix and version
     """
 
-    def __init__(self, node: Node, prefix: str) -> None:
+    def __init__(self, node: GuardedNode, prefix: str) -> None:
         self.messages = load_px4_msgs()
         self.problems: dict[str, str] = {}
         self._node, self._prefix = node, prefix
@@ -44,6 +52,8 @@ class Px4Link:
         self._inputs: dict[str, type] = {}
         self._subscriptions: dict[str, tuple[str, Any]] = {}
         self._publishers: dict[str, tuple[str, Any]] = {}
+        self._watched: dict[str, Any] = {}    # subscriptions to other versions
+        self._heard: dict[str, float] = {}    # monotonic time in s of the newest message, by topic
 
     def subscribe(self, name: str, message: str, callback: Callable[[Any], None]) -> None:
         """Subscribe to an output of PX4 as soon as it exists. Without its message in px4_msgs there is no subscription.
@@ -66,12 +76,10 @@ class Px4Link:
         if hasattr(self.messages, message):
             self._inputs[name] = getattr(self.messages, message)
 
-    def publish(self, name: str, message: Any) -> bool:
-        """Publish a message to the input `name` of PX4; False while PX4 does not subscribe to it."""
-        if name not in self._publishers:
-            return False
-        self._publishers[name][1].publish(message)
-        return True
+    def publish(self, name: str, message: Any) -> None:
+        """Publish a message to the input `name` of PX4, if PX4 has it."""
+        if name in self._publishers:
+            self._publishers[name][1].publish(message)
 
     def topic(self, name: str) -> str | None:
         """Full name of the topic of an output or input, None while PX4 does not have it."""
@@ -79,42 +87,68 @@ class Px4Link:
         return found[0] if found else None
 
     def discover(self) -> None:
-        """Search the ROS graph for PX4's topics; open new ones, and reopen those whose version has changed."""
+        """Search the ROS graph for PX4's topics: open new ones, and close those that are no longer offered."""
         known = [name for name, types in self._node.get_topic_names_and_types()
                  if any(kind.startswith('px4_msgs/') for kind in types)]
         written = [topic for topic in known if '/out/' in topic and self._node.count_publishers(topic)]
         read = [topic for topic in known if '/in/' in topic and self._node.count_subscribers(topic)]
         for name, (kind, callback) in self._wanted.items():
-            self._open(name, 'out', kind, written, self._subscriptions, self._node.destroy_subscription,
-                       partial(self._subscription, kind, callback))
+            offered = self._offered('out', name, written)
+            self._open(name, kind, offered, self._subscriptions, partial(self._subscription, kind, callback))
+            self._watch(name, kind, offered)
         for name, kind in self._inputs.items():
-            self._open(name, 'in', kind, read, self._publishers, self._node.destroy_publisher,
-                       partial(self._publisher, kind))
+            offered = self._offered('in', name, read)
+            self._open(name, kind, offered, self._publishers, partial(self._publisher, kind))
+            # what PX4 reads cannot be silent: a version that is offered is right
+            self._report(name, mismatch(kind, offered, dict.fromkeys(offered.values(), 0.0)))
 
     def close(self) -> None:
         """Close all subscriptions and publishers."""
-        for opened, destroy in ((self._subscriptions, self._node.destroy_subscription),
-                                (self._publishers, self._node.destroy_publisher)):
-            while opened:
-                destroy(opened.popitem()[1][1])
+        self._node.destroy_entities([entity for _, entity in (*self._subscriptions.values(), *self._publishers.values())])
+        self._node.destroy_entities(self._watched.values())
+        for opened in (self._subscriptions, self._publishers, self._watched, self._heard):
+            opened.clear()
+
+    def _offered(self, side: str, name: str, topics: list[str]) -> dict[int, str]:
+        return offered_versions(self._node.resolve_topic_name(f'{self._prefix}/{side}/{name}'), topics)
 
     def _subscription(self, kind: type, callback: Callable[[Any], None], topic: str) -> Any:
-        return self._node.create_subscription(kind, topic, callback, PX4_QOS)
+        def take(message: Any) -> None:
+            self._hear(topic)
+            callback(message)
+        return self._node.create_subscription(kind, topic, take, PX4_QOS)
+
+    def _hear(self, topic: str, _: object = None) -> None:
+        self._heard[topic] = time.monotonic()
 
     def _publisher(self, kind: type, topic: str) -> Any:
         return self._node.create_publisher(kind, topic, PX4_QOS)
 
-    def _open(self, name: str, side: str, kind: type, names: list[str], opened: dict[str, tuple[str, Any]],
-              destroy: Callable[[Any], Any], create: Callable[[str], Any]) -> None:
-        topic = find_topic(self._node.resolve_topic_name(f'{self._prefix}/{side}/{name}'), names)
-        if topic is None or (name in opened and opened[name][0] == topic):
-            return
-        if name in opened:
-            destroy(opened.pop(name)[1])
-        try:
-            check_version(topic, kind)
-        except VersionError as error:
-            self.problems[name] = str(error)
-            return
-        self.problems.pop(name, None)
-        opened[name] = (topic, create(topic))
+    def _open(self, name: str, kind: type, offered: dict[int, str], opened: dict[str, tuple[str, Any]],
+              create: Callable[[str], Any]) -> None:
+        """Open the version of px4_msgs. What was opened stays open, so that an agent that restarts finds it."""
+        topic = offered.get(version_of(kind))
+        if topic is not None and name not in opened:
+            opened[name] = (topic, create(topic))
+
+    def _watch(self, name: str, kind: type, offered: dict[int, str]) -> None:
+        """Watch the other versions while that of px4_msgs is silent, and report what is wrong."""
+        ages = self._ages(offered)
+        own = offered.get(version_of(kind), '')
+        rivals = {topic for topic in offered.values() if topic != own}
+        silent = ages.get(own, math.inf) > SILENT_S
+        for topic in rivals - set(self._watched) if silent else ():
+            self._watched[topic] = self._node.create_subscription(kind, topic, partial(self._hear, topic), PX4_QOS, raw=True)
+        if not silent:
+            self._node.destroy_entities([self._watched.pop(topic) for topic in rivals if topic in self._watched])
+        self._report(name, mismatch(kind, offered, ages))
+
+    def _ages(self, offered: dict[int, str]) -> dict[str, float]:
+        now = time.monotonic()
+        return {topic: now - self._heard.get(topic, -math.inf) for topic in offered.values()}
+
+    def _report(self, name: str, problem: str) -> None:
+        if problem:
+            self.problems[name] = problem
+        else:
+            self.problems.pop(name, None)

@@ -12,9 +12,11 @@ from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 
 from av_common.freshness import Instant
+from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_interfaces.msg import Bearing, GimbalState, PointingCommand
+from av_px4.external_mode import Registration
 from av_px4.gimbal import Claim
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
@@ -30,6 +32,7 @@ INPUTS = {'vehicle_command': 'VehicleCommand', 'offboard_control_mode': 'Offboar
 MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
                'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply',
                'config_control_setpoints': 'VehicleControlMode'}
+NO_MODE = (-1, -1)
 
 
 class Px4Node(RigNode):
@@ -40,6 +43,7 @@ class Px4Node(RigNode):
 
     def __init__(self) -> None:
         super().__init__('px4_node', parameters)
+        self._kept_mode = KeptNumbers(f'{self.get_fully_qualified_name()}.external_mode', NO_MODE)
 
     def configure(self) -> None:
         """Create the stage and the publishers. Raises ImportError without px4_msgs, ValueError for impossible limits."""
@@ -57,23 +61,30 @@ class Px4Node(RigNode):
 
     def activate(self) -> None:
         """Subscribe to the rig's topics and search for PX4's."""
-        self._stage.start(self._instant())
+        check, mode = map(int, self._kept_mode.values)
+        former = Registration(self._settings.external_mode_name, check, mode) if (check, mode) != NO_MODE else None
+        self._stage.start(self._instant(), former)
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
             self.while_active(self.create_subscription, kind, topic, partial(self._take, take), RESULT)
         self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
-        self.while_active(self.create_timer, 0.5, self._link.discover)
-        self._link.discover()
+        self.while_active(self.create_timer, 0.5, self._discover)
+        self._discover()
 
     def deactivate(self) -> None:
         """Stop the vehicle's motion, release the gimbal and unregister the mode."""
         self._send(self._stage.stop(self._instant()))
+        self._kept_mode.keep(*NO_MODE)
         self._link.close()
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
         """Limits must leave time to stop."""
         px4_settings(settings)
+
+    def _discover(self) -> None:
+        self._link.discover()
+        self._stage.unread = {name for name in INPUTS | MODE_INPUTS if not self._link.topic(name)}
 
     def _instant(self) -> Instant:
         return Instant(time.monotonic(), self.now())
@@ -83,6 +94,9 @@ class Px4Node(RigNode):
 
     def _on_timer(self) -> None:
         self._send(self._stage.on_time(self._instant()))
+        registration = self._stage.mode and self._stage.mode.registration
+        if registration and (registration.arming_check_id, registration.mode_id) != self._kept_mode.values:
+            self._kept_mode.keep(registration.arming_check_id, registration.mode_id)
 
     def _send(self, messages: list[Outgoing]) -> None:
         for topic, message in messages:
@@ -103,6 +117,7 @@ class Px4Node(RigNode):
         status.add('gimbal takeovers', str(stage.gimbal.takeovers))
         status.add('last acknowledgement', stage.gimbal.last_result)
         status.add('body', stage.decision.reason)
+        status.add('OFFBOARD withheld', stage.offboard_withheld)
         status.add('heading and position resets', str(stage.odometry.resets))
         status.add('clock restarts', str(stage.odometry.clock_restarts))
         status.add('odometry undated', str(stage.odometry.undated))
@@ -117,8 +132,11 @@ class Px4Node(RigNode):
             found.append('no topics of PX4: is MicroXRCEAgent running, and UXRCE_DDS_CFG set?')
         elif self._stage.meters['status'].age > self._settings.timeouts.status:
             found.append('no fresh vehicle_status')
+        elif self._settings.turn_body and self._stage.offboard_withheld:
+            found.append(f'OFFBOARD is not offered: {self._stage.offboard_withheld}')
         if self._settings.gimbal.enabled and gimbal.claim is Claim.ASKED and not gimbal.last_result:
-            found.append('the claim of the gimbal is not acknowledged: is MNT_MODE_IN set to 4 or 0?'
+            found.append('the claim of the gimbal is not acknowledged: is MNT_MODE_IN 4 or 0, and has PX4 been restarted since '
+                         'it was set? It takes effect at boot only (SITL: PX4_PARAM_MNT_MODE_IN=4)'
                          if self._link.topic('vehicle_command_ack') else
                          'no vehicle_command_ack: add it to dds_topics.yaml (PX4 1.14), or set gimbal.need_ack to false')
         if gimbal.unacknowledged:
