@@ -123,7 +123,7 @@ def candidates(network: Network, images: Iterable[tuple[NDArray, NDArray]]) -> t
 
 def network_of(states: list[dict[str, Any]]) -> Network:
     """The network of the mean of some checkpoints' weights."""
-    network = Network()
+    network = Network(times=states[0].get('wide', 1))
     network.load_state_dict(mean_of([state['average'] for state in states]))
     return network.eval()
 

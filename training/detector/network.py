@@ -82,7 +82,7 @@ class Pool(nn.Module):
 class Head(nn.Module):
     """Class and box of every cell of a level: what it is and that it is anything at all are added up as log-odds."""
 
-    def __init__(self, inputs: int, classes: int, width: int = 64) -> None:
+    def __init__(self, inputs: int, classes: int, width: int) -> None:
         super().__init__()
         self.stem = Conv(inputs, width)
         self.what = nn.Sequential(separable(width, width), separable(width, width))
@@ -97,22 +97,24 @@ class Head(nn.Module):
 
 
 class Network(nn.Module):
-    """Backbone, feature pyramid (top-down and bottom-up), heads for class and box."""
+    """Backbone, feature pyramid (top-down and bottom-up), heads for class and box; `times` as wide as YOLOX-nano."""
 
-    def __init__(self, classes: int = 4) -> None:
+    def __init__(self, classes: int = 4, times: int = 1) -> None:
         super().__init__()
-        self.stem = Conv(3, 16, 6, 2)
-        self.dark2 = nn.Sequential(separable(16, 32, 2), Stage(32, 32, 1, True))
-        self.dark3 = nn.Sequential(separable(32, 64, 2), Stage(64, 64, 3, True))
-        self.dark4 = nn.Sequential(separable(64, 128, 2), Stage(128, 128, 3, True))
-        self.dark5 = nn.Sequential(separable(128, 256, 2), Pool(256), Stage(256, 256, 1, False))
-        self.lateral5, self.join4 = Conv(256, 128), Stage(256, 128, 1, False)
-        self.lateral4, self.join3 = Conv(128, 64), Stage(128, 64, 1, False)
-        self.lateral3, self.fine, self.down2 = Conv(64, 32), separable(32, 32), separable(32, 64, 2)
+        self.times = times
+        c16, c32, c64, c128, c256 = (times * width for width in (16, 32, 64, 128, 256))
+        self.stem = Conv(3, c16, 6, 2)
+        self.dark2 = nn.Sequential(separable(c16, c32, 2), Stage(c32, c32, 1, True))
+        self.dark3 = nn.Sequential(separable(c32, c64, 2), Stage(c64, c64, 3, True))
+        self.dark4 = nn.Sequential(separable(c64, c128, 2), Stage(c128, c128, 3, True))
+        self.dark5 = nn.Sequential(separable(c128, c256, 2), Pool(c256), Stage(c256, c256, 1, False))
+        self.lateral5, self.join4 = Conv(c256, c128), Stage(c256, c128, 1, False)
+        self.lateral4, self.join3 = Conv(c128, c64), Stage(c128, c64, 1, False)
+        self.lateral3, self.fine, self.down2 = Conv(c64, c32), separable(c32, c32), separable(c32, c64, 2)
         nn.init.zeros_(self.down2[1].gain)  # begins as nothing, so that trained weights mean what they meant
-        self.down3, self.up4 = separable(64, 64, 2), Stage(128, 128, 1, False)
-        self.down4, self.up5 = separable(128, 128, 2), Stage(256, 256, 1, False)
-        self.heads = nn.ModuleList(Head(width, classes) for width in (64, 128, 256))
+        self.down3, self.up4 = separable(c64, c64, 2), Stage(c128, c128, 1, False)
+        self.down4, self.up5 = separable(c128, c128, 2), Stage(c256, c256, 1, False)
+        self.heads = nn.ModuleList(Head(width, classes, c64) for width in (c64, c128, c256))
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Class logits (n, cells, classes) and raw boxes (n, cells, 4): offset from the cell in cells, log size in cells."""

@@ -50,6 +50,23 @@ def start_from(network: Network, path: Path) -> None:
             layer.set(*((as_ours(weight), as_ours(bias)) if name == 'cls' else (weight, bias)))
 
 
+@torch.no_grad()
+def widen(small: Network, wide: Network, noise: float = 0.05) -> None:
+    """Give a wider network what a trained one knows: each channel several times, which sum to what it was (Net2Net).
+
+    It answers as the small one but for the noise (a share of each weight), which makes equal channels learn different things
+    (Chen et al. 2016, arXiv:1511.05641).
+    """
+    theirs = (layer for layer in small.modules() if isinstance(layer, Conv))
+    ours = (layer for layer in wide.modules() if isinstance(layer, Conv))
+    for old, new in zip(theirs, ours, strict=True):
+        if not old.gain.any():  # begins as nothing in both
+            continue
+        outputs, inputs = (new.weight.shape[k] // old.weight.shape[k] for k in (0, 1))
+        weight = (old.weight * old.gain).repeat_interleave(outputs, 0).repeat_interleave(inputs, 1) / inputs
+        new.set(weight * (1.0 + noise * torch.randn_like(weight)), old.bias.repeat_interleave(outputs))
+
+
 def in_order(network: Network, layers: Iterable[Conv]) -> list[Conv]:
     """Some convolutions but the last ones in the order in which a image meets them."""
     met: list[Conv] = []

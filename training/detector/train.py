@@ -25,7 +25,7 @@ from network import Network, cells
 from samples import Sampler
 from simulated import build_simulated
 from sprites import build_bank
-from start import start_from
+from start import start_from, widen
 from torch import Tensor
 
 # (side of the crops, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
@@ -111,6 +111,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--rate', type=float, default=8e-4, help='peak learning rate (AdamW)')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
+    parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
     parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
@@ -128,8 +129,11 @@ def main() -> None:
     build_simulated(args.cache / 'simulated')
     sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), Frames(args.cache / 'simulated', 'train'),
                       Album(args.cache, tuple(args.leave_out)))
-    network = Network()
-    start_from(network, args.start)
+    small = Network()
+    start_from(small, args.start)
+    network = small if args.wide == 1 else Network(times=args.wide)
+    if args.wide > 1:
+        widen(small, network)
     network = network.to(args.device, memory_format=torch.channels_last)
     average = deepcopy(network).eval()
     decayed = [p for p in network.parameters() if p[0].numel() > 1]
@@ -176,7 +180,7 @@ def main() -> None:
             sums, since, began = {}, 0, time.monotonic()
         if time.monotonic() - last_saved > 120 or step == args.steps or stopped.is_set():
             save(checkpoint, network=network.state_dict(), average=average.state_dict(), optimizer=optimizer.state_dict(),
-                 step=step, left_out=args.leave_out)
+                 step=step, left_out=args.leave_out, wide=args.wide)
             last_saved = time.monotonic()
 
 
