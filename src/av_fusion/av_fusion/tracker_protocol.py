@@ -6,22 +6,21 @@ from typing import Protocol
 
 from av_common.track import Track
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose, RigMotion
 
 
 class Tracker(Protocol):
     """Estimates the bearing of one target. Measurements may arrive late and out of order; times are capture times in s."""
 
+    @property
+    def motion(self) -> RigMotion:
+        """The rig's attitude and path."""
+
     def reset(self) -> None:
         """Discard the track, but keep the rig's motion and the result of calibration."""
 
-    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Use the rig's yaw in the world (rad) and its rate (rad/s).
-
-        Parameters:
-            time (s): time of the pose.
-            yaw (rad): yaw in the world (ENU).
-            yaw_rate (rad/s): its rate.
-        """
+    def add_pose(self, pose: Pose) -> None:
+        """Use attitude and motion of the rig."""
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """Use a direction of arrival; one that is not plausible is ignored."""

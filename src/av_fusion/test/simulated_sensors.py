@@ -9,6 +9,8 @@ import numpy as np
 from av_common.angles import wrap
 from av_fusion.measurement.measurements import LEAST_SINE, CameraMeasurement, Cone, Detection, DoaMeasurement
 
+LEFT = (0.0, 1.0, 0.0)
+
 
 class SimulatedSensors:
     """Draws measurements of a target at a body azimuth; seeded."""
@@ -22,7 +24,7 @@ class SimulatedSensors:
         sigma = self.sound_sigma / max(abs(math.cos(azimuth)), 0.1)
         measured = float(wrap(azimuth + self.random.normal(0.0, sigma)))
         slope = max(abs(math.cos(measured)), LEAST_SINE)
-        return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, math.sin(measured), (slope * sigma) ** 2), confidence)
+        return DoaMeasurement.of_cone(time, Cone(LEFT, math.sin(measured), (slope * sigma) ** 2), confidence)
 
     def camera(self, time: float, azimuth: float, visibility: float = 1.0, half_view: float = 0.6,
              detection_probability: float = 0.9) -> CameraMeasurement:
@@ -30,4 +32,4 @@ class SimulatedSensors:
         seen = abs(wrap(azimuth)) < half_view and self.random.random() < visibility * detection_probability
         measured = float(wrap(azimuth + self.random.normal(0.0, self.sight_sigma)))
         found = (Detection(measured, self.sight_sigma**2, 0.9, 0.1, 0.01),) if seen else ()
-        return CameraMeasurement(time, found, 0.0, half_view, visibility)
+        return CameraMeasurement(time, found, half_view, visibility=visibility)

@@ -19,7 +19,7 @@ from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detectio
 def biased_measurement(time, azimuth, offset, scale, random, sigma=0.01):
     """What a pair on the y axis reports whose axis is off by `offset` rad and whose baseline is `scale` too long."""
     cosine = np.clip((1.0 + scale) * math.cos(azimuth - 0.5 * math.pi - offset) + random.normal(0.0, sigma), -0.999, 0.999)
-    return DoaMeasurement.of_cone(time, Cone(0.5 * math.pi, cosine, sigma**2), 0.95)
+    return DoaMeasurement.of_cone(time, Cone((0.0, 1.0, 0.0), cosine, sigma**2), 0.95)
 
 
 def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed=1):

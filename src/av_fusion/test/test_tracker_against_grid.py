@@ -14,6 +14,7 @@ from av_fusion.filter import process_noise
 from av_fusion.filter.gaussian_component import PASSING_S
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.rig_motion import Pose
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
@@ -38,7 +39,7 @@ class Histogram:
             self.mass = np.fft.ifft(np.fft.fft(self.mass @ self._kick, axis=0) * self._drift, axis=0).real.clip(0.0)
 
     def doa(self, yaw: float, measurement) -> None:
-        azimuth, variance = measurement.hypotheses[0].azimuth, measurement.hypotheses[0].azimuth_variance
+        azimuth, variance = measurement.hypotheses[0].azimuth, measurement.hypotheses[0].across_variance
         angle = azimuth - 0.5 * math.pi  # from the axis, which is the rig's left
         noise = variance * math.sin(angle) ** 2
         peak = 0.5 * measurement.confidence * 2.0 * math.pi / math.sqrt(2.0 * math.pi * variance)
@@ -68,7 +69,7 @@ def test_mixture_is_the_posterior(start_deg, monkeypatch):
         t, yaw = step * DT, math.radians(15.0) * step * DT
         truth = math.radians(start_deg) + math.radians(5.0) * t
         measurement = sensors.doa(100.0 + t, float(wrap(truth - yaw)))
-        tracker.add_pose(100.0 + t, yaw, 0.0)
+        tracker.add_pose(Pose.level(100.0 + t, yaw))
         tracker.add_doa(measurement)
         if step:
             histogram.predict()

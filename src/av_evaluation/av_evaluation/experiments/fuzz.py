@@ -15,6 +15,8 @@ from av_evaluation.metrics.command_limits import CommandLimits
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.measurement.vectors import ZERO, Quaternion, Vector, combined, quaternion_of, rotation
 from av_pointing.controller import Ages, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
@@ -67,15 +69,17 @@ class Sequence:
         """Send one measurement and advance the time; returns the time step (s) of the controller."""
         kind = self._random.randrange(4)
         if kind == 0:
-            self._tracker.add_pose(self._stamp(), self._angle(), self._value(0.0, 1.0))
+            self._tracker.add_pose(self._pose())
         elif kind == 1 and self._sent and self._chance(0.3):
             self._send(self._sent[self._random.randrange(len(self._sent))])
         elif kind == 2:
             self._send(CameraMeasurement(self._stamp(), tuple(self._detection() for _ in range(self._random.randrange(4))),
-                                         self._value(0.0, 0.1), self._value(0.6, 0.1), self._value(0.5, 0.3)))
+                                         self._value(0.6, 0.1), self._value(0.5, 0.1), self._value(0.5, 0.3),
+                                         rotation(self._attitude()) if self._chance(0.95) else (ZERO,) * 3))
         else:
             hypotheses = tuple(self._hypothesis() for _ in range(self._random.randrange(4)))
-            cone = Cone(self._angle(), self._value(0.0, 0.5), self._variance()) if len(hypotheses) == 2 else None
+            axis = self._unit(self._vector(1.0))
+            cone = Cone(axis, self._value(0.0, 0.5), self._variance()) if len(hypotheses) == 2 else None
             self._send(DoaMeasurement(self._stamp(), hypotheses, self._value(0.7, 0.3), self._value(0.5, 0.1), cone))
         passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
         self._now += passed
@@ -92,7 +96,7 @@ class Sequence:
         track, command = self._track, self._command
         if track.state != State.NONE and not all(map(math.isfinite, (
                 track.azimuth, track.azimuth_world, track.azimuth_world_rate, track.azimuth_variance, track.front_probability,
-                track.elevation))):
+                track.elevation, track.elevation_world, track.elevation_world_rate, *track.covariance_world[:3]))):
             return f'track is not finite: {track}'
         if track.state != State.NONE and not (track.azimuth_variance > 0.0 and -math.pi <= track.azimuth <= math.pi):
             return f'track is impossible: {track}'
@@ -126,6 +130,20 @@ class Sequence:
             return self._random.choice([math.nan, math.inf, 0.0, -5.0, self._now + 1e6, self._now - 1e6])
         late = self._random.choices((0.0, -0.05, -0.3, -2.0, 0.1, 4.0, -6.0), (0.5, 0.2, 0.1, 0.05, 0.05, 0.05, 0.05))
         return self._now + late[0]
+
+    def _vector(self, sigma: float) -> Vector:
+        return self._value(0.0, sigma), self._value(0.0, sigma), self._value(0.0, sigma)
+
+    def _unit(self, vector: Vector) -> Vector:
+        length = math.hypot(*vector)
+        return combined(1.0 / length, vector, 0.0, ZERO) if 0.0 < length < math.inf and self._chance(0.95) else vector
+
+    def _attitude(self) -> Quaternion:
+        return quaternion_of((self._random.gauss(0.0, 1.0), self._random.gauss(0.0, 1.0), self._random.gauss(0.0, 1.0)))
+
+    def _pose(self) -> Pose:
+        return Pose(self._stamp(), self._attitude() if self._chance(0.95) else (*self._vector(1.0), 0.5),
+                    self._vector(1.0), self._vector(10.0), None if self._chance(0.1) else self._vector(100.0))
 
     def _hypothesis(self) -> Hypothesis:
         return Hypothesis(self._angle(), self._variance(), self._value(0.2, 0.3), self._variance())

@@ -12,6 +12,7 @@ from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
 
 
 def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: MeasurementRecord,
@@ -43,9 +44,9 @@ def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: Measuremen
         if isinstance(event, CameraMeasurement):
             add_until(event.time)
             tracker.add_camera(event)
-        elif isinstance(event, tuple):
-            add_until(event[0])
-            tracker.add_pose(*event)
+        elif isinstance(event, Pose):
+            add_until(event.time)
+            tracker.add_pose(event)
         else:
             add_until(event)
     add_until(math.inf)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.tracker_protocol import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
-Pose = tuple[float, float, float]  # time (s), yaw (rad), yaw rate (rad/s)
 
 
 @dataclass
@@ -34,8 +34,8 @@ class MeasurementRecord:
                 tracker.add_doa(event)
             elif isinstance(event, CameraMeasurement):
                 tracker.add_camera(event)
-            elif isinstance(event, tuple):
-                tracker.add_pose(*event)
+            elif isinstance(event, Pose):
+                tracker.add_pose(event)
             else:
                 track = tracker.estimate(event)
                 series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
@@ -54,14 +54,19 @@ class RecordingTracker:
     def __init__(self, tracker: Tracker, record: MeasurementRecord) -> None:
         self._tracker, self._events = tracker, record.events
 
+    @property
+    def motion(self) -> RigMotion:
+        """See `Tracker`."""
+        return self._tracker.motion
+
     def reset(self) -> None:
         """See `Tracker`."""
         self._tracker.reset()
 
-    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """See `Tracker`."""
-        self._events.append((time, yaw, yaw_rate))
-        self._tracker.add_pose(time, yaw, yaw_rate)
+        self._events.append(pose)
+        self._tracker.add_pose(pose)
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """See `Tracker`."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from av_common.angles import wrap
 from av_common.track import Source, State, Track
-from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings
+from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings, Tilt
 from av_fusion.filter.gaussian_component import share_within
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
 from av_fusion.measurement.measurements import (
@@ -24,7 +24,8 @@ from av_fusion.measurement.measurements import (
     usable_camera,
     usable_doa,
 )
-from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import angles, direction, turned, turned_back
 
 RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
 PREDICTION_RATE = 0.3  # rad/s, standard deviation of the target's azimuth rate, by which the variance of a prediction grows
@@ -76,7 +77,7 @@ class GatedTracker:
 
     Attributes:
         settings: see `GatedSettings`.
-        motion: the rig's yaw over time.
+        motion: the rig's attitude over time.
         machine: decides which sensor leads.
         planner: requests the fixed rotation.
 
@@ -95,9 +96,10 @@ class GatedTracker:
         """See `Tracker`."""
         self._target = _Target()
 
-    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
+    def add_pose(self, pose: Pose) -> None:
         """See `Tracker`."""
-        self.motion.add(time, yaw, yaw_rate)
+        if self.motion.add(pose) is not None:  # the attitude jumped: earlier directions in the world are not valid
+            self._target.unambiguous = self._target.stored = None
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`; only the detection of highest score is used."""
@@ -109,7 +111,7 @@ class GatedTracker:
         self.machine.on_image(time, best.score if best else 0.0)
         if best and best.score >= self.settings.machine.tau:
             self._target.detection = (time, best)
-            self._target.unambiguous = (time, float(wrap(self.motion.yaw(time) + best.azimuth)))
+            self._target.unambiguous = (time, self._world_azimuth(time, best))
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """See `Tracker`; one of the mirror images is chosen."""
@@ -118,9 +120,9 @@ class GatedTracker:
             return
         time, images = usable.time - self.settings.sound_delay, usable.hypotheses
         yaw = self.motion.yaw(time)
-        target.candidates = [Candidate(h.azimuth, h.azimuth_variance, 0.0, 0.0, 1.0 / len(images)) for h in images]
+        target.candidates = [Candidate(h.azimuth, h.across_variance, 0.0, 0.0, 1.0 / len(images)) for h in images]
         target.axis = images[0].azimuth + 0.5 * float(wrap(images[-1].azimuth - images[0].azimuth))
-        world = [float(wrap(yaw + h.azimuth)) for h in images]
+        world = [self._world_azimuth(time, h) for h in images]
         if len(images) == 1:
             target.unambiguous = (time, world[0])
         elif target.unambiguous is None or time - target.unambiguous[0] > self.settings.memory:
@@ -136,8 +138,11 @@ class GatedTracker:
     @property
     def chosen_azimuth(self) -> float | None:
         """World azimuth (rad) of the image chosen of the newest direction of arrival."""
-        direction = self._target.direction
-        return None if direction is None else float(wrap(self.motion.yaw(direction[0]) + direction[1].azimuth))
+        chosen = self._target.direction
+        return None if chosen is None else self._world_azimuth(*chosen)
+
+    def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
+        return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
@@ -151,21 +156,22 @@ class GatedTracker:
         entry = target.detection if by_sight else target.direction
         if state == State.NONE or entry is None:
             return track
-        measured, direction = entry
-        yaw = self.motion.yaw(time)
-        azimuth_world = float(wrap(self.motion.yaw(measured) + direction.azimuth))
-        azimuth = float(wrap(azimuth_world - yaw))
-        resolved, rotation = self._resolve(time, yaw)
+        measured, found = entry
+        world = turned(self.motion.attitude(measured), direction(found.azimuth, found.elevation))
+        azimuth, elevation = angles(turned_back(self.motion.attitude(time), world))
+        azimuth_world, elevation_world = angles(world)
+        resolved, rotation = self._resolve(time, self.motion.yaw(time))
         coasting = state == State.COASTING
-        variance = direction.azimuth_variance + ((PREDICTION_RATE * (time - measured)) ** 2 if coasting else 0.0)
+        variance = found.across_variance + ((PREDICTION_RATE * (time - measured)) ** 2 if coasting else 0.0)
         probability = RESOLVED_PROBABILITY if resolved else 0.5
         if coasting:
             front = share_within(0.5 * math.pi, azimuth, variance)
             probability = min(probability, max(front, 1.0 - front))
         return track._replace(
             source=Source.NOTHING if coasting else Source.SIGHT if by_sight else Source.SOUND, azimuth=azimuth,
-            azimuth_variance=variance, elevation=direction.elevation,
-            elevation_variance=direction.elevation_variance, azimuth_world=azimuth_world, measured=measured,
+            azimuth_variance=variance, elevation=elevation, elevation_variance=found.elevation_variance,
+            azimuth_world=azimuth_world, elevation_world=elevation_world, attitude_known=self.motion.is_known(time),
+            covariance_world=(variance, 0.0, 0.0, found.elevation_variance), measured=measured,
             front_probability=probability if math.cos(azimuth) > 0.0 else 1.0 - probability, resolved=resolved,
             requested_rotation=rotation, sound_weight=float(not (by_sight or coasting)),
             sight_weight=float(by_sight and not coasting))
@@ -180,7 +186,8 @@ class GatedTracker:
         if target.unambiguous is not None and time - target.unambiguous[0] <= self.settings.memory:
             self.planner.cancel()
             return True, 0.0
-        return False, self.planner.plan(time, yaw, lambda: target.candidates, target.axis, target.visibility)
+        return False, self.planner.plan(time, yaw, lambda: target.candidates,
+                                        Tilt((math.cos(target.axis), math.sin(target.axis), 0.0)), target.visibility)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:
         """The candidate that kept its direction in the world while the rig rotated, once it has rotated far enough."""

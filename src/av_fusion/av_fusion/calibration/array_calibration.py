@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
+from av_fusion.measurement.vectors import quaternion_of, rotation, turned
 
 SIGHT_CORRELATION_S = 5.0  # errors of the camera's calibration persist; comparisons within this time are not independent
 LEAST_CONFIDENCE = 0.5  # of detections and of directions of arrival that are compared
@@ -130,7 +131,8 @@ class ArraySelfCalibration:
         if cone is None or not self.compared:
             return measurement
         left, right = (math.acos(cosine) for cosine in self.correct(cone.cosine, cone.angle))
-        moved = Cone(cone.axis + 0.5 * (left - right), math.cos(0.5 * (left + right)), cone.variance)
+        axis = turned(rotation(quaternion_of((0.0, 0.0, 0.5 * (left - right)))), cone.axis)
+        moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
         return DoaMeasurement.of_cone(measurement.time, moved, measurement.confidence, measurement.window)
 
     def describe(self) -> dict[str, str]:

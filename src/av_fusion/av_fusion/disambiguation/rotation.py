@@ -1,8 +1,8 @@
 """Plans the rotation of the rig that resolves the front-back ambiguity soonest.
 
 The true source keeps its course in the world, while its mirror image moves by twice the rotation. The time until
-this is evident depends on the direction relative to the array, on possible motion of source and image, and on whether one of
-them enters the camera's view.
+this is evident depends on the direction relative to the array, on possible motion of source and image, on how the rig tilts
+anyway, and on whether one of them enters the camera's view.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, turned, turned_back
 
 HORIZON = np.arange(0.2, 6.1, 0.2)  # s, future times for which the resolution is predicted
 DONE = math.radians(2.0)  # a rotation is complete when less than this is left
 REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
 REPLAN_S = 0.2  # time between predictions
 FORGET_S = 5.0  # time after which the direction of the last rotation is discarded
+TILT_S = 0.5  # for which a tilt continues at its present rate
+LEAST_TILT_RATE = math.radians(3.0)  # rad/s, from which the rig may wait for its tilt instead of turning
 SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
 
 
@@ -56,9 +59,10 @@ class Candidate(NamedTuple):
     """A possible direction of the target.
 
     Parameters:
-        azimuth (rad), variance (rad^2): azimuth in the body frame and its variance.
+        azimuth (rad), variance (rad^2): azimuth from the rig's heading and its variance.
         rate (rad/s), rate_variance (rad^2/s^2): rate of the azimuth in the world and its variance.
         weight: probability of the candidate.
+        elevation (rad), elevation_variance (rad^2): elevation in the world and its variance.
     """
 
     azimuth: float
@@ -66,6 +70,40 @@ class Candidate(NamedTuple):
     rate: float
     rate_variance: float
     weight: float
+    elevation: float = 0.0
+    elevation_variance: float = 0.0
+
+
+class Tilt(NamedTuple):
+    """The array's axis and how it tilts, in the level frame of the rig's heading.
+
+    Parameters:
+        axis: unit vector of the axis.
+        rate (rad/s): angular velocity of the rig's roll and pitch.
+    """
+
+    axis: Vector
+    rate: Vector = ZERO
+
+    @classmethod
+    def of(cls, attitude: Rows, yaw: float, rate: Vector, axis: Vector) -> Tilt:
+        """From the rig's attitude, yaw (rad) and angular velocity (rad/s) in the world, and an axis in the body frame."""
+        heading: Rows = ((math.cos(yaw), -math.sin(yaw), 0.0), (math.sin(yaw), math.cos(yaw), 0.0), (0.0, 0.0, 1.0))
+        return cls(turned_back(heading, turned(attitude, axis)), turned_back(heading, (rate[0], rate[1], 0.0)))
+
+    @property
+    def continues(self) -> bool:
+        """Whether the rig tilts fast enough to tell directions apart."""
+        return math.hypot(self.rate[0], self.rate[1]) > LEAST_TILT_RATE
+
+    def course(self, times: NDArray) -> NDArray:
+        """The axis (n, 3) after `times` (n, s), if the rig does not turn and its tilt goes on for TILT_S (Rodrigues)."""
+        axis, speed = np.array(self.axis), math.hypot(*self.rate)
+        if speed < 1e-9:
+            return np.broadcast_to(axis, (len(times), 3))
+        about, angle = np.array(self.rate) / speed, (speed * TILT_S * (1.0 - np.exp(-times / TILT_S)))[:, None]
+        return (np.cos(angle) * axis + np.sin(angle) * np.cross(about, axis)
+                + (1.0 - np.cos(angle)) * (about @ axis) * about)
 
 
 class RotationPlanner:
@@ -91,7 +129,7 @@ class RotationPlanner:
         """
         self._since = self._target = self._centre = None
 
-    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Candidate]], axis: float,
+    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Candidate]], tilt: Tilt,
              visibility: float) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
@@ -99,7 +137,7 @@ class RotationPlanner:
             time (s): time of the request.
             yaw (rad): yaw of the rig in the world.
             find_candidates: returns the possible directions; it is called every REPLAN_S only.
-            axis (rad): azimuth in the body frame of the axis between the mirror images.
+            tilt: the axis between the mirror images, and how the rig tilts.
             visibility: visibility 0..1, NaN if unknown.
         """
         settings = self.settings
@@ -124,10 +162,13 @@ class RotationPlanner:
             return 0.0
         if replan or self._direction not in left:
             first, second, *_ = self._candidates
-            expected = expected_times([direction * room for direction, room in left.items()], first, second, axis,
-                                      visibility if math.isfinite(visibility) else 0.0, settings)
-            expected -= [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
-            self._direction = list(left)[int(np.argmin(expected))]
+            *expected, waiting = expected_times([*(direction * room for direction, room in left.items()), 0.0], first, second,
+                                                tilt, visibility if math.isfinite(visibility) else 0.0, settings)
+            if tilt.continues and waiting <= min(expected):
+                self._direction = 0.0
+                return 0.0
+            gains = [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]
+            self._direction = list(left)[int(np.argmin(np.subtract(expected, gains)))]
         return self._direction * left[self._direction]
 
     def _fixed_turn(self, yaw: float, offset: float) -> float:
@@ -143,9 +184,9 @@ class RotationPlanner:
         return 0.0
 
 
-def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, axis: float, visibility: float,
+def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, visibility: float,
                    settings: RotationSettings) -> NDArray[np.float64]:
-    """Expected time (s) until each of the rotations has resolved which of two candidates is true.
+    """Expected time (s) until each of the rotations has resolved which of two candidates is true; 0 is to wait for the tilt.
 
     A linear array measures the cosine of the angle from its axis. The measurements contradict the false candidate with
     d^2 / (2 s^2) nats, d being the difference of the cosines of both courses; s^2 contains what the unknown rate of the false
@@ -157,19 +198,24 @@ def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, 
     Parameters:
         turns (n,) (rad): rotations, counter-clockwise.
         first, second: the candidates.
-        axis (rad): azimuth of the array's axis in the body frame.
+        tilt: the array's axis, and how the rig tilts.
         visibility: visibility 0..1.
         settings: see `RotationSettings`.
     """
     candidates = (first, second)
-    azimuth, rate, variance, rate_variance, weight = np.array(
-        [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9)) for c in candidates]).T
+    azimuth, rate, variance, rate_variance, weight, elevation, elevation_variance = np.array(
+        [(c.azimuth, c.rate, c.variance, c.rate_variance, max(c.weight, 1e-9), c.elevation, c.elevation_variance)
+         for c in candidates]).T
     turned = np.copysign(np.minimum(np.abs(turns)[:, None], settings.rate * HORIZON), np.asarray(turns)[:, None])
     course = (azimuth[:, None] + rate[:, None] * HORIZON) - turned[:, None]  # (turns, candidates, times), in the body frame
-    cosine, sine = np.cos(course - axis), np.sin(course - axis)
+    x, y, z = tilt.course(HORIZON).T  # as the rig sees it, which turns with the rig
+    level, climb = np.cos(elevation)[:, None], np.sin(elevation)[:, None]
+    along, sine = x * np.cos(course) + y * np.sin(course), x * np.sin(course) - y * np.cos(course)
+    cosine = level * along + climb * z
     unexplained = cosine[:, :1] - cosine[:, 1:]
     spread = variance[:, None] + rate_variance[:, None] * HORIZON**2
-    error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2
+    tilted = (level * (z - tilt.axis[2])) ** 2 * elevation_variance[:, None]
+    error = (sine**2 * spread + 0.5 * np.minimum(spread, 1.0) ** 2 + tilted
              + settings.broadside_sigma**2 * settings.window / HORIZON)[:, ::-1]  # of the false candidate, by the true one
     acoustic = np.maximum.accumulate(0.5 * unexplained**2 / error, axis=-1)
     in_view = (np.cos(course) > math.cos(settings.half_view)).any(axis=1, keepdims=True)

@@ -1,1 +1,1 @@
-"""The Gaussian-sum filter on the circle."""
+"""The Gaussian-sum filter on the sphere."""

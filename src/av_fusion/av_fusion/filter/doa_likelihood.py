@@ -4,84 +4,158 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from math import tau
 from typing import NamedTuple, Protocol
 
 from av_fusion.filter.gaussian_component import GaussianComponent
-from av_fusion.measurement.measurements import Cone, Hypothesis
+from av_fusion.filter.past_state import PastState
+from av_fusion.filter.world_direction import Deviation, WorldDirection, distance
+from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Hypothesis
+from av_fusion.measurement.vectors import Vector, dot
 
 
 class Comparison(NamedTuple):
-    """A scalar measurement compared with what a component predicts.
+    """A measurement compared with what a component predicts.
 
     Parameters:
-        component: the component.
-        row: measurement row, the derivatives with respect to azimuth, azimuth rate and elevation.
-        variance: variance of the innovation.
-        innovation: measured minus predicted value.
+        component, past: the component, and its direction at the capture time.
+        deviations: the scalar measurements that it consists of.
+        direction: the alternative that was compared; None for a cone.
         fit: likelihood relative to that of a component that predicts the measured value without error and variance; at most 1.
     """
 
     component: GaussianComponent
-    row: tuple[float, float, float]
-    variance: float
-    innovation: float
+    past: PastState
+    deviations: Sequence[Deviation]
     fit: float
+    direction: WorldDirection | None = None
 
 
 class DoaLikelihood(Protocol):
     """A direction of arrival to compare with components."""
 
-    def compare(self, component: GaussianComponent, lag: float) -> Comparison:
-        """Compare with the state of a component `lag` s before its time.
-
-        Parameters:
-            component: component of the posterior.
-            lag (s): time of the component minus time of the measurement.
-        """
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+        """Compare with a component, whose direction at the capture time is `past`."""
 
 
-class ConeLikelihood:
-    """The cosine that a linear array measures, whichever of the two images is the source.
+class WorldCone(NamedTuple):
+    """The cosine of the angle from an axis, whichever of the images is the source.
 
     Parameters:
-        axis (rad): azimuth of the array's axis in the world.
+        axis: unit vector of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
         variance: variance of the cosine's error from all causes.
+        blur: displacement of the axis by its rotation within the window, as a standard deviation.
     """
 
-    def __init__(self, axis: float, cosine: float, variance: float) -> None:
-        self._axis, self._cosine, self._variance = axis, cosine, variance
+    axis: Vector
+    cosine: float
+    variance: float
+    blur: Vector
 
-    def compare(self, component: GaussianComponent, lag: float) -> Comparison:
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """See `DoaLikelihood`."""
-        mean, variance, row = component.expected_cosine(self._axis, lag)
-        innovation, total = self._cosine - mean, variance + self._variance
-        return Comparison(component, row, total, innovation, _fit(innovation, total, self._variance))
+        deviation = self.deviation(past)
+        fit = math.exp(-0.5 * deviation.distance) * math.sqrt(deviation.noise / deviation.total)
+        return Comparison(component, past, (deviation,), fit)
+
+    def deviation(self, past: PastState) -> Deviation:
+        """Deviation of the cosine from what a component predicts."""
+        mean, variance, row = expected_cosine(past, self.axis)
+        noise = self.variance + dot(self.blur, past.direction) ** 2
+        return Deviation(row, self.cosine - mean, variance + noise, noise)
+
+    def explained_by(self, past: PastState, side: float) -> bool:
+        """Whether a component is within three standard deviations of the image on one side (-1 or 1) of the axis."""
+        beside, row = past.beside(self.axis)
+        return self.deviation(past).distance < 9.0 and (beside * side > 0.0 or beside**2 < 9.0 * past.variance(row))
+
+    def sky_images(self, elevation: float, variance: float) -> list[SkyImage]:
+        """Where the cone meets the likely elevations of the sky, clockwise of the axis first.
+
+        None for an axis that is close to the vertical, whose cone meets all azimuths.
+
+        Parameters:
+            elevation (rad), variance (rad^2): usual elevation of targets and its variance.
+        """
+        x, y, z = self.axis
+        level = math.hypot(x, y)
+        if level < LEAST_LEVEL:
+            return []
+        climb, angle = math.asin(min(max(z, -1.0), 1.0)), math.acos(min(max(self.cosine, -1.0), 1.0))
+        elevation = min(max(elevation, climb - angle, -0.5 * math.pi), climb + angle, 0.5 * math.pi)
+        width, sine = level * max(math.cos(elevation), 0.05), math.sin(elevation)
+        ratio = min(max((self.cosine - z * sine) / width, -1.0), 1.0)
+        to_elevation = (self.cosine * sine - z) / (width * math.cos(elevation)) if math.cos(elevation) > 0.05 else 0.0
+        noise = self.variance / width**2
+        steepness = math.sqrt(max(1.0 - ratio * ratio, math.sqrt(noise + to_elevation**2 * variance)))
+        apart, azimuth, cosine = math.acos(ratio), math.atan2(y, x), math.cos(elevation)
+        images = []
+        for side in (-1.0, 1.0):
+            slope = -side * to_elevation / steepness  # of the azimuth by elevation
+            images.append(SkyImage(math.remainder(azimuth + side * apart, math.tau), elevation,
+                                   (noise / steepness**2 + slope * slope * variance) * cosine**2,
+                                   slope * variance * cosine, variance, side))
+        return images
+
+
+class SkyImage(NamedTuple):
+    """A direction (rad, world) on a cone, its covariance (rad^2) across and up, and its side of the axis (-1 or 1)."""
+
+    azimuth: float
+    elevation: float
+    hh: float
+    hv: float
+    vv: float
+    side: float
+
+
+def expected_cosine(past: PastState, axis: Vector) -> tuple[float, float, tuple[float, float]]:
+    """Mean and variance of the cosine of the angle between a target and an axis, and its mean derivatives across and up.
+
+    With azimuth d and elevation e of the target from its mean, the cosine is x cos d cos e + y sin d cos e + z sin e, where
+    x, y, z are the axis along the mean and the axes of its plane. For Gaussian d and e all moments follow in closed form from
+    E cos x = exp(-v/2); by Stein's lemma the covariance with the state is its covariance matrix times the mean gradient
+    (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments need no bounds where the cosine is flat, at
+    end-fire.
+
+    Parameters:
+        past: the target's direction.
+        axis: unit vector of the axis in the world.
+    """
+    x, y, z = dot(axis, past.direction), dot(axis, past.left), dot(axis, past.above)
+    h, v, c = past.hh, past.vv, past.hv
+    fade_sum, fade_difference = math.exp(-0.5 * (h + v) - c), math.exp(-0.5 * (h + v) + c)
+    both = 0.5 * (fade_sum + fade_difference)  # E cos d cos e
+    mean = x * both
+    twice_h, twice_v = math.exp(-2.0 * h), math.exp(-2.0 * v)
+    twice_both = 0.5 * (math.exp(-2.0 * (h + v) - 4.0 * c) + math.exp(-2.0 * (h + v) + 4.0 * c))
+    mixed = 0.5 * (math.exp(-0.5 * h - 2.0 * v + 2.0 * c) - math.exp(-0.5 * h - 2.0 * v - 2.0 * c))  # E sin d sin 2e
+    square = (0.25 * x * x * (1.0 + twice_h + twice_v + twice_both) + 0.25 * y * y * (1.0 - twice_h + twice_v - twice_both)
+              + 0.5 * z * z * (1.0 - twice_v) + y * z * mixed)
+    row = y * both, z * math.exp(-0.5 * v) - 0.5 * y * (fade_difference - fade_sum)
+    return mean, max(square - mean * mean, 1e-12), row
 
 
 class DirectionLikelihood:
     """Alternative directions; each component is compared with the nearest one.
 
     Parameters:
-        azimuths (rad): azimuths in the world.
-        variances (rad^2): variances of their errors.
+        directions: the directions in the world.
     """
 
-    def __init__(self, azimuths: Sequence[float], variances: Sequence[float]) -> None:
-        self._azimuths, self._variances = azimuths, variances
+    def __init__(self, directions: Sequence[WorldDirection]) -> None:
+        self._directions = directions
 
-    def compare(self, component: GaussianComponent, lag: float) -> Comparison:
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
         """See `DoaLikelihood`."""
-        innovation, noise = min(((component.innovation(azimuth, lag), variance)
-                                 for azimuth, variance in zip(self._azimuths, self._variances, strict=True)),
-                                key=lambda pair: abs(pair[0]))
-        total = component.expected_variance(lag) + noise
-        return Comparison(component, (1.0, -lag, 0.0), total, innovation, _fit(innovation, total, noise))
+        alternatives = [(direction.deviations(past), direction) for direction in self._directions]
+        deviations, nearest = min(alternatives, key=lambda pair: distance(pair[0]))
+        fit = math.exp(-0.5 * distance(deviations)) * math.sqrt(deviations[0].noise / deviations[0].total)
+        return Comparison(component, past, deviations, fit, nearest)
 
 
-def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> float | None:
-    """Body azimuth (rad) of the axis about which the images of a measurement are mirrored.
+def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:
+    """Axis in the body frame about which the images of a measurement are mirrored.
 
     None for a single direction, and for images of one azimuth, such as those above and below a horizontal planar array.
 
@@ -94,11 +168,8 @@ def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> float | 
     if len(hypotheses) != 2:
         return None
     first, second = hypotheses
-    apart = math.remainder(second.azimuth - first.azimuth, tau)
-    if apart**2 < 4.0 * max(first.azimuth_variance, second.azimuth_variance):
+    apart = math.remainder(second.azimuth - first.azimuth, math.tau)
+    if apart**2 < 4.0 * max(first.across_variance, second.across_variance):
         return None
-    return first.azimuth + 0.5 * apart
-
-
-def _fit(innovation: float, total: float, noise: float) -> float:
-    return math.exp(-0.5 * innovation * innovation / total) * math.sqrt(noise / total)
+    middle = first.azimuth + 0.5 * apart
+    return math.cos(middle), math.sin(middle), 0.0

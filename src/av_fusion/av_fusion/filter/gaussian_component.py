@@ -1,46 +1,78 @@
-"""A component of the posterior: a Gaussian of azimuth and azimuth rate in the world, and of elevation."""
+"""A component of the posterior: a Gaussian of the target's direction on the sphere, its rates, and its inverse range."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import remainder, tau
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from av_fusion.filter.past_state import PastState
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents, turned, turned_back
+from av_fusion.measurement.vectors import angles as angles_of
+from av_fusion.measurement.vectors import direction as direction_of
+
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
+CLIMB_S = 1.0  # time constant of changes of the vertical rate of targets close to the horizon
+RANGE_S = 30.0  # time constant with which the range is forgotten
+TARGET_SPEED, RANGE_MEMORY_S = 5.0, 1.0  # m/s and s, of radial motion
+LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
+LARGEST_AZIMUTH_VARIANCE = math.pi**2 / 3.0  # of an azimuth that is not known at all
 OCCLUSION_S = 5.0  # time constant of changes of fog
-LEAST_ASSOCIATION, LEAST_ELEVATION_ASSOCIATION = 1e-6, 0.05  # probabilities below which a measurement is not used
+LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
+SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 
 
 class MotionModel(NamedTuple):
     """Motion of targets as seen from the rig.
 
     Parameters:
-        acceleration_density (rad^2/s^3): spectral density of the azimuth's acceleration.
-        elevation_density (rad^2/s): diffusion of the elevation.
+        acceleration_density (rad^2/s^3): spectral density of the angular acceleration.
+        elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
         usual_elevation (rad), usual_elevation_variance (rad^2): its stationary distribution.
+        usual_inverse_range (1/m): mean and standard deviation of the inverse range.
     """
 
     acceleration_density: float
     elevation_density: float
     usual_elevation: float
     usual_elevation_variance: float
+    usual_inverse_range: float = 0.03
+
+    @property
+    def climb_variance(self) -> float:
+        """Variance (rad^2/s^2) of the vertical rate of targets close to the horizon: half of their diffusion."""
+        return 0.25 * self.elevation_density / CLIMB_S
+
+
+class BodyDirection(NamedTuple):
+    """A direction in the body frame, with the variances of azimuth and elevation; angles in rad."""
+
+    azimuth: float
+    elevation: float
+    azimuth_variance: float
+    elevation_variance: float
 
 
 @dataclass(eq=False, slots=True)
 class GaussianComponent:
-    """A Gaussian over azimuth a, azimuth rate r and elevation e, with its weight in the mixture.
+    """A Gaussian over direction, rates and inverse range, with its weight in the mixture.
 
-    Plain floats, not arrays: a mixture holds a few components, for which scalar arithmetic is ten times faster.
+    The mean is a direction in the world. Deviations are in the plane that touches the sphere there, across (to larger azimuth)
+    and up. A change of the mean moves along a great circle and turns covariance and rates with the axes of that plane, so that
+    nothing is singular at the zenith: there the axes are any two.
 
     Parameters:
         weight: probability of the component.
-        azimuth (rad), azimuth_variance (rad^2): azimuth in the world and its variance.
-        rate (rad/s), rate_variance (rad^2/s^2): rate of the azimuth and its variance.
-        elevation (rad), elevation_variance (rad^2): elevation and its variance.
-        ar (rad^2/s), ae (rad^2), re (rad^2/s): covariances of azimuth and rate, azimuth and elevation, rate and elevation.
+        azimuth, elevation (rad): mean direction in the world.
+        covariance (5, 5): of the state (across, up, rate across, rate up, inverse range).
+        across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
+        inverse_range (1/m): of the target.
         elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
         p_hidden: probability that fog hides the target from the camera.
         hidden_time (s): time for which p_hidden is valid.
@@ -51,14 +83,11 @@ class GaussianComponent:
 
     weight: float
     azimuth: float
-    azimuth_variance: float
-    rate: float
-    rate_variance: float
-    elevation: float = 0.0
-    elevation_variance: float = 0.03
-    ar: float = 0.0
-    ae: float = 0.0
-    re: float = 0.0
+    elevation: float
+    covariance: NDArray[np.float64] = field(repr=False)
+    across_rate: float = 0.0
+    up_rate: float = 0.0
+    inverse_range: float = 0.03
     elevation_measured: bool = False
     p_hidden: float = 0.0
     hidden_time: float = -math.inf
@@ -71,127 +100,175 @@ class GaussianComponent:
         """Capture time (s) of the newest measurement that is associated with the component."""
         return max(self.newest_doa, self.newest_sighting)
 
-    def predict(self, dt: float, model: MotionModel, noise_scale: float) -> None:
+    @property
+    def direction(self) -> Vector:
+        """Unit vector of the mean in the world."""
+        return direction_of(self.azimuth, self.elevation)
+
+    @property
+    def position_variance(self) -> float:
+        """Larger variance (rad^2) of the direction across and up."""
+        return float(max(self.covariance[0, 0], self.covariance[1, 1]))
+
+    @property
+    def across_variance(self) -> float:
+        """Variance (rad^2) of the direction across."""
+        return float(self.covariance[0, 0])
+
+    def rates(self, velocity: Vector) -> tuple[float, float]:
+        """Rates (rad/s) across and up as seen from a rig that moves at `velocity` (m/s, world)."""
+        across, up = tangents(self.azimuth, self.elevation)
+        return (self.across_rate - self.inverse_range * dot(velocity, across),
+                self.up_rate - self.inverse_range * dot(velocity, up))
+
+    def predict(self, dt: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> None:
         """Predict by `dt` s: white angular acceleration of `noise_scale` times the model's density.
 
-        The elevation is an Ornstein-Uhlenbeck process. A target that passes by at constant speed accelerates on the circle
-        by up to its squared rate, and its elevation changes the faster the higher it is.
+        Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
+        is left of this at an elevation e has the weight cos(e)^2, so that both axes are alike at the zenith. A target that
+        passes by at constant speed accelerates on the sphere by up to its squared rate.
 
         Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
 
         Parameters:
-            dt (s): duration of the prediction.
+            dt (s): duration of the prediction; with a negative one the state is extrapolated back without process noise.
             model: motion of targets.
             noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
-        passing = min(self.rate * self.rate, 0.5)
-        q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
-        diffusion = model.elevation_density + PASSING_S * passing * math.sin(self.elevation) ** 2
-        kept = math.exp(-0.5 * dt * model.elevation_density / model.usual_elevation_variance)
-        self.azimuth = remainder(self.azimuth + dt * self.rate, tau)
-        self.azimuth_variance += dt * (2.0 * self.ar + dt * self.rate_variance) + q * dt**3 / 3.0
-        self.ar += dt * self.rate_variance + q * dt**2 / 2.0
-        self.rate_variance += q * dt
-        self.ae = kept * (self.ae + dt * self.re)
-        self.re *= kept
-        self.elevation = model.usual_elevation + kept * (self.elevation - model.usual_elevation)
-        self.elevation_variance = (kept**2 * self.elevation_variance
-                                   + (1.0 - kept**2) * model.usual_elevation_variance
-                                   + (diffusion - model.elevation_density) * dt)
+        level, climb = math.cos(self.elevation) ** 2, math.sin(self.elevation)
+        late = max(dt, 0.0)
+        kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
+        held = math.exp(-level * late / CLIMB_S)
+        forgotten = math.exp(-late / RANGE_S)
+        step = np.eye(SIZE)
+        step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
+        step[4, 4], s = forgotten, self.inverse_range
+        across = dt * self.across_rate
+        up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - model.usual_elevation)
+        if moved != ZERO:
+            left, above = tangents(self.azimuth, self.elevation)
+            beside, below, nearer = dot(moved, left), dot(moved, above), dot(moved, self.direction)
+            step[0, 4], step[1, 4], step[4, 4] = -beside, -below, forgotten * (1.0 + 2.0 * s * nearer)
+            across, up, s = across - s * beside, up - s * below, s + s * s * nearer
+        self.covariance = step @ self.covariance @ step.T
+        self.inverse_range = _bounded(model.usual_inverse_range + forgotten * (s - model.usual_inverse_range))
+        self.up_rate *= held
+        if late > 0.0:
+            self._add_noise(dt, model, noise_scale, level, climb, kept, forgotten)
+        self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
+        self._move((1.0 - level) * across, up)
 
-    def predicted(self, ahead: float, model: MotionModel, noise_scale: float) -> GaussianComponent:
+    def _add_noise(self, dt: float, model: MotionModel, noise_scale: float, level: float, climb: float, kept: float,
+                   forgotten: float) -> None:
+        passing = min(self.across_rate**2 + self.up_rate**2, 0.5)
+        q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
+        q_up = ((1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * (passing * climb) ** 2)
+        covariance = self.covariance
+        for k, density in ((0, q), (1, q_up)):
+            covariance[k, k] += density * dt**3 / 3.0
+            covariance[k, k + 2] += density * dt**2 / 2.0
+            covariance[k + 2, k] += density * dt**2 / 2.0
+            covariance[k + 2, k + 2] += density * dt
+        covariance[1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
+        covariance[4, 4] += ((1.0 - forgotten**2) * model.usual_inverse_range**2
+                             + RANGE_MEMORY_S * (TARGET_SPEED * self.inverse_range**2) ** 2 * dt)
+
+    def predicted(self, ahead: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> GaussianComponent:
         """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
 
         Parameters:
             ahead (s): time of the copy minus time of the component.
             model: motion of targets.
             noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
-        copy = replace(self)
-        if ahead > 0.0:
-            copy.predict(ahead, model, noise_scale)
-        else:
-            copy.azimuth = remainder(self.azimuth + ahead * self.rate, tau)
-            copy.azimuth_variance = self.expected_variance(-ahead)
+        copy = replace(self, covariance=self.covariance.copy())
+        copy.predict(ahead, model, noise_scale, moved)
         return copy
 
-    def innovation(self, azimuth: float, lag: float) -> float:
-        """Measured minus predicted azimuth (rad).
+    def at(self, lag: float, moved: Vector = ZERO) -> PastState:
+        """The direction `lag` s before the component's time, since when the rig moved by `moved` (m, world)."""
+        across, up = -lag * self.across_rate, -lag * self.up_rate
+        jacobian = np.zeros((2, SIZE))
+        jacobian[0, 0] = jacobian[1, 1] = 1.0
+        jacobian[0, 2] = jacobian[1, 3] = -lag
+        if moved != ZERO:
+            beside, below = (dot(moved, axis) for axis in tangents(self.azimuth, self.elevation))
+            jacobian[0, 4], jacobian[1, 4] = beside, below
+            across, up = across + self.inverse_range * beside, up + self.inverse_range * below
+        gain = self.covariance @ jacobian.T
+        (hh, hv), (_, vv) = (jacobian @ gain).tolist()
+        level = math.cos(self.elevation)
+        azimuth = self.azimuth + level * across
+        left, above = tangents(azimuth, self.elevation)
+        past = PastState(direction_of(azimuth, self.elevation), left, above, gain, hh, hv, vv, lag, moved)
+        return past.shifted((1.0 - level * level) * across, up)
 
-        Parameters:
-            azimuth (rad): measured azimuth in the world.
-            lag (s): time of the component minus time of the measurement.
-        """
-        return remainder(azimuth - self.azimuth + lag * self.rate, tau)
-
-    def expected_variance(self, lag: float) -> float:
-        """Variance of the azimuth (rad^2) `lag` s before the component's time."""
-        return self.azimuth_variance - 2.0 * lag * self.ar + lag**2 * self.rate_variance
-
-    def gates(self, azimuth: float, variance: float, lag: float) -> bool:
-        """Whether an azimuth measured `lag` s ago is within three standard deviations.
-
-        Parameters:
-            azimuth (rad), variance (rad^2): measured azimuth in the world and its variance.
-            lag (s): time of the component minus time of the measurement.
-        """
-        return self.innovation(azimuth, lag) ** 2 < 9.0 * (self.expected_variance(lag) + variance)
-
-    def expected_cosine(self, axis: float, lag: float) -> tuple[float, float, tuple[float, float, float]]:
-        """The cosine of the angle between the target and a horizontal axis (world azimuth), `lag` s ago.
-
-        Returns its mean, its variance without the sensor's noise, and the measurement row.
-
-        A linear array measures cos(d) cos(e), with d the azimuth from its axis. For Gaussian d and e, mean, variance and mean
-        gradient follow in closed form from E cos x = cos(m) exp(-v/2); by Stein's lemma the covariance with the state is its
-        covariance matrix times the mean gradient (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments
-        need no bounds where the cosine is flat, at end-fire.
-
-        Parameters:
-            axis (rad): azimuth of the axis in the world.
-            lag (s): time of the component minus time of the measurement.
-        """
-        d, e = -self.innovation(axis, lag), self.elevation
-        vd, ve, c = self.expected_variance(lag), self.elevation_variance, self.ae - lag * self.re
-        fade_sum, fade_difference = math.exp(-0.5 * (vd + ve) - c), math.exp(-0.5 * (vd + ve) + c)
-        sum_cos, sum_sin = fade_sum * math.cos(d + e), fade_sum * math.sin(d + e)
-        difference_cos, difference_sin = fade_difference * math.cos(d - e), fade_difference * math.sin(d - e)
-        mean = 0.5 * (sum_cos + difference_cos)
-        square = 0.25 * (1.0 + math.exp(-2.0 * vd) * math.cos(2.0 * d) + math.exp(-2.0 * ve) * math.cos(2.0 * e)
-                         + 0.5 * math.exp(-2.0 * (vd + ve) - 4.0 * c) * math.cos(2.0 * (d + e))
-                         + 0.5 * math.exp(-2.0 * (vd + ve) + 4.0 * c) * math.cos(2.0 * (d - e)))
-        to_azimuth = -0.5 * (sum_sin + difference_sin)
-        return (mean, max(square - mean * mean, 1e-12),
-                (to_azimuth, -lag * to_azimuth, -0.5 * (sum_sin - difference_sin)))
-
-    def update(self, row: tuple[float, float, float], total: float, innovation: float, share: float) -> None:
+    def update(self, past: PastState, row: tuple[float, float], total: float, innovation: float, share: float) -> None:
         """Update by a scalar measurement.
 
         Parameters:
-            row: measurement row, the derivatives with respect to azimuth, rate and elevation.
+            past: the component at the capture time.
+            row: derivatives of the measured value with respect to the direction across and up at that time.
             total: variance of the innovation.
             innovation: measured minus predicted value.
             share: probability that the measurement belongs to this component.
         """
         if share >= LEAST_ASSOCIATION:
             mean = share * innovation
-            self._shift(row, total, mean, mean * innovation - mean * mean - share * total)
+            self.shift(past, row, total, mean, mean * innovation - mean * mean - share * total)
 
-    def _shift(self, row: tuple[float, float, float], total: float, change: float, variance_change: float) -> None:
+    def shift(self, past: PastState, row: tuple[float, float], total: float, change: float, variance_change: float) -> None:
         """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
-        h_a, h_r, h_e = row
-        g_a = (h_a * self.azimuth_variance + h_r * self.ar + h_e * self.ae) / total
-        g_r = (h_a * self.ar + h_r * self.rate_variance + h_e * self.re) / total
-        g_e = (h_a * self.ae + h_r * self.re + h_e * self.elevation_variance) / total
-        self.azimuth = remainder(self.azimuth + g_a * change, tau)
-        self.rate += g_r * change
-        self.elevation += g_e * change
-        self.azimuth_variance += g_a * g_a * variance_change
-        self.rate_variance += g_r * g_r * variance_change
-        self.elevation_variance += g_e * g_e * variance_change
-        self.ar += g_a * g_r * variance_change
-        self.ae += g_a * g_e * variance_change
-        self.re += g_r * g_e * variance_change
+        gain = (past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]) / total
+        self.covariance = self.covariance + gain[:, None] * (gain * variance_change)
+        across, up, across_rate, up_rate, inverse_range = (gain * change).tolist()
+        self.across_rate += across_rate
+        self.up_rate += up_rate
+        self.inverse_range = _bounded(self.inverse_range + inverse_range)
+        self._move(across, up)
+
+    def _move(self, across: float, up: float) -> None:
+        """Move the mean along a great circle; covariance and rates turn with the axes of the plane."""
+        length = math.hypot(across, up)
+        if length < 1e-12:
+            return
+        cos_length, sin_length = math.cos(length), math.sin(length)
+        level, climb, east, north = math.cos(self.elevation), math.sin(self.elevation), across / length, up / length
+        x, y = level * cos_length - climb * sin_length * north, east * sin_length
+        course = math.atan2(level * cos_length * north - climb * sin_length, level * east)
+        self.elevation = math.atan2(climb * cos_length + level * sin_length * north, math.hypot(x, y))
+        self.azimuth = remainder(self.azimuth + math.atan2(y, x), tau)
+        self._turn_axes(course - math.atan2(north, east))
+
+    def _turn_axes(self, angle: float) -> None:
+        """Turn covariance and rates by `angle` (rad) from the axis across towards the axis up."""
+        c, s = math.cos(angle), math.sin(angle)
+        self.across_rate, self.up_rate = c * self.across_rate - s * self.up_rate, s * self.across_rate + c * self.up_rate
+        turn = np.array([[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, c, -s, 0], [0, 0, s, c, 0], [0, 0, 0, 0, 1.0]])
+        self.covariance = turn @ self.covariance @ turn.T
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn the component with the world, where the rig's attitude was corrected."""
+        left = turned(rows, tangents(self.azimuth, self.elevation)[0])
+        self.azimuth, self.elevation = angles_of(turned(rows, self.direction))
+        across, up = tangents(self.azimuth, self.elevation)
+        self._turn_axes(math.atan2(dot(left, up), dot(left, across)))
+
+    def in_body(self, attitude: Rows) -> BodyDirection:
+        """The direction in the body frame."""
+        azimuth, elevation = angles_of(turned_back(attitude, self.direction))
+        left, above = (turned(attitude, axis) for axis in tangents(azimuth, elevation))
+        across, up = tangents(self.azimuth, self.elevation)
+        (hh, hv), (_, vv) = self.covariance[:2, :2].tolist()
+        variances = []
+        for axis in (left, above):
+            h, v = dot(axis, across), dot(axis, up)
+            variances.append(h * h * hh + 2.0 * h * v * hv + v * v * vv)
+        level = max(math.cos(elevation) ** 2, 1e-9)
+        return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
+                             variances[1])
 
     def missed_detection(self, time: float, visibility: float, chance: float, fraction: float) -> float:
         """Probability that an image does not show the target.
@@ -214,65 +291,62 @@ class GaussianComponent:
         self.p_hidden /= max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
         return missed
 
-    def split(self, axis: float, lag: float) -> list[GaussianComponent]:
-        """The component split in two if it extends to both sides of an axis (world azimuth) `lag` s ago, else alone.
+    def split(self, axis: Vector, lag: float, moved: Vector = ZERO) -> list[GaussianComponent]:
+        """The component split in two if it extends to both sides of the vertical plane of an axis `lag` s ago, else alone.
 
         A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
         normal distributions, approximated by Gaussians.
 
         Parameters:
-            axis (rad): azimuth of the axis in the world.
+            axis: unit vector of the axis in the world.
             lag (s): time of the component minus time of the measurement.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
-        offset, variance = -self.innovation(axis, lag), self.expected_variance(lag)
+        past = self.at(lag, moved)
+        beside, row = past.beside(axis)
+        variance = past.variance(row)
         sigma = math.sqrt(variance)
-        if abs(math.sin(offset)) > 1.3 * sigma:  # less than a tenth beyond the axis
+        if abs(math.sin(beside)) > 1.3 * sigma:  # less than a tenth beyond the axis
             return [self]
-        if math.cos(offset) < 0.0:
-            offset = remainder(offset + math.pi, tau)  # the other end of the axis is nearer
         parts = []
         for side in (1.0, -1.0):
-            start = side * offset / sigma
+            start = side * beside / sigma
             inside = 0.5 * math.erfc(-start / math.sqrt(2.0))
             pull = math.exp(-0.5 * start * start) / math.sqrt(2.0 * math.pi) / inside
             part = replace(self, weight=self.weight * inside)
-            part._shift((1.0, -lag, 0.0), variance, side * sigma * pull, -variance * pull * (pull + start))
+            part.shift(past, row, variance, side * sigma * pull, -variance * pull * (pull + start))
             parts.append(part)
         return parts
 
-    def update_azimuth(self, lag: float, innovations: Sequence[float], variances: Sequence[float],
-                       shares: Sequence[float]) -> None:
-        """Update by alternative azimuths, by probabilistic data association (Bar-Shalom and Tse, 1975).
+    def update_alternatives(self, past: PastState, row: tuple[float, float], innovations: Sequence[float],
+                            variances: Sequence[float], shares: Sequence[float]) -> None:
+        """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
 
         Parameters:
-            lag (s): time of the component minus time of the measurement.
-            innovations (rad): measured minus predicted azimuths.
-            variances (rad^2): variances of the measured azimuths.
-            shares: probabilities that the azimuths belong to this component; the rest to 1 is the probability that none does.
+            past: the component at the capture time.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
+            innovations: measured minus predicted values.
+            variances: variances of the measured values.
+            shares: probabilities that the values belong to this component; the rest to 1 is the probability that none does.
         """
         share = mean = square = information = 0.0
         for s, nu, variance in zip(shares, innovations, variances, strict=True):
             share, mean, square = share + s, mean + s * nu, square + s * nu * nu
             information += s / variance
         if share >= LEAST_ASSOCIATION:
-            total = self.expected_variance(lag) + share / information
-            self._shift((1.0, -lag, 0.0), total, mean, square - mean * mean - share * total)
+            total = past.variance(row) + share / information
+            self.shift(past, row, total, mean, square - mean * mean - share * total)
 
-    def update_elevation(self, elevation: float, variance: float, share: float) -> None:
-        """Update by a measured elevation.
-
-        Parameters:
-            elevation (rad), variance (rad^2): measured value and its variance.
-            share: probability that the measurement belongs to this component.
-        """
-        if share > LEAST_ELEVATION_ASSOCIATION and math.isfinite(elevation) and 0.0 < variance < math.inf:
-            self.update((0.0, 0.0, 1.0), self.elevation_variance + variance, elevation - self.elevation, share)
-            self.elevation_measured = True
+    def _offset(self, other: GaussianComponent) -> tuple[float, float]:
+        return offset(self.direction, *tangents(self.azimuth, self.elevation), other.direction)
 
     def is_mergeable(self, other: GaussianComponent) -> bool:
-        """Whether azimuth and rate of both agree within their standard deviations, so that their sum has one peak."""
-        return (remainder(other.azimuth - self.azimuth, tau) ** 2 < (self.azimuth_variance + other.azimuth_variance)
-                and (other.rate - self.rate) ** 2 < self.rate_variance + other.rate_variance)
+        """Whether direction and rates of both agree within their standard deviations, so that their sum has one peak."""
+        across, up = self._offset(other)
+        variances = self.covariance.diagonal() + other.covariance.diagonal()
+        return bool(across**2 < variances[0] and up**2 < 9.0 * variances[1]
+                    and (other.across_rate - self.across_rate) ** 2 < variances[2]
+                    and (other.up_rate - self.up_rate) ** 2 < 9.0 * variances[3])
 
     def merge(self, other: GaussianComponent) -> None:
         """Merge another component into this one, preserving the moments of the sum; the heavier one's support is kept."""
@@ -280,20 +354,24 @@ class GaussianComponent:
             self.newest_doa, self.newest_sighting = other.newest_doa, other.newest_sighting
         total = self.weight + other.weight
         a, b = self.weight / total, other.weight / total
-        d_azimuth, d_rate = remainder(other.azimuth - self.azimuth, tau), other.rate - self.rate
-        d_elevation = other.elevation - self.elevation
-        self.azimuth = remainder(self.azimuth + b * d_azimuth, tau)
-        self.rate += b * d_rate
-        self.elevation += b * d_elevation
-        self.azimuth_variance = a * self.azimuth_variance + b * other.azimuth_variance + a * b * d_azimuth**2
-        self.rate_variance = a * self.rate_variance + b * other.rate_variance + a * b * d_rate**2
-        self.elevation_variance = a * self.elevation_variance + b * other.elevation_variance + a * b * d_elevation**2
-        self.ar = a * self.ar + b * other.ar + a * b * d_azimuth * d_rate
-        self.ae = a * self.ae + b * other.ae + a * b * d_azimuth * d_elevation
-        self.re = a * self.re + b * other.re + a * b * d_rate * d_elevation
+        across, up = self._offset(other)
+        here = replace(other)
+        here._move(*other._offset(self))
+        difference = np.array([across, up, here.across_rate - self.across_rate, here.up_rate - self.up_rate,
+                               here.inverse_range - self.inverse_range])
+        self.covariance = a * self.covariance + b * here.covariance + a * b * difference[:, None] * difference
+        across, up, across_rate, up_rate, inverse_range = (b * difference).tolist()
+        self.across_rate += across_rate
+        self.up_rate += up_rate
+        self.inverse_range += inverse_range
         self.p_outlier = a * self.p_outlier + b * other.p_outlier
         self.elevation_measured = self.elevation_measured or other.elevation_measured
         self.weight = total
+        self._move(across, up)
+
+
+def _bounded(inverse_range: float) -> float:
+    return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
 
 
 def gaussian(residual: float, variance: float) -> float:

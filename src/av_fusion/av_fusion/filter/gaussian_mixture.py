@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import remainder, tau
 from operator import attrgetter
 from typing import NamedTuple
 
+import numpy as np
+
 from av_fusion.filter.gaussian_component import GaussianComponent, MotionModel, share_within
-from av_fusion.measurement.measurements import Detection
+from av_fusion.filter.past_state import PastState
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot
 
 AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
@@ -24,17 +27,23 @@ class BirthComponent(NamedTuple):
     """A direction in the world that may start a component.
 
     Parameters:
-        azimuth (rad), variance (rad^2): the direction.
+        azimuth, elevation (rad): the direction.
+        hh, hv, vv (rad^2): its covariance across and up.
+        gates: whether a component, given by its direction at the capture time, explains the measurement.
         ratio: weight of the birth over that of the background; an existing component that gates the direction receives it.
-        detection: the detection that it stems from, if any.
+        elevation_measured: whether the elevation was measured.
         least: smallest weight of the component afterwards, over that of the background.
         newest_doa, newest_sighting (s): capture time of the measurement, depending on its kind.
     """
 
     azimuth: float
-    variance: float
+    elevation: float
+    hh: float
+    hv: float
+    vv: float
+    gates: Callable[[PastState], bool]
     ratio: float
-    detection: Detection | None = None
+    elevation_measured: bool = False
     least: float = 0.0
     newest_doa: float = -math.inf
     newest_sighting: float = -math.inf
@@ -52,7 +61,7 @@ class GaussianMixture:
 
     Parameters:
         model: motion of targets.
-        rate_variance (rad^2/s^2): initial variance of the azimuth rate of a birth.
+        rate_variance (rad^2/s^2): initial variance of the rate of a birth across, and up far from the horizon.
         lost_variance (rad^2): components of larger variance are removed.
     """
 
@@ -63,16 +72,17 @@ class GaussianMixture:
         self._model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
         self._primary: GaussianComponent | None = None
 
-    def predict(self, dt: float, noise_scale: float, kept: float) -> None:
+    def predict(self, dt: float, noise_scale: float, kept: float, moved: Vector = ZERO) -> None:
         """Predict every component by `dt` s; the probability 1 - `kept` moves to the background.
 
         Parameters:
             dt (s): duration of the prediction.
             noise_scale: factor of the acceleration density.
             kept: probability that the target is still present.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
         for component in self.components:
-            component.predict(dt, self._model, noise_scale)
+            component.predict(dt, self._model, noise_scale, moved)
             component.weight *= kept
         self.background += (1.0 - kept) * (1.0 - self.background)
 
@@ -108,16 +118,22 @@ class GaussianMixture:
             component.weight *= _marginal_likelihood(component, likelihood, second if likelihood == best else best)
         self.background *= _marginal_likelihood(self, 1.0, max(best, 1.0))
 
-    def split(self, axis: float, lag: float) -> None:
-        """Split components that extend to both sides of an axis (world azimuth).
+    def split(self, axis: Vector, lag: float, moved: Vector) -> None:
+        """Split components that extend to both sides of the vertical plane of an axis.
 
         Parameters:
-            axis (rad): azimuth of the axis in the world.
+            axis: unit vector of the axis in the world.
             lag (s): time of the mixture minus time of the measurement.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
-        self.components = [part for component in self.components for part in component.split(axis, lag)]
+        self.components = [part for component in self.components for part in component.split(axis, lag, moved)]
 
-    def add_births(self, lag: float, noise_scale: float, births: Sequence[BirthComponent]) -> None:
+    def turn_world(self, rows: Rows) -> None:
+        """Turn all components with the world, where the rig's attitude was corrected."""
+        for component in self.components:
+            component.turn_world(rows)
+
+    def add_births(self, lag: float, noise_scale: float, moved: Vector, births: Sequence[BirthComponent]) -> None:
         """Start components, or add the weight of births to components that gate them.
 
         The weight of the background remains; the caller updates it by the likelihood of the whole measurement.
@@ -125,26 +141,31 @@ class GaussianMixture:
         Parameters:
             lag (s): time of the mixture minus time of the measurement.
             noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
             births: directions that may start components.
         """
-        known = tuple(self.components)
+        known = [(component, component.at(lag, moved)) for component in self.components] if births else []
         for birth in births:
             weight, least = (self.background * min(ratio, LARGEST_BIRTH_RATIO) for ratio in (birth.ratio, birth.least))
-            for component in known:
-                if component.gates(birth.azimuth, birth.variance, lag):
+            for component, past in known:
+                if birth.gates(past):
                     component.weight = max(component.weight + weight, least)
                     break
             else:
-                self.components.append(self._component_of(birth, max(weight, least), lag, noise_scale))
+                self.components.append(self._component_of(birth, max(weight, least), lag, noise_scale, moved))
 
-    def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float) -> GaussianComponent:
-        component = GaussianComponent(weight, birth.azimuth, birth.variance, 0.0, self._rate_variance,
-                                      self._model.usual_elevation, self._model.usual_elevation_variance,
-                                      newest_doa=birth.newest_doa, newest_sighting=birth.newest_sighting)
-        if birth.detection is not None:
-            component.update_elevation(birth.detection.elevation, birth.detection.elevation_variance, 1.0)
+    def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float,
+                      moved: Vector) -> GaussianComponent:
+        level, model = math.cos(birth.elevation) ** 2, self._model
+        up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
+        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
+        covariance[0, 1] = covariance[1, 0] = birth.hv
+        component = GaussianComponent(weight, birth.azimuth, birth.elevation, covariance,
+                                      inverse_range=model.usual_inverse_range,
+                                      elevation_measured=birth.elevation_measured, newest_doa=birth.newest_doa,
+                                      newest_sighting=birth.newest_sighting)
         if lag > 0.0:
-            component.predict(lag, self._model, noise_scale)
+            component.predict(lag, model, noise_scale, moved)
         return component
 
     def reduce(self) -> None:
@@ -161,7 +182,7 @@ class GaussianMixture:
                     other.merge(component)
                     break
             else:
-                if component.weight >= LEAST_WEIGHT and component.azimuth_variance <= self._lost_variance:
+                if component.weight >= LEAST_WEIGHT and component.across_variance <= self._lost_variance:
                     kept.append(component)
                 else:
                     share = component.weight / (self.background + component.weight)
@@ -178,48 +199,57 @@ class GaussianMixture:
             self._primary = heaviest
         return self._primary
 
-    def share_of(self, primary: GaussianComponent, axis: float) -> float:
+    def share_of(self, primary: GaussianComponent, axis: Vector | None) -> float:
         """Probability of the direction of the primary component, given that there is a target.
 
-        Components that agree with it count, and those close to it on its side of the axis (world azimuth) about which
-        directions of arrival are mirrored; NaN for no axis.
+        Components that agree with it count, and those close to it on its side of the axis about which directions of arrival
+        are mirrored.
 
         Parameters:
             primary: the primary component.
-            axis (rad): azimuth of the axis in the world; NaN for none.
+            axis: unit vector of the axis in the world, None without one.
         """
-        side, agreeing, total = math.sin(primary.azimuth - axis), 0.0, 0.0
+        azimuth = math.nan if axis is None else math.atan2(axis[1], axis[0])
+        side, agreeing, total = math.sin(primary.azimuth - azimuth), 0.0, 0.0
         for component in self.components:
             total += component.weight
-            apart = abs(remainder(primary.azimuth - component.azimuth, tau))
-            if apart < AGREEING or (apart < CLOSE and side * math.sin(component.azimuth - axis) > 0.0):
+            apart = min(abs(remainder(primary.azimuth - component.azimuth, tau)),  # at the zenith azimuths mean little
+                        math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
+            if apart < AGREEING or (apart < CLOSE and side * math.sin(component.azimuth - azimuth) > 0.0):
                 agreeing += component.weight
         return agreeing / total
 
-    def predicted(self, component: GaussianComponent, ahead: float, noise_scale: float) -> GaussianComponent:
+    def predicted(self, component: GaussianComponent, ahead: float, noise_scale: float, moved: Vector) -> GaussianComponent:
         """A copy of a component, valid `ahead` s after the mixture.
 
         Parameters:
             component: one of the components.
             ahead (s): time after that of the mixture.
             noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
-        return component.predicted(ahead, self._model, noise_scale)
+        return component.predicted(ahead, self._model, noise_scale, moved)
 
-    def front_probability(self, yaw: float, ahead: float, noise_scale: float) -> float:
-        """Probability, given that there is a target, that it will be within 90 degrees of `yaw` in `ahead` s.
+    def front_probability(self, attitude: Rows, ahead: float, noise_scale: float, moved: Vector) -> float:
+        """Probability, given that there is a target, that its azimuth in the body will be within 90 degrees in `ahead` s.
 
         Parameters:
-            yaw (rad): yaw of the rig in the world.
+            attitude: of the body in the world at that time.
             ahead (s): time after that of the mixture.
             noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
         """
         front = total = 0.0
         for component in self.components:
-            later = self.predicted(component, ahead, noise_scale)
             total += component.weight
-            front += component.weight * share_within(0.5 * math.pi, later.innovation(yaw, 0.0), later.azimuth_variance)
+            front += component.weight * front_share(self.predicted(component, ahead, noise_scale, moved), attitude)
         return front / total
+
+
+def front_share(component: GaussianComponent, attitude: Rows) -> float:
+    """Probability that a component's azimuth in the body is within 90 degrees."""
+    found = component.in_body(attitude)
+    return share_within(0.5 * math.pi, found.azimuth, found.azimuth_variance)
 
 
 def _marginal_likelihood(part: GaussianComponent | GaussianMixture, direct: float, outlier: float) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
+from av_fusion.filter.gaussian_component import MotionModel
 from av_fusion.filter.state_machine import MachineSettings
 
 
@@ -15,10 +16,10 @@ class BayesSettings:
     """Settings of `BayesTracker`: its models of targets and sensors.
 
     Parameters:
-        acceleration_density (rad^2/s^3): spectral density of the azimuth's acceleration.
+        acceleration_density (rad^2/s^3): spectral density of the angular acceleration.
         elevation_density (rad^2/s): diffusion of the elevation around its mean.
         usual_elevation, usual_elevation_sigma (rad): mean and stationary standard deviation of the elevation.
-        rate_sigma (rad/s): prior standard deviation of the azimuth rate.
+        rate_sigma (rad/s): prior standard deviation of the angular rate.
         loss_rate (1/s): rate at which the target disappears and another one appears anywhere.
         sound_floor_sigma (rad): error of directions of arrival beyond what they report.
         outlier_rate: prior share of directions of arrival that do not stem from the target; 0 disables outliers.
@@ -53,3 +54,9 @@ class BayesSettings:
     machine: MachineSettings = field(default_factory=MachineSettings)
     rotation: RotationSettings = field(default_factory=RotationSettings)
     self_calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
+
+    @property
+    def model(self) -> MotionModel:
+        """Motion of targets."""
+        return MotionModel(self.acceleration_density, self.elevation_density, self.usual_elevation,
+                           self.usual_elevation_sigma**2)

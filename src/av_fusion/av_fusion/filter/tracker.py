@@ -1,4 +1,4 @@
-"""A Bayes filter on the circle that keeps the mirror images of a direction of arrival as components until evidence decides."""
+"""A Bayes filter on the sphere that keeps the mirror images of a direction of arrival as components until evidence decides."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import remainder, tau
 from av_common.track import Source, State, Track
 from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
 from av_fusion.calibration.sighting_history import Sighting, SightingHistory
-from av_fusion.disambiguation.rotation import Candidate, RotationPlanner
+from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, Tilt
 from av_fusion.filter.coasting import CoastingTrack
 from av_fusion.filter.doa_likelihood import mirror_axis
 from av_fusion.filter.gaussian_component import GaussianComponent
@@ -16,12 +16,15 @@ from av_fusion.filter.outlier_rate import OutlierRateEstimator
 from av_fusion.filter.posterior import Posterior, effective_sample_fraction
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import StateMachine
+from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
-from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction, dot, turned, turned_back
 
 SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Source.SOUND,
            (1.0, 1.0): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts a new track
+OVERHEAD = math.sin(math.radians(60.0))  # vertical part of a direction in the body, above which front and back do not matter
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
 
 
@@ -29,12 +32,12 @@ class BayesTracker:
     """Tracks one target by a mixture of `GaussianComponent`s and a uniform background for a target elsewhere, or none.
 
     Directions of arrival enter as a mixture of their mirror images and clutter, images as detections or their absence.
-    Measurements may arrive late and in any order: each counts at its own capture time, rotated by the rig's yaw of that
+    Measurements may arrive late and in any order: each counts at its own capture time, turned by the rig's attitude of that
     time. Implements `Tracker`.
 
     Attributes:
         settings: see `BayesSettings`.
-        motion: the rig's yaw over time.
+        motion: the rig's attitude and path over time.
         machine: which sensor leads, and why.
         planner: rotations of the rig that resolve the front-back ambiguity.
         self_calibration: corrects directions of arrival by the camera.
@@ -50,25 +53,29 @@ class BayesTracker:
         self.planner = RotationPlanner(self.settings.rotation)
         self.self_calibration = ArraySelfCalibration(self.settings.self_calibration)
         self._outlier_rate = OutlierRateEstimator(self.settings.outlier_rate)
-        self._posterior = Posterior(self.settings)
+        self._posterior = Posterior(self.settings, self.motion)
         self._sightings = SightingHistory()
-        self._coasting = CoastingTrack(self.settings.coast)
+        self._coasting = CoastingTrack(self.settings.coast, self.settings.model)
         self._resolved = False
         self._visibility = math.nan
-        self._mirror_axis: float | None = None  # body azimuth, of the newest direction of arrival
+        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
 
     def reset(self) -> None:
         """See `Tracker`."""
-        self._posterior = Posterior(self.settings)
+        self._posterior = Posterior(self.settings, self.motion)
         self._sightings = SightingHistory()
-        self._coasting = CoastingTrack(self.settings.coast)
+        self._coasting = CoastingTrack(self.settings.coast, self.settings.model)
         self._resolved = False
         self._visibility = math.nan
         self._mirror_axis = None
 
-    def add_pose(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """See `Tracker`."""
-        self.motion.add(time, yaw, yaw_rate)
+    def add_pose(self, pose: Pose) -> None:
+        """See `Tracker`. Where the attitude jumps, the track keeps its direction in the body: that was measured."""
+        jump = self.motion.add(pose)
+        if jump is not None:
+            self._posterior.mixture.turn_world(jump)
+            self._sightings.turn_world(jump)
+            self._coasting.turn_world(jump)
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """See `Tracker`."""
@@ -76,12 +83,10 @@ class BayesTracker:
         if usable is None:
             return
         time = usable.time - self.settings.sound_delay
-        yaw = self.motion.yaw(time)
-        corrected = self._calibrate(usable, time, yaw)
+        corrected = self._calibrate(usable, time)
         self._reset_after_gap(time)
         self._mirror_axis = mirror_axis(corrected.hypotheses, corrected.cone)
-        self._posterior.update_doa(time, corrected, yaw, self.motion.yaw_rate(time),
-                                   self._outlier_rate.rate(corrected.confidence))
+        self._posterior.update_doa(time, corrected, self._outlier_rate.rate(corrected.confidence))
         primary = self._posterior.mixture.primary()
         self.machine.on_doa(time, corrected.confidence, primary is not None and primary.newest_doa >= time)
 
@@ -90,41 +95,38 @@ class BayesTracker:
         usable = usable_camera(measurement)
         if usable is None:
             return
-        time = usable.time - self.settings.sight_delay
-        yaw, best = self.motion.yaw(time), usable.best
+        time, best = usable.time - self.settings.sight_delay, usable.best
         self._reset_after_gap(time)
         self._visibility = usable.visibility
         if best is not None and best.score >= LEAST_CONFIDENCE:
-            self._sightings.add(Sighting(time, remainder(yaw + best.azimuth, tau), best.elevation, best.azimuth_variance))
-        self.machine.on_image(time, self._posterior.update_camera(time, usable, yaw))
+            seen = turned(self.motion.attitude(time), direction(best.azimuth, best.elevation))
+            self._sightings.add(Sighting(time, seen, best.across_variance))
+        self.machine.on_image(time, self._posterior.update_camera(time, usable))
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`. The posterior itself is not moved."""
         posterior, machine = self._posterior, self.machine
         primary = posterior.mixture.primary()
         ahead = 0.0 if posterior.time is None else time - posterior.time
-        yaw, noise_scale = self.motion.yaw(time), posterior.noise_scale(time)
-        if primary is None or posterior.mixture.background >= 0.5 or ahead >= MAX_GAP_S:
-            return self._coast(time, yaw, ahead)
-        later = posterior.mixture.predicted(primary, ahead, noise_scale)
-        if later.azimuth_variance >= self.settings.lost_sigma**2:
-            return self._coast(time, yaw, ahead)
-        state = machine.step(time, True)
-        front = posterior.mixture.front_probability(yaw, ahead, noise_scale)
-        share = self._resolve(primary, front, yaw)
+        noise_scale = posterior.noise_scale(time)
+        if primary is None or posterior.time is None or posterior.mixture.background >= 0.5 or ahead >= MAX_GAP_S:
+            return self._coast(time, ahead)
+        moved = self.motion.moved(posterior.time, time)
+        later = posterior.mixture.predicted(primary, ahead, noise_scale, moved)
+        if later.across_variance >= self.settings.lost_sigma**2:
+            return self._coast(time, ahead)
+        state, attitude = machine.step(time, True), self.motion.attitude(time)
+        front = posterior.mixture.front_probability(attitude, ahead, noise_scale, moved)
+        share = self._resolve(primary, front, attitude)
         sight = 1.0 if state == State.VISUAL_ACTIVE else 0.0
         sound = 1.0 if time - primary.newest_doa <= machine.settings.sound_timeout else 0.0
-        track = Track(
+        track = placed(Track(
             time=time, state=state, reason=machine.reason, changed=machine.changed, source=SOURCES[sight, sound],
-            azimuth=remainder(later.azimuth - yaw, tau), elevation=later.elevation,
-            azimuth_variance=later.azimuth_variance,
-            elevation_variance=later.elevation_variance if primary.elevation_measured else math.inf,
-            azimuth_world=later.azimuth, azimuth_world_rate=later.rate,
             measured=primary.measured, front_probability=front, resolved=self._resolved,
-            requested_rotation=self._plan_rotation(time, yaw, share), sound_confidence=machine.sound_confidence,
+            requested_rotation=self._plan_rotation(time, attitude, share), sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, sound_weight=sound * (1.0 - 0.5 * sight),
-            sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility)
-        self._coasting.keep(track, later.rate_variance)
+            sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility), later, self.motion)
+        self._coasting.keep(track, later)
         return track
 
     def diagnostics(self) -> dict[str, str]:
@@ -136,55 +138,70 @@ class BayesTracker:
         if self._posterior.time is not None and abs(time - self._posterior.time) > MAX_GAP_S:
             self.reset()
 
-    def _calibrate(self, measurement: DoaMeasurement, time: float, yaw: float) -> DoaMeasurement:
+    def _calibrate(self, measurement: DoaMeasurement, time: float) -> DoaMeasurement:
         """Compare a direction of arrival with the sighting of its time; returns it corrected by all comparisons so far."""
-        seen, cone = self._sightings.at(time), measurement.cone
-        azimuth = 0.0 if seen is None else remainder(seen.azimuth - yaw, tau)
+        sighting, cone = self._sightings.at(time), measurement.cone
+        seen = None if sighting is None else turned_back(self.motion.attitude(time), sighting.direction)
         if self.settings.self_calibration.enabled:
-            if cone is not None and seen is not None and measurement.confidence >= LEAST_CONFIDENCE:
+            if cone is not None and sighting is not None and seen is not None and measurement.confidence >= LEAST_CONFIDENCE:
                 fraction = effective_sample_fraction(time, self._posterior.newest_doa, measurement.window)
                 variance = cone.variance + self.settings.sound_floor_sigma**2 * cone.slope_squared
-                self.self_calibration.compare(time, cone.cosine, remainder(azimuth - cone.axis, tau), seen.elevation,
-                                              max(variance, LEAST_COMPARED_VARIANCE) / fraction, seen.variance)
+                azimuth, elevation = from_axis(cone.axis, seen)
+                self.self_calibration.compare(time, cone.cosine, azimuth, elevation,
+                                              max(variance, LEAST_COMPARED_VARIANCE) / fraction, sighting.variance)
             measurement = self.self_calibration.corrected(measurement)
         if seen is not None:
-            self._outlier_rate.compare(measurement, time, azimuth)
+            self._outlier_rate.compare(measurement, time, seen)
         return measurement
 
-    def _coast(self, time: float, yaw: float, ahead: float) -> Track:
+    def _coast(self, time: float, ahead: float) -> Track:
         """The last supported track, predicted; else none."""
         machine, predicted = self.machine, None
         if ahead < MAX_GAP_S:
-            density = self._posterior.noise_scale(time) * self.settings.acceleration_density
-            predicted = self._coasting.predicted(time, yaw, density)
+            predicted = self._coasting.predicted(time, self.motion, self._posterior.noise_scale(time))
         state = machine.step(time, False, predicted is not None)
         self._resolved = False
         self.planner.cancel()
-        return (predicted or Track(time))._replace(
+        return (predicted or Track(time, attitude_known=self.motion.is_known(time)))._replace(
             state=state, reason=machine.reason, changed=machine.changed, sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, visibility=self._visibility)
 
-    def _resolve(self, primary: GaussianComponent, front: float, yaw: float) -> float:
+    def _resolve(self, primary: GaussianComponent, front: float, attitude: Rows) -> float:
         """Decide whether the ambiguity is resolved; the probability of the primary component's direction."""
-        axis = math.nan if self._mirror_axis is None else yaw + self._mirror_axis
+        axis = None if self._mirror_axis is None else turned(attitude, self._mirror_axis)
         share = self._posterior.mixture.share_of(primary, axis)
-        confirmed = min(share, max(front, 1.0 - front)) >= self.settings.confirm_threshold
+        overhead = abs(dot(primary.direction, (attitude[0][2], attitude[1][2], attitude[2][2]))) > OVERHEAD
+        hemisphere = 1.0 if overhead else max(front, 1.0 - front)
+        confirmed = min(share, hemisphere) >= self.settings.confirm_threshold
         kept = self._resolved and share >= self.settings.release_threshold
         self._resolved = confirmed or self._mirror_axis is None or kept
         return share
 
-    def _plan_rotation(self, time: float, yaw: float, share: float) -> float:
+    def _plan_rotation(self, time: float, attitude: Rows, share: float) -> float:
         axis = self._mirror_axis
         if self._resolved or axis is None:
             self.planner.cancel()
             return 0.0
-        return self.planner.plan(time, yaw, lambda: self._candidates(yaw, share, axis), axis, self._visibility)
+        yaw = self.motion.yaw(time)
+        tilt = Tilt.of(attitude, yaw, self.motion.rate(time), axis)
+        return self.planner.plan(time, yaw, lambda: self._candidates(yaw, share, tilt.axis), tilt, self._visibility)
 
-    def _candidates(self, yaw: float, share: float, axis: float) -> list[Candidate]:
-        """Possible directions of the target, seen from the rig at `yaw`."""
-        candidates = [Candidate(remainder(c.azimuth - yaw, tau), c.azimuth_variance, c.rate, c.rate_variance, c.weight)
-                      for c in self._posterior.mixture.components]
+    def _candidates(self, yaw: float, share: float, axis: Vector) -> list[Candidate]:
+        """Possible directions of the target, level and seen from the rig's heading; `axis` is that of the array."""
+        candidates = []
+        for c in self._posterior.mixture.components:
+            (across, _), (_, up) = c.covariance[:2, :2].tolist()
+            candidates.append(Candidate(remainder(c.azimuth - yaw, tau), across, c.across_rate, float(c.covariance[2, 2]),
+                                        c.weight, c.elevation, up))
         if share < self.settings.confirm_threshold:
             return candidates
         first = max(candidates, key=lambda candidate: candidate.weight)  # one direction close to the axis: either side
-        return [first, first._replace(azimuth=remainder(2.0 * axis - first.azimuth, tau), rate=-first.rate)]
+        mirrored = remainder(2.0 * math.atan2(axis[1], axis[0]) - first.azimuth, tau)
+        return [first, first._replace(azimuth=mirrored, rate=-first.rate)]
+
+
+def from_axis(axis: Vector, seen: Vector) -> tuple[float, float]:
+    """Azimuth and elevation (rad) of a direction in a frame whose x axis is `axis` and whose y axis is level in the body."""
+    level = max(math.hypot(axis[0], axis[1]), 1e-9)
+    left = (-axis[1] / level, axis[0] / level, 0.0)
+    return angles((dot(axis, seen), dot(left, seen), dot(cross(axis, left), seen)))

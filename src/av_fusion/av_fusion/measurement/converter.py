@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
+from av_common.frames import FLU_TO_OPTICAL
 from av_common.stamps import to_seconds
-from av_fusion.measurement.geometry import detections_in_body, doa_in_body, view_azimuth
+from av_fusion.measurement.geometry import detections_in_body, doa_in_body, half_height
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
+from av_fusion.measurement.vectors import rows_of
 from av_interfaces.msg import DoaArray
 
 # From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
@@ -77,8 +79,9 @@ class MeasurementConverter:
         rotation = self._rotation_of(message.header.frame_id, time)
         if rotation is None:
             return None
-        return CameraMeasurement(time, self._detections(message, self.camera, rotation),
-                                 view_azimuth(rotation), 0.5 * self.camera.horizontal_fov_rad, visibility)
+        camera = self.camera
+        return CameraMeasurement(time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad,
+                                 half_height(camera), visibility, rows_of(rotation @ FLU_TO_OPTICAL))
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []

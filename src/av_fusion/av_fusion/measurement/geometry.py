@@ -13,20 +13,20 @@ from av_common.frames import FLU_TO_OPTICAL
 from av_common.stamps import to_seconds
 from av_fusion.measurement.measurements import (
     COSINE_TOLERANCE,
+    LEAST_LEVEL,
+    UNIT_TOLERANCE,
     CameraMeasurement,
     Cone,
     Detection,
     DoaMeasurement,
     Hypothesis,
 )
+from av_fusion.measurement.vectors import Rows, Vector, angles, direction, rows_of, turned
 from av_interfaces.msg import Doa, DoaArray
 from av_vision.bearing import BearingModel, bearings_of_boxes
 
-UNIT_TOLERANCE = 0.01  # of the length of an axis
-LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
+OVERHEAD = 0.95  # vertical part of a direction close to the array's vertical
 LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as level
-
-_Rows = list[list[float]]  # of a rotation matrix: for a few directions plain numbers are faster than arrays
 
 
 def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMeasurement]:
@@ -41,11 +41,11 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
 
     Raises ValueError for an impossible stamp, and for an axis that is neither a unit vector nor zero.
     """
-    rows = rotation.tolist()
+    rows = rows_of(rotation)
     length = math.hypot(message.axis.x, message.axis.y, message.axis.z)
     if not (length == 0.0 or abs(length - 1.0) < UNIT_TOLERANCE):
         raise ValueError(f'axis of length {length:g}, expected a unit vector, or zero without an axis')
-    time, axis = to_seconds(message.header.stamp), _turned(rows, (message.axis.x, message.axis.y, message.axis.z))
+    time, axis = to_seconds(message.header.stamp), turned(rows, (message.axis.x, message.axis.y, message.axis.z))
     groups: dict[int, list[Doa]] = {}
     for hypothesis in message.hypotheses:
         groups.setdefault(hypothesis.ambiguity_group, []).append(hypothesis)
@@ -61,23 +61,23 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
     return sorted(measurements, key=lambda measurement: -measurement.confidence)
 
 
-def _cone_of(axis: Sequence[float], images: Sequence[Doa]) -> Cone | None:
-    """The cone whose images are two hypotheses, with an axis in the body frame; None when there is no cone.
-
-    Targets are assumed to be far below 90 degrees of elevation, so that only the horizontal part of a tilted axis matters.
-    """
-    level = math.hypot(axis[0], axis[1])
-    if len(images) != 2 or level < LEAST_LEVEL or not math.isfinite(images[0].cosine):
+def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:
+    """The cone whose images are two hypotheses, with an axis in the body frame; None when there is no cone."""
+    if len(images) != 2 or math.hypot(axis[0], axis[1]) < LEAST_LEVEL or not math.isfinite(images[0].cosine):
         return None
     cosine = images[0].cosine
     if abs(cosine) <= 1.0 + COSINE_TOLERANCE:  # otherwise an error of the sender, which is refused later
-        cosine = min(max(cosine / level, -1.0), 1.0)
-    return Cone(math.atan2(axis[1], axis[0]), cosine, images[0].cosine_variance / level**2)
+        cosine = min(max(cosine, -1.0), 1.0)
+    return Cone(axis, cosine, images[0].cosine_variance)
 
 
-def _hypothesis_of(rows: _Rows, doa: Doa) -> Hypothesis:
-    x, y, z = _turned(rows, (doa.direction.x, doa.direction.y, doa.direction.z))
-    return Hypothesis(math.atan2(y, x), doa.azimuth_variance, math.atan2(z, math.hypot(x, y)), doa.elevation_variance)
+def _hypothesis_of(rows: Rows, doa: Doa) -> Hypothesis:
+    found = (doa.direction.x, doa.direction.y, doa.direction.z)
+    azimuth, elevation = angles(turned(rows, found))
+    across = doa.azimuth_variance * (found[0]**2 + found[1]**2)
+    if found[2]**2 > OVERHEAD**2:  # where the azimuth has no meaning, the error across is that of the elevation
+        across = max(across, min(doa.elevation_variance, doa.azimuth_variance))
+    return Hypothesis(azimuth, across, elevation, doa.elevation_variance)
 
 
 def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
@@ -94,30 +94,23 @@ def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes
         model: errors of boxes.
     """
     found = detections_in_body(camera, centres, sizes, scores, rotation, model)
-    return CameraMeasurement(time, tuple(found), view_azimuth(rotation), 0.5 * camera.horizontal_fov_rad, visibility)
+    return CameraMeasurement(time, tuple(found), 0.5 * camera.horizontal_fov_rad, half_height(camera), visibility,
+                             rows_of(rotation @ FLU_TO_OPTICAL))
 
 
-def view_azimuth(rotation: NDArray[np.float64]) -> float:
-    """Body azimuth (rad) of the optical axis, from the rotation (3, 3) of the optical frame to the body frame."""
-    return math.atan2(rotation[1, 2], rotation[0, 2])
+def half_height(camera: PinholeCamera) -> float:
+    """Half of the vertical field of view (rad)."""
+    return math.atan(0.5 * camera.height / camera.fy)
 
 
 def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,
                        rotation: NDArray[np.float64], model: BearingModel | None = None) -> list[Detection]:
     """The boxes of an image as directions; arguments as for `camera_in_body`."""
     bearings = bearings_of_boxes(camera, centres, sizes, scores, model or BearingModel())
-    rows = (rotation @ FLU_TO_OPTICAL).tolist()
+    rows = rows_of(rotation @ FLU_TO_OPTICAL)
     columns = (bearings.azimuth, bearings.elevation, bearings.azimuth_variance, bearings.elevation_variance, np.ravel(scores))
     detections = []
     for azimuth, elevation, variance, elevation_variance, score in zip(*(column.tolist() for column in columns), strict=True):
-        level = math.cos(elevation)
-        direction = (level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation))
-        x, y, z = _turned(rows, direction)
-        detections.append(Detection(math.atan2(y, x), variance, score, math.atan2(z, math.hypot(x, y)), elevation_variance))
+        found, climb = angles(turned(rows, direction(azimuth, elevation)))
+        detections.append(Detection(found, variance * math.cos(elevation)**2, score, climb, elevation_variance))
     return detections
-
-
-def _turned(rows: _Rows, vector: Sequence[float]) -> tuple[float, float, float]:
-    x, y, z = vector
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z

@@ -1,6 +1,7 @@
 """Measurements that trackers use, as plain data.
 
-Azimuths are in rad, counter-clockwise; "body" is the rig's levelled frame (x forward), "world" is ENU. Times are capture
+Azimuths are in rad, counter-clockwise; "body" is the rig's frame (x forward, y left, z up), which tilts with the rig,
+"world" is ENU. Times are capture
 times in s. Named tuples, because thousands are made each second of a replay.
 """
 
@@ -9,7 +10,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple, TypeVar
 
+from av_fusion.measurement.vectors import IDENTITY, Rows, Vector, angles, dot
+
+LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical does not measure azimuth
 LEAST_SINE = 0.05  # even close to its axis a linear array measures azimuth with a finite error
+UNIT_TOLERANCE = 0.01  # of the length of a unit vector
 COSINE_TOLERANCE = 1e-3  # excess of a cosine over 1 by single precision and rotations
 LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; variances outside are errors of the sender, or carry no information
 
@@ -18,12 +23,13 @@ class Hypothesis(NamedTuple):
     """One possible direction of arrival in the body frame.
 
     Parameters:
-        azimuth (rad), azimuth_variance (rad^2): direction around the vertical.
+        azimuth (rad): direction around the body's z axis.
+        across_variance (rad^2): variance of the azimuth's error times cos(elevation).
         elevation (rad), elevation_variance (rad^2): infinite variance where the array does not measure it.
     """
 
     azimuth: float
-    azimuth_variance: float
+    across_variance: float
     elevation: float = 0.0
     elevation_variance: float = math.inf
 
@@ -32,12 +38,12 @@ class Cone(NamedTuple):
     """Measurement of a linear array: the angle between the direction of arrival and the array's axis.
 
     Parameters:
-        axis (rad): azimuth of the array's axis in the body frame.
+        axis: unit vector of the array's axis in the body frame.
         cosine: measured cosine of the angle.
         variance: variance of the cosine's error.
     """
 
-    axis: float
+    axis: Vector
     cosine: float
     variance: float
 
@@ -52,10 +58,13 @@ class Cone(NamedTuple):
         return max(1.0 - self.cosine * self.cosine, LEAST_SINE**2)
 
     def images(self) -> tuple[Hypothesis, Hypothesis]:
-        """The two horizontal directions on the cone, clockwise of the axis first."""
-        variance = self.variance / self.slope_squared
-        return tuple(Hypothesis(math.remainder(self.axis + side * self.angle, math.tau), variance)  # type: ignore[return-value]
-                     for side in (-1.0, 1.0))
+        """The two directions on the cone in the body's xy plane, or closest to it, clockwise of the axis first."""
+        azimuth, elevation = angles(self.axis)
+        level = max(math.cos(elevation), LEAST_LEVEL)
+        apart = math.acos(min(max(self.cosine / level, -1.0), 1.0))
+        variance = self.variance / max(level**2 - self.cosine**2, LEAST_SINE**2)
+        return (Hypothesis(math.remainder(azimuth - apart, math.tau), variance),
+                Hypothesis(math.remainder(azimuth + apart, math.tau), variance))
 
 
 class DoaMeasurement(NamedTuple):
@@ -93,13 +102,14 @@ class Detection(NamedTuple):
     """One object detected in an image, in the body frame.
 
     Parameters:
-        azimuth (rad), azimuth_variance (rad^2): direction around the vertical.
+        azimuth (rad): direction around the body's z axis.
+        across_variance (rad^2): variance of the azimuth's error times cos(elevation).
         score: calibrated score 0..1 of the detector, the probability that the object is a target.
         elevation (rad), elevation_variance (rad^2): infinite variance if unknown.
     """
 
     azimuth: float
-    azimuth_variance: float
+    across_variance: float
     score: float
     elevation: float = 0.0
     elevation_variance: float = math.inf
@@ -111,16 +121,17 @@ class CameraMeasurement(NamedTuple):
     Parameters:
         time (s): capture time of the image.
         detections: see `Detection`.
-        view_azimuth (rad): azimuth of the optical axis in the body frame.
-        half_view (rad): half of the horizontal field of view.
+        half_view, half_height (rad): half of the field of view, horizontally and vertically.
         visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
+        view: rotation of the camera (x along the optical axis, z up in the image) on the body.
     """
 
     time: float
     detections: tuple[Detection, ...]
-    view_azimuth: float = 0.0
     half_view: float = 0.6
+    half_height: float = 0.5
     visibility: float = math.nan
+    view: Rows = IDENTITY
 
     @property
     def best(self) -> Detection | None:
@@ -144,8 +155,8 @@ def usable_doa(measurement: DoaMeasurement) -> DoaMeasurement | None:
 
 def usable_camera(measurement: CameraMeasurement) -> CameraMeasurement | None:
     """The measurement with its plausible detections; None if time or view are not plausible."""
-    if not (math.isfinite(measurement.time) and abs(measurement.view_azimuth) <= 10.0
-            and 0.0 < measurement.half_view <= math.pi):
+    if not (math.isfinite(measurement.time) and all(abs(dot(row, row) - 1.0) < UNIT_TOLERANCE for row in measurement.view)
+            and 0.0 < measurement.half_view <= math.pi and 0.0 < measurement.half_height <= math.pi):
         return None
     kept = tuple(d for d in _usable(measurement.detections) if 0.0 <= d.score <= 1.0)
     visibility = measurement.visibility
@@ -156,7 +167,7 @@ def usable_camera(measurement: CameraMeasurement) -> CameraMeasurement | None:
 
 
 def _is_usable_cone(cone: Cone) -> bool:
-    return (abs(cone.axis) <= 10.0 and abs(cone.cosine) <= 1.0 + COSINE_TOLERANCE
+    return (abs(math.sqrt(dot(cone.axis, cone.axis)) - 1.0) < UNIT_TOLERANCE and abs(cone.cosine) <= 1.0 + COSINE_TOLERANCE
             and LEAST_VARIANCE <= cone.variance <= LARGEST_VARIANCE)
 
 
@@ -167,4 +178,4 @@ def _usable(directions: tuple[_Direction, ...]) -> tuple[_Direction, ...]:
     """Directions with a plausible azimuth; an implausible elevation counts as unknown."""
     return tuple([d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= LEAST_VARIANCE
                   else d._replace(elevation=0.0, elevation_variance=math.inf)
-                  for d in directions if abs(d.azimuth) <= 10.0 and LEAST_VARIANCE <= d.azimuth_variance <= LARGEST_VARIANCE])
+                  for d in directions if abs(d.azimuth) <= 10.0 and LEAST_VARIANCE <= d.across_variance <= LARGEST_VARIANCE])

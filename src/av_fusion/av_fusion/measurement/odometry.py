@@ -1,21 +1,37 @@
-"""Yaw of the rig from odometry messages."""
+"""Poses of the rig from odometry messages."""
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 from nav_msgs.msg import Odometry
 
-from av_common.frames import attitude_of, yaw_of
+from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
+from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
+from av_fusion.measurement.vectors import ZERO, Vector
 from av_fusion.tracker_protocol import Tracker
 
 
 def add_odometry(tracker: Tracker, message: Odometry) -> None:
-    """Give a tracker the yaw and yaw rate of an Odometry; one without attitude (a zero quaternion) is ignored.
+    """Give a tracker the pose of an Odometry; one without attitude (a zero quaternion) is ignored.
 
     Parameters:
         tracker: the tracker.
-        message: a nav_msgs/Odometry in ENU.
+        message: a nav_msgs/Odometry, its pose in ENU and its twist in the body frame (FLU).
     """
-    q = message.pose.pose.orientation
-    if q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w > 0.5:
-        tracker.add_pose(to_seconds(message.header.stamp), yaw_of(attitude_of(q)), message.twist.twist.angular.z)
+    q, twist, position = message.pose.pose.orientation, message.twist.twist, message.pose.pose.position
+    norm = (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)**0.5
+    if norm > 0.7:
+        w, x, y, z = attitude_of(q)
+        tracker.add_pose(Pose(
+            to_seconds(message.header.stamp), (w / norm, x / norm, y / norm, z / norm),
+            _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO,
+            _usable(position, math.inf)))
+
+
+def _usable(message: Any, limit: float) -> Vector | None:
+    """A vector of three finite values within +-limit, else None: an estimator may know the attitude alone."""
+    vector = message.x, message.y, message.z
+    return vector if all(math.isfinite(value) and abs(value) <= limit for value in vector) else None

@@ -1,72 +1,265 @@
-"""The rig's yaw over recent time, so that a late measurement is rotated by the yaw at its capture time."""
+"""The rig's attitude and path over recent time, so that a late measurement is turned by the attitude at its capture time."""
 
 from __future__ import annotations
 
 import bisect
 import math
-from math import remainder, tau
+from typing import NamedTuple
+
+from av_common.frames import yaw_of
+from av_fusion.measurement.vectors import (
+    IDENTITY,
+    ZERO,
+    Quaternion,
+    Rows,
+    Vector,
+    between,
+    combined,
+    dot,
+    inverse,
+    product,
+    quaternion_of,
+    rotation,
+    turned,
+    vector_of,
+)
+
+EXTRAPOLATE_S = 0.3  # longest extrapolation of the newest pose by its rates
+KNOWN_S = 1.0  # age of the newest pose up to which the attitude counts as known
+LEVELLING_S = 1.0  # time constant with which a tilt that is no longer known returns to level
+LARGEST_GAP_S = 0.5  # between two poses that are compared: over longer gaps nothing is known of the motion
+JUMP_RAD, ANGULAR_ACCELERATION = math.radians(10.0), 20.0  # of a rotation beyond the rates (rad, rad/s^2) that is a jump
+JUMP_M, ACCELERATION = 1.0, 30.0  # of a displacement beyond the velocity (m, m/s^2) that is a jump
+SPEED_LIMIT, RATE_LIMIT = 300.0, 100.0  # m/s, rad/s; larger values are errors of the sender
+FROZEN_RAD, FROZEN_SHARE = math.radians(10.0), 0.2  # rotation by the rates, of which a live attitude shows more than this share
+NOTICED_S = 5.0  # for which a jump is reported
+
+
+class Pose(NamedTuple):
+    """Where the rig is and how it moves.
+
+    Parameters:
+        time (s): when.
+        attitude: unit quaternion (w, x, y, z), from the body (FLU) to the world (ENU).
+        rate (rad/s): angular velocity in the body frame.
+        velocity (m/s): in the body frame.
+        position (m): in the world, None where it is not known.
+    """
+
+    time: float
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    rate: Vector = ZERO
+    velocity: Vector = ZERO
+    position: Vector | None = None
+
+    @classmethod
+    def level(cls, time: float, yaw: float, yaw_rate: float = 0.0) -> Pose:
+        """A level rig that stands at the origin, at `yaw` (rad) and turning at `yaw_rate` (rad/s)."""
+        return cls(time, (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)), (0.0, 0.0, yaw_rate))
+
+    @property
+    def is_plausible(self) -> bool:
+        """Whether it can be used: finite values within physical limits, and a unit quaternion."""
+        return (math.isfinite(self.time) and abs(math.hypot(*self.attitude) - 1.0) < 0.05
+                and all(abs(value) <= RATE_LIMIT for value in self.rate)
+                and all(abs(value) <= SPEED_LIMIT for value in self.velocity)
+                and (self.position is None or all(map(math.isfinite, self.position))))
+
+
+class _Stored(NamedTuple):
+    """A pose in the history; rate (rad/s), velocity (m/s) and path (m) in the world."""
+
+    attitude: Quaternion
+    rate: Vector
+    velocity: Vector
+    path: Vector
 
 
 class RigMotion:
-    """Interpolates the yaw between recent poses; without poses the rig is assumed to stand still.
+    """Interpolates attitude and path between recent poses; without poses the rig counts as level, facing east, at rest.
 
-    Poses must arrive in order of time: a late one is ignored, so that the buffer stays sorted. After a jump back by more than
-    the buffer's length, such as a restarted bag, the buffer is emptied.
+    Poses must arrive in order of time: a late one is ignored, so that the history stays sorted. After a jump back by more than
+    the history's length, such as a restarted bag, it is emptied. The path is the integral of the velocity, so that jumps of the
+    position do not move the rig. Velocities that the sender does not fill in are taken from its positions.
+
+    Where the attitude jumps although the rates do not show it, the estimator has corrected itself: the history is turned into
+    the corrected world, and `add` returns that rotation.
 
     Parameters:
-        keep_s (s): length of the buffer.
-        extrapolate_s (s): longest extrapolation of the newest pose by its rate.
+        keep_s (s): length of the history.
     """
 
-    def __init__(self, keep_s: float = 5.0, extrapolate_s: float = 0.3) -> None:
+    def __init__(self, keep_s: float = 5.0) -> None:
         self._keep_s = keep_s
-        self._extrapolate_s = extrapolate_s
         self._times: list[float] = []
-        self._yaws: list[float] = []   # unwrapped, so that interpolation crosses +-pi
-        self._rates: list[float] = []
+        self._stored: list[_Stored] = []
+        self._last = Pose(-math.inf)
+        self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
+        self._jumped, self._jump = -math.inf, ''
+        self.jumps = 0
 
-    def add(self, time: float, yaw: float, yaw_rate: float = 0.0) -> None:
-        """Add a pose: yaw in rad (ENU), its rate in rad/s. Implausible values are ignored.
+    def add(self, pose: Pose) -> Rows | None:
+        """Add a pose; one that is not plausible is ignored.
 
-        Parameters:
-            time (s): time of the pose.
-            yaw (rad): yaw in ENU.
-            yaw_rate (rad/s): its rate.
+        Returns the rotation of the world where the attitude jumped, else None.
         """
-        if not (math.isfinite(time) and abs(yaw) <= 1e4 and abs(yaw_rate) <= 100.0):
-            return
-        if self._times and time <= self._times[-1]:
-            if time > self._times[-1] - self._keep_s:
-                return
-            self._times, self._yaws, self._rates = [], [], []
-        previous = self._yaws[-1] if self._yaws else yaw
-        self._times.append(time)
-        self._yaws.append(previous + remainder(yaw - previous, tau))
-        self._rates.append(yaw_rate)
-        if self._times[0] < time - 2.0 * self._keep_s:  # trimmed rarely: cheap, and the buffer stays bounded
-            first = bisect.bisect_left(self._times, time - self._keep_s)
-            del self._times[:first], self._yaws[:first], self._rates[:first]
+        if not pose.is_plausible:
+            return None
+        if self._times and pose.time <= self._times[-1]:
+            if pose.time > self._times[-1] - self._keep_s:
+                return None
+            self._times, self._stored = [], []
+        norm = math.hypot(*pose.attitude)
+        w, x, y, z = pose.attitude
+        pose = pose._replace(attitude=(w / norm, x / norm, y / norm, z / norm))
+        rows = rotation(pose.attitude)
+        rate, velocity, path, jump = turned(rows, pose.rate), turned(rows, pose.velocity), ZERO, None
+        if self._times:
+            dt = pose.time - self._times[-1]
+            velocity, mean = self._velocities(pose, velocity, dt)
+            if dt <= LARGEST_GAP_S:
+                rate, jump = self._checked(pose, rate, dt)
+            path = combined(1.0, self._stored[-1].path, dt if dt <= KNOWN_S else 0.0, mean)
+        self._times.append(pose.time)
+        self._stored.append(_Stored(pose.attitude, rate, velocity, path))
+        self._last = pose
+        if self._times[0] < pose.time - 2.0 * self._keep_s:  # trimmed rarely: cheap, and the history stays bounded
+            first = bisect.bisect_left(self._times, pose.time - self._keep_s)
+            del self._times[:first], self._stored[:first]
+        return jump
+
+    def _velocities(self, pose: Pose, velocity: Vector, dt: float) -> tuple[Vector, Vector]:
+        """Velocity in the world, now and on average since the last pose: as reported, or from positions where none is.
+
+        Notices jumps of the position.
+        """
+        last, mean = self._stored[-1].velocity, combined(0.5, velocity, 0.5, self._stored[-1].velocity)
+        if pose.position is None or self._last.position is None:
+            return velocity, mean
+        moved = combined(1.0 / dt, pose.position, -1.0 / dt, self._last.position)
+        if pose.velocity == ZERO:
+            # Without a velocity to compare, a step is a jump where it needs an impossible acceleration.
+            if self._is_jump(moved, last, dt):
+                self._notice(pose.time, 'position')
+                return last, last
+            return moved, moved
+        if dt <= LARGEST_GAP_S and pose.position != self._last.position and self._is_jump(moved, mean, dt):
+            self._notice(pose.time, 'position')
+        return velocity, mean
+
+    @staticmethod
+    def _is_jump(moved: Vector, expected: Vector, dt: float) -> bool:
+        excess = combined(1.0, moved, -1.0, expected)
+        return math.sqrt(dot(excess, excess)) * dt > JUMP_M + ACCELERATION * dt * dt
+
+    def _checked(self, pose: Pose, rate: Vector, dt: float) -> tuple[Vector, Rows | None]:
+        """Compare the attitude with the rates; a jump turns the history.
+
+        Returns the rate (rad/s), from attitudes where none is reported, and the rotation of the world by a jump or None.
+        """
+        last = self._stored[-1]
+        step = vector_of(product(pose.attitude, inverse(last.attitude)))
+        reported = pose.rate != ZERO
+        by_rates = combined(0.5 * dt, last.rate, 0.5 * dt, rate if reported else last.rate)
+        kept = math.exp(-dt / KNOWN_S)
+        self._turn_by_rates = kept * self._turn_by_rates + math.sqrt(dot(by_rates, by_rates))
+        self._turn = kept * self._turn + math.sqrt(dot(step, step))
+        expected = product(quaternion_of(by_rates), last.attitude)
+        change = product(pose.attitude, inverse(expected))
+        angle = vector_of(change)
+        if math.sqrt(dot(angle, angle)) <= JUMP_RAD + 0.5 * ANGULAR_ACCELERATION * dt * dt + math.sqrt(dot(by_rates, by_rates)):
+            return rate if reported else combined(1.0 / dt, step, 0.0, ZERO), None
+        self._notice(pose.time, 'attitude')
+        rows = rotation(change)
+        self._stored = [_Stored(product(change, s.attitude), turned(rows, s.rate), turned(rows, s.velocity),
+                                turned(rows, s.path)) for s in self._stored]
+        return rate, rows
+
+    def _notice(self, time: float, what: str) -> None:
+        self._jumped, self._jump = time, what
+        self.jumps += 1
 
     @property
     def newest(self) -> float:
         """Time of the newest pose, -inf before the first."""
         return self._times[-1] if self._times else -math.inf
 
-    def yaw(self, time: float) -> float:
-        """Yaw in rad at `time`: interpolated, and shortly beyond the newest pose extrapolated."""
+    def is_known(self, time: float) -> bool:
+        """Whether the attitude at `time` (s) is known: poses reach up to it, and are alive."""
+        return time - self.newest <= KNOWN_S and not self._is_frozen
+
+    @property
+    def _is_frozen(self) -> bool:
+        return self._turn_by_rates > FROZEN_RAD and self._turn < FROZEN_SHARE * self._turn_by_rates
+
+    def problem(self, time: float) -> str:
+        """What is wrong with the poses at `time` (s), empty without a problem."""
+        if self._times and time - self.newest > KNOWN_S:
+            return f'odometry stopped {time - self.newest:.1f} s ago: the rig counts as level, at its last heading'
+        if self._is_frozen:
+            return 'odometry is frozen: the attitude does not follow its own rates'
+        if 0.0 <= time - self._jumped < NOTICED_S:
+            return f'odometry jumped in {self._jump} ({self.jumps} times)'
+        return ''
+
+    def attitude(self, time: float) -> Rows:
+        """Rotation from the body to the world at `time` (s).
+
+        It is interpolated, and for EXTRAPOLATE_S beyond the newest pose extrapolated. After KNOWN_S the rig returns to level.
+        """
         if not self._times:
-            return 0.0
-        if time >= self._times[-1]:
-            ahead = min(time - self._times[-1], self._extrapolate_s)
-            return remainder(self._yaws[-1] + ahead * self._rates[-1], tau)
+            return IDENTITY
+        ahead = time - self._times[-1]
+        if ahead < 0.0:
+            after = bisect.bisect_right(self._times, time)
+            if after == 0:
+                return rotation(self._stored[0].attitude)
+            first, second = self._stored[after - 1:after + 1]
+            start = self._times[after - 1]
+            return rotation(between(first.attitude, second.attitude, (time - start) / (self._times[after] - start)))
+        newest, ahead = self._stored[-1], min(ahead, EXTRAPOLATE_S)
+        attitude = product(quaternion_of(combined(ahead, newest.rate, 0.0, ZERO)), newest.attitude)
+        unknown = time - self._times[-1] - KNOWN_S
+        if unknown > 0.0:
+            half = 0.5 * yaw_of(attitude)
+            level = (math.cos(half), 0.0, 0.0, math.sin(half))
+            attitude = between(attitude, level, 1.0 - math.exp(-unknown / LEVELLING_S))
+        return rotation(attitude)
+
+    def yaw(self, time: float) -> float:
+        """Heading (rad) at `time` (s): azimuth of the body's x axis in the world."""
+        rows = self.attitude(time)
+        return math.atan2(rows[1][0], rows[0][0])
+
+    def rate(self, time: float) -> Vector:
+        """Angular velocity (rad/s) in the world, of the pose nearest before `time` (s); zero long after the newest."""
+        stored = self._before(time)
+        return ZERO if stored is None else stored.rate
+
+    def velocity(self, time: float) -> Vector:
+        """Velocity (m/s) in the world, of the pose nearest before `time` (s); zero long after the newest."""
+        stored = self._before(time)
+        return ZERO if stored is None else stored.velocity
+
+    def _before(self, time: float) -> _Stored | None:
+        if not self._times or time - self._times[-1] > KNOWN_S:
+            return None
+        return self._stored[max(bisect.bisect_right(self._times, time) - 1, 0)]
+
+    def moved(self, start: float, end: float) -> Vector:
+        """Displacement (m) of the rig in the world from `start` to `end` (s)."""
+        if not self._times or start == end:
+            return ZERO
+        return combined(1.0, self._path(end), -1.0, self._path(start))
+
+    def _path(self, time: float) -> Vector:
+        ahead = time - self._times[-1]
+        if ahead >= 0.0:
+            newest = self._stored[-1]
+            return combined(1.0, newest.path, min(ahead, KNOWN_S), newest.velocity)
         after = bisect.bisect_right(self._times, time)
         if after == 0:
-            return remainder(self._yaws[0], tau)
+            return self._stored[0].path
+        first, second = self._stored[after - 1:after + 1]
         share = (time - self._times[after - 1]) / (self._times[after] - self._times[after - 1])
-        return remainder(self._yaws[after - 1] + share * (self._yaws[after] - self._yaws[after - 1]), tau)
-
-    def yaw_rate(self, time: float) -> float:
-        """Yaw rate in rad/s of the pose nearest before `time`."""
-        if not self._times:
-            return 0.0
-        return self._rates[max(bisect.bisect_right(self._times, time) - 1, 0)]
+        return combined(1.0 - share, first.path, share, second.path)

@@ -1,0 +1,116 @@
+"""Vectors, rotations and directions as plain numbers: for single ones faster than arrays.
+
+A rotation is given by the rows of its matrix, and turns vectors of a frame into its parent, such as the body into the world.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+Vector = tuple[float, float, float]
+Rows = tuple[Vector, Vector, Vector]
+Quaternion = tuple[float, float, float, float]  # w, x, y, z
+
+IDENTITY: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+def rows_of(matrix: Any) -> Rows:
+    """Rows of a matrix (3, 3)."""
+    a, b, c = matrix.tolist()
+    return (a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2])
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def combined(s: float, a: Vector, t: float, b: Vector) -> Vector:
+    """The vector s a + t b."""
+    return s * a[0] + t * b[0], s * a[1] + t * b[1], s * a[2] + t * b[2]
+
+
+def turned(rows: Rows, v: Vector) -> Vector:
+    """A vector turned by a rotation: from the frame to its parent."""
+    return dot(rows[0], v), dot(rows[1], v), dot(rows[2], v)
+
+
+def turned_back(rows: Rows, v: Vector) -> Vector:
+    """A vector turned by the inverse of a rotation: from the parent to the frame."""
+    x, y, z = v
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
+
+
+def direction(azimuth: float, elevation: float = 0.0) -> Vector:
+    """Unit vector of an azimuth and an elevation (rad)."""
+    level = math.cos(elevation)
+    return level * math.cos(azimuth), level * math.sin(azimuth), math.sin(elevation)
+
+
+def angles(v: Vector) -> tuple[float, float]:
+    """Azimuth and elevation (rad) of a vector; the inverse of `direction`."""
+    return math.atan2(v[1], v[0]), math.atan2(v[2], math.hypot(v[0], v[1]))
+
+
+def tangents(azimuth: float, elevation: float) -> tuple[Vector, Vector]:
+    """Unit vectors across (to larger azimuth) and up, perpendicular to a direction; also at the zenith."""
+    c, s, climb = math.cos(azimuth), math.sin(azimuth), math.sin(elevation)
+    return (-s, c, 0.0), (-c * climb, -s * climb, math.cos(elevation))
+
+
+def offset(origin: Vector, left: Vector, above: Vector, target: Vector) -> tuple[float, float]:
+    """Where a direction is from another one, along both axes (rad) of the plane that touches the sphere there."""
+    x, y = dot(left, target), dot(above, target)
+    sine = math.hypot(x, y)
+    scale = math.atan2(sine, dot(origin, target)) / sine if sine > 1e-12 else 1.0
+    return scale * x, scale * y
+
+
+def rotation(q: Quaternion) -> Rows:
+    """Rotation of a unit quaternion."""
+    w, x, y, z = q
+    return ((1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)))
+
+
+def product(p: Quaternion, q: Quaternion) -> Quaternion:
+    """The rotation q followed by p."""
+    a, b, c, d = p
+    w, x, y, z = q
+    return (a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w)
+
+
+def inverse(q: Quaternion) -> Quaternion:
+    """The inverse of a rotation, given and returned as a unit quaternion."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def quaternion_of(v: Vector) -> Quaternion:
+    """The rotation about a vector by its length (rad)."""
+    angle = math.hypot(*v)
+    scale = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), scale * v[0], scale * v[1], scale * v[2]
+
+
+def vector_of(q: Quaternion) -> Vector:
+    """Axis times angle (rad, at most pi) of a rotation; the inverse of `quaternion_of`."""
+    w, x, y, z = q if q[0] >= 0.0 else (-q[0], -q[1], -q[2], -q[3])
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if sine < 1e-9 else 2.0 * math.atan2(sine, w) / sine
+    return scale * x, scale * y, scale * z
+
+
+def between(p: Quaternion, q: Quaternion, share: float) -> Quaternion:
+    """Spherical interpolation from p (share 0) to q (share 1); also extrapolation."""
+    step = vector_of(product(inverse(p), q))
+    return product(p, quaternion_of((share * step[0], share * step[1], share * step[2])))
