@@ -20,6 +20,7 @@ from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.runs import changed_scenario, run_case
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
+from av_fusion.measurement.rig_motion import Pose
 
 FIGURES = {'coverage', 'rmse_deg', 'mae_deg', 'median_deg', 'p95_deg', 'outliers', 'hemisphere_errors', 'time_to_resolve_s',
            'switches', 'latency_ms', 'unaided_rmse_deg'}
@@ -122,7 +123,7 @@ def test_sound_alone_takes_the_hypothesis_of_the_published_controller():
     true, turn, record = math.radians(120.0), math.radians(60.0), MeasurementRecord()
     for k in range(100):
         time, yaw = 0.1 * k, turn * min(0.02 * k, 1.0)
-        record.events.append((time, yaw, 0.0))
+        record.events.append(Pose.level(time, yaw))
         body = true - yaw
         record.doa.setdefault('phat', []).append(DoaMeasurement(time - 0.25, tuple(
             Hypothesis(azimuth, 1e-3) for azimuth in (math.pi - body, body)), 1.0, 0.5))
