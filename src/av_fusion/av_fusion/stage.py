@@ -194,8 +194,9 @@ class FusionStage:
             yield self._output(self.due)
 
     def missing(self, now: float) -> list[str]:
-        """Names of inputs without recent messages."""
-        return [name for name, arrival in self._arrivals.items() if now - arrival > self.settings.missing_after]
+        """Names of inputs without recent messages; odometry also where its attitude is old, frozen or not known."""
+        silent = [name for name, arrival in self._arrivals.items() if now - arrival > self.settings.missing_after]
+        return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
         self._arrivals[name] = arrival

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -43,6 +42,5 @@ def blurred(measurement: CameraMeasurement, variance: float) -> CameraMeasuremen
 
 
 def _blurred(detection: Detection, variance: float) -> Detection:
-    level = max(math.cos(detection.elevation), 0.1)
-    return detection._replace(azimuth_variance=detection.azimuth_variance + variance / level**2,
+    return detection._replace(across_variance=detection.across_variance + variance,
                               elevation_variance=detection.elevation_variance + variance)

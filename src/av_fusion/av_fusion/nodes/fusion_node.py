@@ -88,6 +88,7 @@ class FusionNode(RigNode):
         if missing:
             level = DiagnosticStatus.WARN if len(missing) < len(self._meters) else DiagnosticStatus.ERROR
             status.mergeSummary(level, f'no {", ".join(missing)}')
+        self._diagnose_motion(status)
         for problem in filter(None, (self._rotations.problem, self._stage.converter.problem)):
             status.mergeSummary(DiagnosticStatus.ERROR, problem)
         late, self._untransformed = self._stage.untransformed - self._untransformed, self._stage.untransformed
@@ -106,6 +107,14 @@ class FusionNode(RigNode):
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         for name, value in self._stage.tracker.diagnostics().items():
             status.add(name, value)
+
+    def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:
+        motion, now = self._stage.tracker.motion, self.now()
+        problem, known = motion.problem(now), motion.is_known(now)
+        if problem:
+            status.mergeSummary(DiagnosticStatus.WARN, problem)
+        status.add('attitude', 'known' if known else 'not known: the rig counts as level, at its last heading or facing east')
+        status.add('jumps of odometry', str(motion.jumps))
 
 
 def main() -> None:
