@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from av_common.angles import wrap
 from av_common.rig import load_rig
 from av_evaluation.experiments.methods import bearings
 from av_evaluation.experiments.offline_run import OfflineRun
@@ -56,3 +60,23 @@ def test_a_flying_rig_localises_sound_through_its_ego_rotors():
     senses = summarise(run.log).senses
     assert senses['fused'].coverage == 1.0 and senses['fused'].rmse_deg < 1.0
     assert senses['sound'].rmse_deg < 2.0 and senses['sight'].coverage < 0.9
+
+
+@pytest.mark.parametrize('stabilized', [True, False])
+def test_detections_of_a_turning_gimbal_on_a_tilting_body_are_right(stabilized):
+    """A quadrotor accelerates, its gimbal swings: images count from where the camera was, by what the gimbal reported."""
+    rig = load_rig(find_config('rig_gimbal'))
+    rig = replace(rig, gimbal=replace(rig.gimbal, stabilized=stabilized))
+    run = OfflineRun(load_scenario(find_config('pursuit', 'scenarios')), rig, BayesTracker())
+    tilts = []
+    for now, _ in run.steps(3.0):
+        state = run.world.rig_state(now)
+        tilts.append(math.degrees(math.acos(state.rotation[2, 2])))
+        east, north, _ = run.world.target_state(0, now).position - state.position
+        heading = math.atan2(state.rotation[1, 0], state.rotation[0, 0])
+        run.world.dynamics.look(float(wrap(math.atan2(north, east) - heading)) + 0.3 * math.sin(3.0 * now), 0.1, now)
+    seen = np.isfinite(run.log.sight['azimuth']) & (run.log.sight['time'] > 0.5)
+    error = wrap(run.log.sight['azimuth'] - run.log.true_azimuth(run.log.sight['time']))[seen]
+    assert max(tilts) > 5.0 and seen.sum() > 20
+    assert np.degrees(np.sqrt(np.mean(error**2))) < 0.4
+    assert run.log.picture['inside'].mean() > 0.7
