@@ -34,6 +34,9 @@ class Flight:
         self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
         self.world, self.rows = None, []
 
+    def on_yaw(self, time, yaw):
+        self.controller.on_yaw(time, yaw)
+
     def step(self, now, track, ages):
         autopilot, command = self.autopilot, self.controller.step(now, track, ages)
         status = VehicleStatus(autopilot.nav_state, autopilot.armed, autopilot.failsafe)

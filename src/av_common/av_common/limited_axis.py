@@ -35,7 +35,8 @@ class LimitedAxis:
         self.position = 0.0
         self.velocity = 0.0
 
-    def follow(self, error: float, target_rate: float, dt: float, rate: float = math.inf) -> None:
+    def follow(self, error: float, target_rate: float, dt: float, rate: float = math.inf,
+               gain: float = math.inf) -> None:
         """Move towards a moving target at the rate from which the axis can still brake, sqrt(2 a e): no overshoot.
 
         Parameters:
@@ -43,9 +44,10 @@ class LimitedAxis:
             target_rate (rad/s): rate of the target itself.
             dt (s): duration of the step.
             rate (rad/s): limit of the rate for this step, in addition to the limit of the axis.
+            gain (1/s): largest rate relative to the error, for an axis that is late.
         """
         acceleration = 0.5 * self.limits.acceleration  # the other half is reserved for manoeuvres of the target
-        approach = math.copysign(_brakeable(abs(error), acceleration, dt), error)
+        approach = math.copysign(min(_brakeable(abs(error), acceleration, dt), gain * abs(error)) if error else 0.0, error)
         self._drive(approach + target_rate, dt, rate)
 
     def stop(self, dt: float) -> None:

@@ -1,25 +1,26 @@
 """Commands for gimbal and body from a track, within limits of angle, rate and acceleration.
 
-The body moves by measurements only. It stands still BODY_TIMEOUT_S after the newest measurement of the track, or the newest
-odometry, arrived; braking begins so early that the last command before that time is 0. The gimbal may follow a prediction for
-a while, the slower the older it is.
+The body moves by measurements only. Its yaw rate is 0 BODY_TIMEOUT_S after the newest measurement of the track, or the newest
+odometry, arrived, and what a fast body still turns is braked before (`body_axis.py`). The gimbal may follow a prediction for a
+while, the slower the older it is.
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import State, Track
+from av_pointing.body_axis import Aim, BodyAxis
+from av_pointing.response import Response
 
 BODY_TIMEOUT_S = 0.3  # after the arrival of the newest measurement, and of the newest odometry, at which the body stands still
 LONGEST_STEP_S = 0.1  # longer steps are computed as this long
-YAW_MEMORY_S, LONGEST_YAW_GAP_S = 0.1, 0.5  # time span and longest gap of the bearings that give the body's yaw rate
+OLDEST_MEASUREMENT_S = 1.0  # age since its capture from which a measurement moves no body, and a bearing on arrival nothing
 
 
 class Mode(enum.IntEnum):
@@ -37,16 +38,25 @@ class Ages(NamedTuple):
         bearing: time since the bearing arrived, and distance of its stamp from that.
         measurement: time since the newest measurement of the bearing arrived.
         odometry: time since the newest odometry arrived.
+        late: part of `bearing` that had passed on its arrival.
+        captured: time since the newest measurement was captured.
     """
 
     bearing: float = math.inf
     measurement: float = math.inf
     odometry: float = math.inf
+    late: float = 0.0
+    captured: float = 0.0
 
     @property
     def body_left(self) -> float:
         """Time (s) until the body must stand still."""
-        return BODY_TIMEOUT_S - max(self.measurement, self.odometry)
+        return min(BODY_TIMEOUT_S - max(self.measurement, self.odometry), OLDEST_MEASUREMENT_S - self.captured)
+
+    @property
+    def predicted(self) -> bool:
+        """Whether the bearing is a prediction, without a recent measurement."""
+        return self.measurement >= BODY_TIMEOUT_S or self.captured >= OLDEST_MEASUREMENT_S
 
 
 @dataclass(frozen=True)
@@ -57,9 +67,10 @@ class PointingSettings:
         pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
         search_rate (rad/s): rate of the body's rotation that resolves the front-back ambiguity.
         dead_band (rad): error below which nothing moves.
-        lead (s): delay between command and motion, compensated by the bearing's rate.
+        lead (s): delay between command and motion of the gimbal, compensated by the bearing's rate.
         period (s): longest time between two commands.
-        stale_after (s): age from which a bearing is stale and moves nothing.
+        response: expected answer of the vehicle to yaw rates, from which its estimate starts.
+        stale_after (s): time since its arrival from which a bearing is stale and moves nothing.
         coast (s): time after the newest measurement's arrival for which the gimbal follows a prediction.
         coast_sigma (rad): standard deviation of a prediction's azimuth up to which the gimbal follows it.
         on_stale: reaction of the gimbal to a stale bearing: 'hold' stops it, 'neutral' returns it to 0.
@@ -71,11 +82,12 @@ class PointingSettings:
 
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
     tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(60), math.radians(180), -1.4, 0.8))
-    yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(180)))
+    yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(360)))
     search_rate: float = math.radians(40.0)
     dead_band: float = math.radians(0.5)
     lead: float = 0.05
     period: float = 1.0 / 30.0
+    response: Response = field(default_factory=Response)
     stale_after: float = 0.5
     coast: float = 2.0
     coast_sigma: float = math.radians(20.0)
@@ -126,14 +138,20 @@ class PointingController:
         self.settings = settings or PointingSettings()
         self.enabled = True
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
-        self._yaw = LimitedAxis(self.settings.yaw)
+        self.body = BodyAxis(self.settings.yaw, self.settings.response)
         self._time: float | None = None
-        self._yaws: deque[tuple[float, float]] = deque()  # time in s and yaw in rad of the body
+        self._seen: Track | None = None
+        self._has_odometry = False
 
     def start_at(self, pan: float, tilt: float) -> None:
         """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
         for axis, angle in ((self._pan, pan), (self._tilt, tilt)):
             axis.position, axis.velocity = min(max(angle, axis.limits.lower), axis.limits.upper), 0.0
+
+    def on_yaw(self, time: float, yaw: float) -> None:
+        """Note the body's yaw (rad) by odometry of `time` (s, on the clock of `step`)."""
+        self._has_odometry = True
+        self.body.motion.measure(time, yaw)
 
     def step(self, time: float, track: Track | None, ages: Ages) -> Command:
         """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
@@ -145,29 +163,33 @@ class PointingController:
         """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
+        self.body.motion.advance(time)
+        settings, left = self.settings, ages.body_left - self.settings.period
         mode, reason = self._decide(track, ages)
+        if track is not None and track is not self._seen:
+            self._see(time, track, ages)
         if track is None or mode == Mode.HOLD:
             self._hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
         elif mode == Mode.SEARCH:
-            self._yaw.follow(track.requested_rotation, 0.0, dt, self.settings.search_rate)
+            aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
+            self.body.turn(time, dt, aim, settings.dead_band, ages.measurement, left, settings.search_rate)
             self._pan.stop(dt)
             self._tilt.stop(dt)
         else:
-            self._track(dt, track, ages)
-        self._yaw.limit(self.settings.yaw.acceleration * max(ages.body_left - self.settings.period, 0.0))
+            self._track(time, dt, track, ages)
+        yaw_rate = self.body.command(time, left, self.enabled and settings.move_body)
         return Command(mode, reason, self._pan.position, self._tilt.position, self._pan.velocity, self._tilt.velocity,
-                       self._yaw.velocity, self.enabled and self.settings.move_gimbal,
-                       self.enabled and self.settings.move_body)
+                       yaw_rate, self.enabled and settings.move_gimbal, self.enabled and settings.move_body)
 
     def _decide(self, track: Track | None, ages: Ages) -> tuple[Mode, str]:
         settings = self.settings
         if not self.enabled:
             return Mode.HOLD, 'disabled'
-        if track is None or not ages.bearing <= settings.stale_after:
+        if track is None or not ages.bearing - ages.late <= settings.stale_after or not ages.late <= OLDEST_MEASUREMENT_S:
             return Mode.HOLD, 'no fresh bearing'
         if track.state == State.NONE or not (math.isfinite(track.azimuth) and math.isfinite(track.azimuth_world_rate)):
             return Mode.HOLD, 'no fresh bearing: no target'
-        predicted = ages.measurement >= BODY_TIMEOUT_S
+        predicted = ages.predicted
         if ages.measurement >= settings.coast or (predicted and not 0.0 <= track.azimuth_variance <= settings.coast_sigma**2):
             return Mode.HOLD, 'no fresh bearing: a prediction without recent measurements'
         may_move = ages.body_left > 0.0
@@ -184,15 +206,31 @@ class PointingController:
             return Mode.SEARCH, f'turning {math.degrees(track.requested_rotation):+.0f} deg to resolve the front-back ambiguity'
         return Mode.HOLD, 'waiting: the front-back ambiguity is open'
 
-    def _track(self, dt: float, track: Track, ages: Ages) -> None:
-        settings = self.settings
+    def _see(self, time: float, track: Track, ages: Ages) -> None:
+        """Learn from a new track how old bearings are, and without odometry how the body turns."""
+        self._seen = track
+        if track.state == State.NONE or not math.isfinite(ages.bearing + track.azimuth + track.azimuth_world_rate):
+            return
+        if not self._has_odometry:
+            self.body.motion.measure(time - ages.bearing, track.azimuth_world - track.azimuth)
+        predicted = track.time - track.measured if track.measured > 0.0 else 0.0
+        self.body.see(self._aim(time, track, ages), ages.late + max(predicted, 0.0))
+
+    def _aim(self, time: float, track: Track, ages: Ages) -> Aim:
+        """The direction of a track, by its direction in the world where the attitude is known."""
+        seen = time - ages.bearing
+        known = track.attitude_known and self._has_odometry and math.isfinite(track.azimuth_world)
+        azimuth = float(wrap(track.azimuth_world - self.body.motion.yaw(seen))) if known else track.azimuth
+        return Aim(azimuth, track.azimuth_world_rate, seen)
+
+    def _track(self, time: float, dt: float, track: Track, ages: Ages) -> None:
+        settings, body, aim = self.settings, self.body, self._aim(time, track, ages)
         left = settings.coast - ages.measurement  # of the gimbal's motion, which slows down until then
         slowed = min(left / settings.coast * settings.pan.rate, left * settings.pan.acceleration)
-        rate = track.azimuth_world_rate
-        ahead = float(wrap(track.azimuth + settings.lead * (rate - self._yaw.velocity)))
+        seen_rate = aim.rate - body.motion.rate(time)
         if settings.move_gimbal:
-            seen_rate = rate - self._body_rate(track)
-            pan = float(wrap(track.azimuth + settings.lead * seen_rate))
+            turned = body.motion.yaw(time) - body.motion.yaw(aim.time)
+            pan = float(wrap(track.azimuth + ages.bearing * aim.rate - turned + settings.lead * seen_rate))
             pan = min(max(pan, settings.pan.lower), settings.pan.upper)
             self._pan.follow(self._beyond_dead_band(pan - self._pan.position), seen_rate, dt, slowed)
         if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
@@ -200,25 +238,12 @@ class PointingController:
         else:
             self._tilt.stop(dt)
         if not settings.move_body:
-            self._yaw.stop(dt)
-        elif not settings.move_gimbal or abs(ahead) > settings.body_follows_at or abs(self._yaw.velocity) > 0.0:
-            self._yaw.follow(self._beyond_dead_band(ahead), rate, dt)
-
-    def _body_rate(self, track: Track) -> float:
-        """Yaw rate of the body (rad/s) from recent bearings, because a vehicle may not follow the command."""
-        yaw = track.azimuth_world - track.azimuth
-        if not math.isfinite(yaw):
-            return self._yaw.velocity
-        if self._yaws and not 0.0 <= track.time - self._yaws[-1][0] < LONGEST_YAW_GAP_S:
-            self._yaws.clear()
-        self._yaws.append((track.time, yaw))
-        while len(self._yaws) > 2 and self._yaws[1][0] <= track.time - YAW_MEMORY_S:
-            self._yaws.popleft()
-        elapsed = track.time - self._yaws[0][0]
-        return float(wrap(yaw - self._yaws[0][1])) / elapsed if elapsed > 0.02 else self._yaw.velocity
+            body.stop(dt)
+        elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
+            body.turn(time, dt, aim, settings.dead_band, ages.measurement, ages.body_left - settings.period)
 
     def _hold(self, dt: float, neutral: bool) -> None:
-        self._yaw.stop(dt)
+        self.body.stop(dt)
         for axis in (self._pan, self._tilt):
             if neutral:
                 axis.follow(-axis.position, 0.0, dt)

@@ -8,15 +8,14 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from av_common.freshness import FreshInput, Instant
+from av_common.frames import yaw_of
+from av_common.freshness import FUTURE_S, FreshInput, Instant
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import BODY_TIMEOUT_S, Ages, Command, PointingController
+from av_pointing.controller import Ages, Command, PointingController
 from av_pointing.settings import pointing_settings
-
-OLDEST_MEASUREMENT_S = 1.0  # age since its capture from which a measurement moves no body
 
 
 class PointingStage:
@@ -39,8 +38,8 @@ class PointingStage:
         self.command: Command | None = None
         self._base_frame = base_frame
         self._track: Track | None = None
-        self._arrived, self._age = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
-        self._measured, self._odometry = FreshInput(OLDEST_MEASUREMENT_S - BODY_TIMEOUT_S), FreshInput()
+        self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
+        self._measured, self._captured, self._odometry = FreshInput(math.inf), FreshInput(), FreshInput()
 
     @property
     def refused(self) -> int:
@@ -55,9 +54,11 @@ class PointingStage:
             arrival: time of its arrival.
         """
         self._track = track = track_of_bearing(message)
-        self._arrived, self._age = arrival.steady, abs(arrival.ros - track.time)
+        ahead = track.time - arrival.ros
+        self._arrived, self._late = arrival.steady, ahead if ahead > FUTURE_S else max(-ahead, 0.0)
         if track.state != State.NONE:
             self._measured.take(track.measured, arrival)
+            self._captured.take(track.measured, arrival)
         return self.on_time(arrival)
 
     def on_odometry(self, message: Odometry, arrival: Instant) -> None:
@@ -69,11 +70,15 @@ class PointingStage:
         """
         q = message.pose.pose.orientation
         if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
-            self._odometry.take(to_seconds(message.header.stamp), arrival)
+            stamp = to_seconds(message.header.stamp)
+            if self._odometry.take(stamp, arrival):
+                age = max(arrival.ros - stamp, 0.0)
+                self.controller.on_yaw(arrival.steady - age, yaw_of((q.w, q.x, q.y, q.z)))
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
-        ages = Ages(now.steady - self._arrived + self._age, self._measured.age(now), self._odometry.age(now))
+        ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
+                    self._captured.age(now))
         self.command = self.controller.step(now.steady, self._track, ages)
         return command_message(self.command, now.ros, self._base_frame)
 

@@ -87,7 +87,7 @@ class Sequence:
         self._track = self._tracker.estimate(self._now)
         track = self._track if self._chance(0.9) else self._wild_track()
         self._ages = Ages(abs(self._now - track.time), *(
-            0.0 if self._chance(0.5) else age + max(passed, 0.0) for age in self._ages[1:]))
+            0.0 if self._chance(0.5) else age + max(passed, 0.0) for age in self._ages[1:3]))
         self._command = self._pointing.step(self._now, track if self._chance(0.95) else None, self._ages)
         return max(passed, 0.0)
 

@@ -1,0 +1,162 @@
+"""The body's yaw: steered by where the body will be when a command shows, and braked when bearings cease."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from av_common.angles import wrap
+from av_common.limited_axis import AxisLimits, LimitedAxis
+from av_pointing.response import Ahead, BodyMotion, LatencyEstimator, Response
+
+SOONEST_BRAKE_S = 0.15             # after the arrival of the newest measurement, at which a fast body is braked
+FAST = math.radians(30.0)          # rad/s, of such a body
+COAST = math.radians(9.0)          # turn after its rate is commanded 0 for which a body need not be braked
+BRAKED_SHARE = 0.5                 # share of the predicted further turn that is braked: the prediction may be wrong
+LEAST_BRAKED = math.radians(3.0)   # rad/s, slower turns are not braked
+DELAY_FACTOR, UNCERTAINTY_FACTOR, FASTEST = 0.35, 1.0, 4.0   # of the bandwidth (1/s), see `BodyAxis.bandwidth`
+AGE_MEMORY = 0.05                  # share of a new age in the mean of the ages
+LONGEST_AGE_S = 1.5
+RATE_MEMORY_S = 0.6                # of the rates that give the target's acceleration
+LARGEST_ACCELERATION = math.radians(40.0)   # rad/s^2, of a target
+
+
+class Aim(NamedTuple):
+    """A direction for the body.
+
+    Parameters:
+        azimuth (rad): in the body's frame.
+        rate (rad/s): its rate in the world.
+        time (s): for which both are valid, on the clock of the commands.
+    """
+
+    azimuth: float
+    rate: float
+    time: float
+
+
+class BodyAxis:
+    """Yaw rates of the body, within their limits.
+
+    Attributes:
+        motion: predicts the yaw; is to be told of measured yaws.
+        latency: by how much bearings are older than their stamps.
+        age (s): mean age of the measurements in bearings on their arrival.
+
+    Parameters:
+        limits: of yaw rate and acceleration.
+        response: expected answer of the vehicle.
+    """
+
+    def __init__(self, limits: AxisLimits, response: Response) -> None:
+        self.motion, self.latency = BodyMotion(response), LatencyEstimator()
+        self.age, self._spread = 0.0, 0.0
+        self._rates: deque[tuple[float, float]] = deque(maxlen=100)   # time, rate of the aim
+        self._axis = LimitedAxis(limits)
+        self._driven = self._measurement_age = math.inf
+
+    @property
+    def velocity(self) -> float:
+        """Commanded yaw rate (rad/s)."""
+        return self._axis.velocity
+
+    @property
+    def delay(self) -> float:
+        """Total delay (s) from what is seen to what is done: age of the bearings, dead time and lag."""
+        return self.age + self.latency.latency + self.motion.response.dead_time + self.motion.response.lag
+
+    @property
+    def bandwidth(self) -> float:
+        """Share of the predicted error that is turned in 1 s (1/s): the less the larger and the less certain the delay is."""
+        uncertainty = math.sqrt(self.motion.response.uncertainty**2 + self._spread + self.latency.uncertainty**2)
+        return 1.0 / (1.0 / FASTEST + DELAY_FACTOR * self.delay + UNCERTAINTY_FACTOR * uncertainty)
+
+    @property
+    def acceleration(self) -> float:
+        """Acceleration (rad/s^2) of the aim: the slope of its recent rates, the less of it the less certain it is."""
+        if len(self._rates) < 4:
+            return 0.0
+        times, rates = np.array(self._rates).T
+        times, rates = times - times.mean(), rates - rates.mean()
+        squares = float(times @ times)
+        slope = float(times @ rates) / squares
+        variance = float(((rates - slope * times) ** 2).sum()) / (len(times) - 2) / squares
+        share = max(1.0 - variance / slope**2, 0.0) if slope else 0.0
+        return min(max(share * slope, -LARGEST_ACCELERATION), LARGEST_ACCELERATION)
+
+    def see(self, aim: Aim, age: float) -> None:
+        """Note a new bearing, whose newest measurement had an age (s) on its arrival."""
+        self.latency.add(aim.time, aim.azimuth, aim.rate, self.motion)
+        while self._rates and not aim.time - RATE_MEMORY_S < self._rates[0][0] < aim.time:
+            self._rates.popleft()
+        self._rates.append((aim.time, aim.rate))
+        if 0.0 <= age <= LONGEST_AGE_S:
+            self._spread += AGE_MEMORY * ((age - self.age) ** 2 - self._spread)
+            self.age += AGE_MEMORY * (age - self.age) if self.age else age
+
+    def turn(self, time: float, dt: float, aim: Aim, dead_band: float, measurement_age: float, left: float,
+             fastest: float = math.inf) -> None:
+        """Turn towards an aim while its measurements are fresh; later, against the body's rotation.
+
+        Parameters:
+            time (s): time of the command.
+            dt (s): duration of the step.
+            aim: where to.
+            dead_band (rad): error below which the body only follows the aim's rate.
+            measurement_age (s): time since the newest measurement arrived.
+            left (s): time until the rate must be 0.
+            fastest (rad/s): limit of the rate, in addition to that of the axis.
+        """
+        ahead = self.motion.ahead(time)
+        drive = self._drive_until(ahead, measurement_age, measurement_age + left) - measurement_age
+        if drive > 0.0:
+            self._steer(time, dt, aim, dead_band, ahead, min(fastest, self._axis.limits.acceleration * drive))
+        else:
+            self._brake(time, dt, ahead, left)
+
+    def stop(self, dt: float) -> None:
+        """Bring the commanded rate to 0 as fast as the limits allow, in a step of `dt` s."""
+        self._axis.stop(dt)
+
+    def command(self, time: float, left: float, moves: bool) -> float:
+        """The yaw rate (rad/s) of the command at `time` (s), reduced so that it is 0 in time.
+
+        Parameters:
+            time (s): time of the command.
+            left (s): time until the rate must be 0.
+            moves: whether the vehicle is to follow it.
+        """
+        self._axis.limit(self._axis.limits.acceleration * max(left, 0.0))
+        self.motion.command(time, self._axis.velocity if moves else 0.0)
+        return self._axis.velocity
+
+    def _drive_until(self, ahead: Ahead, age: float, latest: float) -> float:
+        """Age (s) of the newest measurement until which the body is driven: the less the faster it turns."""
+        response = self.motion.response
+        slow = COAST / (response.dead_time + response.lag)
+        share = min(max((abs(ahead.rate) - slow) / max(FAST - slow, 1e-3), 0.0), 1.0)
+        until = latest - share * max(latest - SOONEST_BRAKE_S, 0.0)
+        self._driven = min(self._driven, until) if age >= self._measurement_age else until
+        self._measurement_age = age
+        return self._driven
+
+    def _steer(self, time: float, dt: float, aim: Aim, dead_band: float, ahead: Ahead, fastest: float) -> None:
+        motion, response, most = self.motion, self.motion.response, self._axis.limits.rate
+        elapsed = min(time + response.dead_time - aim.time + self.latency.latency, LONGEST_AGE_S)
+        turned = ahead.yaw - motion.yaw(aim.time - self.latency.latency)
+        acceleration = self.acceleration if aim.rate else 0.0
+        rate = min(max(aim.rate + acceleration * elapsed, -most), most)
+        azimuth = aim.azimuth + (aim.rate + 0.5 * acceleration * elapsed) * elapsed
+        error = wrap(azimuth - turned) - ahead.further + rate * response.lag
+        beyond = math.copysign(max(abs(error) - dead_band, 0.0), error)
+        self._axis.follow(beyond, (rate + response.lag * acceleration) / response.gain, dt, fastest, self.bandwidth)
+
+    def _brake(self, time: float, dt: float, ahead: Ahead, left: float) -> None:
+        """Turn against the body's rotation, where odometry confirms it, by a part of what it would turn further."""
+        measured = self.motion.rate(time)
+        turning = min(abs(ahead.rate), abs(measured)) if ahead.rate * measured > 0.0 else 0.0
+        share = BRAKED_SHARE * turning / abs(ahead.rate) / left if turning > LEAST_BRAKED and left > dt else 0.0
+        self._axis.follow(0.0, -share * ahead.further, dt)

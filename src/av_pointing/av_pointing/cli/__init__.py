@@ -1,0 +1,1 @@
+"""Programs for `ros2 run av_pointing`."""

@@ -1,0 +1,243 @@
+"""The vehicle's answer to commanded yaw rates, and the delay of bearings, estimated while the body turns.
+
+Equations and sources: docs/reference/pointing.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import wrap
+
+GRID_S = 0.01              # step of the models' trajectories
+MEMORY = 500               # steps that are kept, 5 s
+COMMAND_LIFETIME_S = 0.3   # a command without a successor moves nothing after this time
+PAIR_S, LONGEST_PAIR_S = 0.1, 0.5   # time between two angles that are compared
+FORGET_S = 8.0             # time of turning after which what was seen counts by 1/e
+LEAST_TURN = math.radians(0.3)      # smaller turns between two angles tell nothing
+ANGLE_NOISE = math.radians(0.1)     # least standard deviation of the difference of two angles
+WEAK_TURN = math.radians(3.0)       # turns of less than this do not change the expected gain of 1
+TEMPER = 3.0               # successive differences count as one in three: errors of a wrong model are correlated
+LEAST_UNCERTAINTY_S = 0.03          # no vehicle answers just as a model
+LEAST_GAIN, LARGEST_GAIN = 0.5, 1.3
+
+LAGS = np.array([0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0, 1.25, 1.6])
+DEAD_TIMES = np.arange(0.0, 0.61, 0.05)
+LATENCIES = np.arange(0.0, 0.81, 0.05)
+
+
+@dataclass(frozen=True)
+class Response:
+    """Answer of a vehicle to its commanded yaw rate: a dead time, then a first-order lag.
+
+    Parameters:
+        dead_time, lag (s): estimates.
+        gain: yaw rate that is reached, relative to the commanded one.
+        uncertainty (s): standard deviation of the sum of dead time and lag.
+    """
+
+    dead_time: float = 0.1
+    lag: float = 0.4
+    gain: float = 1.0
+    uncertainty: float = 0.2
+
+
+class Ahead(NamedTuple):
+    """State of the body at the time at which a command given now begins to show.
+
+    Parameters:
+        yaw (rad), rate (rad/s): of the body.
+        further (rad): turn from then on, if 0 was commanded.
+    """
+
+    yaw: float
+    rate: float
+    further: float
+
+
+class BodyMotion:
+    """Predicts the body's yaw from its measured yaw and from the commanded rates that have not shown yet.
+
+    A vehicle of dead time d turns at time t as one without it did at t - d. So each candidate lag has one trajectory, and
+    each candidate dead time is a place in it. Commands and angles may come at any times; times are monotonic, in s.
+
+    Attributes:
+        response: the estimated answer.
+        following: share of the commanded turn that the vehicle made; near 0 while a pilot holds it.
+
+    Parameters:
+        prior: the answer that is expected, with its uncertainty.
+    """
+
+    def __init__(self, prior: Response | None = None) -> None:
+        self.response = prior or Response()
+        self.following = 1.0
+        sigma = self.response.uncertainty
+        self._log_prior = -0.5 * (((LAGS[:, None] - self.response.lag) / sigma) ** 2
+                                  + ((DEAD_TIMES - self.response.dead_time) / (0.5 * sigma)) ** 2)
+        self._sums = np.zeros((2, LAGS.size, DEAD_TIMES.size))   # of (model's turn)^2, and of that times the measured turn
+        self._measured, self._count = 0.0, 0.0                   # sum of (measured turn)^2, number of turns
+        self._blend = np.zeros(LAGS.size)
+        self._turns, self._rates = np.zeros((LAGS.size, MEMORY)), np.zeros(LAGS.size)
+        self._step, self._command, self._commanded = 0, 0.0, -math.inf
+        self._yaws: deque[tuple[float, float]] = deque(maxlen=MEMORY)   # time, measured yaw without jumps by 2 pi
+        self._pair: tuple[float, float] | None = None
+        self._estimate()
+
+    def command(self, time: float, rate: float) -> None:
+        """Note that the body turns by a rate (rad/s) from `time` (s) on."""
+        self.advance(time)
+        self._command, self._commanded = rate, time
+
+    def advance(self, time: float) -> None:
+        """Continue the models to `time` (s) with the newest command; after a gap of 1 s, or a step back, they start again."""
+        step = math.floor(time / GRID_S)
+        if not 0 <= step - self._step <= 1.0 / GRID_S:
+            self._turns[:], self._rates[:] = 0.0, 0.0
+            self._step, self._command = step, 0.0
+            self._yaws.clear()
+            self._pair = None
+        decay = np.exp(-GRID_S / LAGS)
+        while self._step < step:
+            self._step += 1
+            alive = self._step * GRID_S <= self._commanded + COMMAND_LIFETIME_S
+            self._rates = (self._command if alive else 0.0) * (1.0 - decay) + self._rates * decay
+            before, now = (self._step - 1) % MEMORY, self._step % MEMORY
+            self._turns[:, now] = self._turns[:, before] + GRID_S * self._rates
+
+    def measure(self, time: float, yaw: float) -> None:
+        """Note a measured yaw (rad) of `time` (s), from which the answer is estimated, too. Times that go back are ignored."""
+        if not math.isfinite(yaw) or (self._yaws and time <= self._yaws[-1][0]):
+            return
+        if self._yaws:
+            yaw = self._yaws[-1][1] + float(wrap(yaw - self._yaws[-1][1]))
+        self._yaws.append((time, yaw))
+        if self._pair is None or time - self._pair[0] > LONGEST_PAIR_S or not self._remembered(self._pair[0]):
+            self._pair = (time, yaw)
+        elif time - self._pair[0] >= PAIR_S:
+            self._learn(self._pair[0], time, yaw - self._pair[1])
+            self._pair = (time, yaw)
+
+    def rate(self, time: float) -> float:
+        """Measured yaw rate (rad/s) over the newest PAIR_S, 0 where it is unknown at `time` (s)."""
+        if len(self._yaws) < 2 or time - self._yaws[-1][0] > LONGEST_PAIR_S:
+            return 0.0
+        newest, yaw = self._yaws[-1]
+        earlier = next((pair for pair in reversed(self._yaws) if pair[0] <= newest - PAIR_S), self._yaws[0])
+        elapsed = newest - earlier[0]
+        return (yaw - earlier[1]) / elapsed if 0.02 < elapsed < LONGEST_PAIR_S else 0.0
+
+    def yaw(self, time: float) -> float:
+        """Yaw (rad) at `time` (s): between measured ones, beyond them by the model, without any by the model alone."""
+        if self._yaws and time <= self._yaws[-1][0]:
+            times = [pair[0] for pair in self._yaws]
+            return float(np.interp(time, times, [pair[1] for pair in self._yaws]))
+        known, yaw = self._yaws[-1] if self._yaws else (-math.inf, 0.0)
+        dead_time = self.response.dead_time
+        if not self._remembered(known):
+            return yaw + self._modelled(time - dead_time)
+        return yaw + self._modelled(time - dead_time) - self._modelled(known - dead_time)
+
+    def ahead(self, time: float) -> Ahead:
+        """What the commands until `time` (s) lead to."""
+        rates = self.response.gain * self._blend * self._rates
+        return Ahead(self.yaw(time + self.response.dead_time), float(rates.sum()), float(rates @ LAGS))
+
+    def _remembered(self, time: float) -> bool:
+        return self._step * GRID_S - time < (MEMORY - 2) * GRID_S - DEAD_TIMES[-1]
+
+    def _modelled(self, time: float) -> float:
+        """Turn (rad) of the models at `time` (s), without dead time, weighted by their probabilities."""
+        return float(self.response.gain * self._blend @ self._at(time, np.zeros(1))[:, 0])
+
+    def _at(self, time: float, dead_times: NDArray) -> NDArray:
+        """Turns (rad, (lags, dead times)) at `time` less each dead time; beyond the newest step by the newest rate."""
+        places = np.clip((time - dead_times) / GRID_S, self._step - MEMORY + 1, self._step + 1)
+        lower = np.minimum(np.floor(places).astype(int), self._step - 1)
+        earlier, later = self._turns[:, lower % MEMORY], self._turns[:, (lower + 1) % MEMORY]
+        return earlier + (places - lower) * (later - earlier)
+
+    def _learn(self, begin: float, end: float, turn: float) -> None:
+        modelled = self._at(end, DEAD_TIMES) - self._at(begin, DEAD_TIMES)
+        if max(abs(turn), float(np.abs(modelled).max())) < LEAST_TURN:
+            return
+        keep = math.exp((begin - end) / FORGET_S)
+        self._sums = keep * self._sums + np.array([modelled**2, modelled * turn])
+        self._measured = keep * self._measured + turn**2
+        self._count = keep * self._count + 1.0
+        self._estimate()
+
+    def _estimate(self) -> None:
+        squares, products = self._sums
+        weak = WEAK_TURN**2   # a gain of 1 is expected
+        gains = np.clip((products + weak) / (squares + weak), 0.0, 1.5)
+        errors = self._measured - 2.0 * gains * products + gains**2 * squares
+        weights = posterior(errors, self._count, self._log_prior)
+        lags, dead_times = weights.sum(axis=1), weights.sum(axis=0)
+        self._blend = lags
+        lag, dead_time = float(lags @ LAGS), float(dead_times @ DEAD_TIMES)
+        total = LAGS[:, None] + DEAD_TIMES
+        self.following = float((weights * gains).sum())
+        self.response = Response(dead_time, lag, min(max(self.following, LEAST_GAIN), LARGEST_GAIN),
+                                 math.sqrt(float((weights * (total - lag - dead_time) ** 2).sum()) + LEAST_UNCERTAINTY_S**2))
+
+
+class LatencyEstimator:
+    """Estimates by how much bearings are older than their stamps, from how they seem to move while the body turns.
+
+    Seen with the yaw of the right time, a target moves by its own rate only.
+
+    Attributes:
+        latency (s): the estimate; 0 unless turns show another.
+        uncertainty (s): its standard deviation.
+    """
+
+    def __init__(self) -> None:
+        self.latency = self.uncertainty = 0.0
+        self._errors, self._count = np.zeros(LATENCIES.size), 0.0
+        self._log_prior = -LATENCIES / 0.05
+        self._before: tuple[float, NDArray] | None = None
+
+    def add(self, time: float, azimuth: float, rate: float, body: BodyMotion) -> None:
+        """Note a bearing.
+
+        Parameters:
+            time (s): for which it is valid by its stamp.
+            azimuth (rad), rate (rad/s): in the body's frame, and its rate in the world.
+            body: gives the yaw at earlier times.
+        """
+        directions = np.array([azimuth + body.yaw(time - latency) for latency in LATENCIES])
+        before, elapsed = self._before, 0.0 if self._before is None else time - self._before[0]
+        if before is not None and 0.0 <= elapsed < PAIR_S:
+            return
+        self._before = (time, directions)
+        if before is None or not PAIR_S <= elapsed <= LONGEST_PAIR_S:
+            return
+        moved = np.asarray(wrap(directions - before[1])) - rate * elapsed
+        if np.ptp(moved) < LEAST_TURN:
+            return
+        keep = math.exp(-elapsed / FORGET_S)
+        self._errors, self._count = keep * self._errors + moved**2, keep * self._count + 1.0
+        weights = posterior(self._errors, self._count, self._log_prior)
+        self.latency = float(weights @ LATENCIES)
+        self.uncertainty = math.sqrt(float(weights @ (LATENCIES - self.latency) ** 2))
+
+
+def posterior(errors: NDArray, count: float, log_prior: NDArray) -> NDArray:
+    """Probabilities of models, whose noise is that of the best of them.
+
+    Parameters:
+        errors (rad^2): sum of the squared errors of each model.
+        count: number of errors in each sum.
+        log_prior: logarithm of the probability of each model before, but for a constant.
+    """
+    variance = max(float(errors.min()) / max(count, 1.0), ANGLE_NOISE**2)
+    exponent = log_prior - errors / (2.0 * TEMPER * variance)
+    weights: NDArray = np.exp(exponent - exponent.max())
+    return weights / weights.sum()

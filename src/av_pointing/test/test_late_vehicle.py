@@ -1,0 +1,138 @@
+"""Pointing settles with vehicles that answer late, whatever it was told of them, and stops in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from av_common.parameters import node_parameters
+from av_pointing.cli.benchmark import FormerController, stop_deg
+from av_pointing.closed_loop import Conditions, LateVehicle, close_loop
+from av_pointing.controller import PointingSettings
+from av_pointing.response import BodyMotion, LatencyEstimator, Response
+from av_pointing.stage import PointingStage, make_pointing_stage
+
+NOISE = math.radians(0.5)
+FULL = {'noise': NOISE, 'age_jitter': 0.01}
+TARGETS = {'at rest': lambda t: math.radians(60.0), 'at 20 deg/s': lambda t: math.radians(20.0 * t - 60.0),
+           'weaving': lambda t: math.radians(30.0 * math.sin(0.3 * t) - 40.0)}
+
+
+def make_stage(**values):
+    return make_pointing_stage(node_parameters('av_pointing', 'pointing_node', overrides={
+        'enabled': True, 'move_gimbal': False, **values}))
+
+
+def swing_deg(loop, seconds):
+    """Between the largest and the smallest error of the last seconds."""
+    return np.degrees(np.ptp(np.array(loop.error)[np.array(loop.time) > loop.time[-1] - seconds]))
+
+
+@pytest.mark.parametrize('target', TARGETS.values(), ids=TARGETS)
+@pytest.mark.parametrize('age', [0.05, 0.4, 0.7])
+@pytest.mark.parametrize(('dead_time', 'lag'), [(0.1, 0.4), (0.1, 0.8), (0.05, 0.2), (0.25, 0.6)])
+def test_the_body_settles_at_any_delay_with_any_lag(target, age, dead_time, lag):
+    """Below 2 deg rms up to 0.5 s of age and dead time, below 5 at 0.8 s and more; nothing was told of the vehicle."""
+    loop = close_loop(make_stage(), Conditions(dead_time, lag, bearing_age=age, **FULL), target, 14.0)
+    assert loop.rms_deg(8.0) < (2.0 if age + dead_time <= 0.51 else 5.0)
+
+
+@pytest.mark.parametrize('lag', [0.2, 0.8])
+@pytest.mark.parametrize('told', [0.05, 0.4, 1.0])
+def test_no_limit_cycle_with_a_lag_that_it_was_not_told(lag, told):
+    loop = close_loop(make_stage(vehicle_lag=told), Conditions(lag=lag, bearing_age=0.4, **FULL), TARGETS['at rest'], 14.0)
+    assert swing_deg(loop, 4.0) < 1.5 and loop.overshoot_deg() < 6.0
+
+
+CONDITIONS = {
+    'ages that vary': Conditions(bearing_age=0.3, age_jitter=0.08, noise=NOISE),
+    'a process that stalls': Conditions(bearing_age=0.2, stalls=0.15, noise=NOISE),
+    'odometry of 10 Hz, late': Conditions(bearing_age=0.3, odometry_rate=10.0, odometry_age=0.1, noise=NOISE),
+    'bearings of 5 Hz': Conditions(bearing_age=0.3, bearing_rate=5.0, noise=NOISE),
+    'noise of 2 deg': Conditions(bearing_age=0.3, noise=math.radians(2.0)),
+    'less than commanded': Conditions(bearing_age=0.3, gain=0.7, noise=NOISE),
+    'more than commanded': Conditions(bearing_age=0.3, gain=1.2, noise=NOISE),
+    'no direction in the world': Conditions(bearing_age=0.4, world=False, noise=NOISE),
+    'stamps that hide the age': Conditions(bearing_age=0.4, world=False, stamped=False, noise=NOISE),
+    'answers at once': Conditions(0.0, 0.02, bearing_age=0.1, noise=NOISE),
+    'very slow': Conditions(0.4, 1.2, bearing_age=0.2, noise=NOISE)}
+
+
+@pytest.mark.parametrize('conditions', CONDITIONS.values(), ids=CONDITIONS)
+@pytest.mark.parametrize('target', ['at rest', 'at 20 deg/s'])
+def test_it_settles_in_other_conditions(conditions, target):
+    loop = close_loop(make_stage(), conditions, TARGETS[target], 16.0)
+    assert loop.rms_deg(9.0) < 2.0 and swing_deg(loop, 4.0) < 6.0
+
+
+def test_a_controller_that_knows_nothing_of_delays_swings():
+    """The tests above would fail without prediction."""
+    stage = PointingStage(FormerController(PointingSettings(move_gimbal=False)))
+    loop = close_loop(stage, Conditions(bearing_age=0.3, **FULL), TARGETS['at rest'], 14.0)
+    assert loop.rms_deg(8.0) > 5.0 and swing_deg(loop, 4.0) > 15.0
+
+
+@pytest.mark.parametrize('until', [6.0, 6.013, 6.027, 6.04])
+@pytest.mark.parametrize('rates', [(20.0, 50.0), (10.0, 50.0), (30.0, 10.0)])
+def test_from_30_deg_a_second_the_body_turns_by_less_than_10_deg_after_0_3_s(until, rates):
+    """The yaw rate is 0 within 0.3 s of the newest measurement's arrival; with the flown answer."""
+    conditions = Conditions(bearing_rate=rates[0], odometry_rate=rates[1])
+    assert stop_deg(make_stage(), conditions, until) < 10.0
+    loop = close_loop(make_stage(), conditions, lambda t: math.radians(30.0 * t), until + 2.0, until)
+    time, rate = np.array(loop.time), np.degrees(np.array(loop.command))
+    assert np.all(rate[time > loop.newest + 0.3] == 0.0) and np.abs(rate[time < loop.newest]).max() > 29.0
+    assert np.diff(loop.yaw).min() > -1e-4   # braking turns nothing back
+
+
+@pytest.mark.parametrize('gain', [0.0, 0.5, 1.0])
+def test_braking_turns_no_body_that_does_not_turn(gain):
+    """A vehicle whose pilot holds it, or that turns less than it is told, is not turned the other way."""
+    loop = close_loop(make_stage(), Conditions(gain=gain), lambda t: 1.0 + gain * math.radians(30.0) * t, 6.0, 4.0)
+    assert np.diff(loop.yaw).min() > -1e-4
+    assert gain > 0.0 or min(loop.command) == 0.0
+
+
+class TestResponse:
+    """What is learned of the vehicle."""
+
+    @staticmethod
+    def drive(motion, vehicle, seconds=20.0, period=0.02):
+        """Rates that change each second and half; yaw measured with noise."""
+        random, rate = np.random.default_rng(3), 0.0
+        for k in range(round(seconds / period)):
+            time = 500.0 + k * period
+            vehicle.advance(time, period)
+            motion.measure(time, vehicle.yaw + math.radians(0.1) * random.standard_normal())
+            if k % 75 == 0:
+                rate = math.radians(random.choice([-40.0, -15.0, 0.0, 10.0, 30.0]))
+            motion.command(time, rate)
+            vehicle.command(time, rate)
+
+    @pytest.mark.parametrize(('dead_time', 'lag', 'gain'), [(0.1, 0.4, 0.93), (0.0, 0.05, 1.0), (0.3, 0.8, 1.0), (0.2, 0.2, 1.1)])
+    def test_dead_time_lag_and_gain_are_found(self, dead_time, lag, gain):
+        motion = BodyMotion()
+        self.drive(motion, LateVehicle(dead_time, lag, gain))
+        found = motion.response
+        assert found.dead_time + found.lag == pytest.approx(dead_time + lag, abs=0.06)
+        assert found.lag == pytest.approx(lag, abs=0.1) and found.gain == pytest.approx(gain, abs=0.06)
+        assert found.uncertainty < 0.06
+
+    def test_a_vehicle_that_a_pilot_holds_teaches_nothing(self):
+        motion = BodyMotion()
+        self.drive(motion, LateVehicle(gain=0.0))
+        assert motion.following < 0.1
+        assert motion.response.lag == pytest.approx(0.4, abs=0.05) and motion.response.uncertainty > 0.1
+
+    def test_no_input_gives_anything_but_a_bounded_answer(self):
+        random, motion, latency = np.random.default_rng(1), BodyMotion(Response(0.0, 1.2)), LatencyEstimator()
+        time = 1e5
+        for _ in range(3000):
+            time += random.choice([0.0, 0.01, 0.02, 0.3, 2.0, -0.5], p=[0.1, 0.3, 0.5, 0.06, 0.02, 0.02])
+            motion.measure(time + random.normal(0.0, 0.1), random.choice([math.nan, 1e9, *random.normal(0.0, 3.0, 8)]))
+            motion.command(time, float(random.normal()))
+            latency.add(time - 0.1, float(random.normal()), float(random.normal()), motion)
+            answer = motion.response
+            assert 0.0 <= answer.dead_time <= 0.6 and 0.0 < answer.lag <= 1.6 and 0.5 <= answer.gain <= 1.3
+            assert 0.0 <= latency.latency <= 0.8 and math.isfinite(motion.ahead(time).yaw + motion.rate(time))
