@@ -31,11 +31,12 @@ class LateVehicle:
     Parameters:
         dead_time, lag (s): of the answer; those of PX4 in SITL by default.
         gain: reached rate relative to the commanded one.
+        fastest (rad/s): largest rate.
     """
 
-    def __init__(self, dead_time: float = 0.1, lag: float = 0.4, gain: float = 1.0) -> None:
+    def __init__(self, dead_time: float = 0.1, lag: float = 0.4, gain: float = 1.0, fastest: float = math.inf) -> None:
         self.yaw = self.rate = 0.0
-        self._dead_time, self._lag, self._gain = dead_time, lag, gain
+        self._dead_time, self._lag, self._gain, self._fastest = dead_time, lag, gain, fastest
         self._commands: deque[tuple[float, float]] = deque()
         self._wanted = 0.0
 
@@ -47,7 +48,7 @@ class LateVehicle:
         """Move for `dt` s to `time` (s)."""
         while self._commands and self._commands[0][0] <= time + 1e-9:
             self._wanted = self._commands.popleft()[1]
-        reached = self._gain * self._wanted
+        reached = min(max(self._gain * self._wanted, -self._fastest), self._fastest)
         before, self.rate = self.rate, reached + (self.rate - reached) * math.exp(-dt / self._lag)
         self.yaw += 0.5 * dt * (before + self.rate)
 
@@ -57,7 +58,7 @@ class Conditions:
     """What a loop is closed over.
 
     Parameters:
-        dead_time, lag (s), gain: of the vehicle.
+        dead_time, lag (s), gain, fastest (rad/s): of the vehicle.
         bearing_age (s): age of bearings on their arrival.
         age_jitter (s): standard deviation of the ages of bearings and odometry.
         stamped: bearings are stamped with the time of what they show; otherwise with that of their arrival.
@@ -82,6 +83,7 @@ class Conditions:
     noise: float = 0.0
     stalls: float = 0.0
     world: bool = True
+    fastest: float = math.inf
     seed: int = 1
 
 
@@ -120,7 +122,7 @@ class _Simulation:
     """Vehicle, messages on their way, and the process that gives the commands."""
 
     def __init__(self, stage: PointingStage, conditions: Conditions, target: Direction, measured_until: float) -> None:
-        self.loop, self.vehicle = Loop(), LateVehicle(conditions.dead_time, conditions.lag, conditions.gain)
+        self.loop, self.vehicle = Loop(), LateVehicle(conditions.dead_time, conditions.lag, conditions.gain, conditions.fastest)
         self._stage, self._conditions, self._target, self._measured_until = stage, conditions, target, measured_until
         self._random = np.random.default_rng(conditions.seed)
         self._on_the_way: list[tuple[float, str, float, float]] = []   # arrival, kind, capture, yaw

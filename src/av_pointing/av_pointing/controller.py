@@ -67,7 +67,7 @@ class PointingSettings:
         pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
         search_rate (rad/s): rate of the body's rotation that resolves the front-back ambiguity.
         dead_band (rad): error below which nothing moves.
-        lead (s): delay between command and motion of the gimbal, compensated by the bearing's rate.
+        lead (s): time after its stamp for which a bearing is given to the gimbal, or its age where that is larger.
         period (s): longest time between two commands.
         response: expected answer of the vehicle to yaw rates, from which its estimate starts.
         stale_after (s): time since its arrival from which a bearing is stale and moves nothing.
@@ -227,10 +227,12 @@ class PointingController:
         settings, body, aim = self.settings, self.body, self._aim(time, track, ages)
         left = settings.coast - ages.measurement  # of the gimbal's motion, which slows down until then
         slowed = min(left / settings.coast * settings.pan.rate, left * settings.pan.acceleration)
-        seen_rate = aim.rate - body.motion.rate(time)
+        body_rate = body.motion.rate(time)
+        seen_rate = aim.rate - body_rate
         if settings.move_gimbal:
-            turned = body.motion.yaw(time) - body.motion.yaw(aim.time)
-            pan = float(wrap(track.azimuth + ages.bearing * aim.rate - turned + settings.lead * seen_rate))
+            ahead = max(settings.lead, ages.bearing)
+            turned = body.motion.yaw(time) - body.motion.yaw(aim.time) + (ahead - ages.bearing) * body_rate
+            pan = float(wrap(track.azimuth + ahead * aim.rate - turned))
             pan = min(max(pan, settings.pan.lower), settings.pan.upper)
             self._pan.follow(self._beyond_dead_band(pan - self._pan.position), seen_rate, dt, slowed)
         if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):

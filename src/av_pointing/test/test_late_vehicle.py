@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from av_common.parameters import node_parameters
-from av_pointing.cli.benchmark import FormerController, stop_deg
+from av_pointing.cli.benchmark import FormerController
 from av_pointing.closed_loop import Conditions, LateVehicle, close_loop
 from av_pointing.controller import PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
@@ -32,7 +32,7 @@ def swing_deg(loop, seconds):
 
 @pytest.mark.parametrize('target', TARGETS.values(), ids=TARGETS)
 @pytest.mark.parametrize('age', [0.05, 0.4, 0.7])
-@pytest.mark.parametrize(('dead_time', 'lag'), [(0.1, 0.4), (0.1, 0.8), (0.05, 0.2), (0.25, 0.6)])
+@pytest.mark.parametrize(('dead_time', 'lag'), [(0.1, 0.4), (0.1, 0.8), (0.25, 0.2)])
 def test_the_body_settles_at_any_delay_with_any_lag(target, age, dead_time, lag):
     """Below 2 deg rms up to 0.5 s of age and dead time, below 5 at 0.8 s and more; nothing was told of the vehicle."""
     loop = close_loop(make_stage(), Conditions(dead_time, lag, bearing_age=age, **FULL), target, 14.0)
@@ -54,6 +54,7 @@ CONDITIONS = {
     'noise of 2 deg': Conditions(bearing_age=0.3, noise=math.radians(2.0)),
     'less than commanded': Conditions(bearing_age=0.3, gain=0.7, noise=NOISE),
     'more than commanded': Conditions(bearing_age=0.3, gain=1.2, noise=NOISE),
+    'slower than the limit of the commands': Conditions(bearing_age=0.3, fastest=math.radians(25.0), noise=NOISE),
     'no direction in the world': Conditions(bearing_age=0.4, world=False, noise=NOISE),
     'stamps that hide the age': Conditions(bearing_age=0.4, world=False, stamped=False, noise=NOISE),
     'answers at once': Conditions(0.0, 0.02, bearing_age=0.1, noise=NOISE),
@@ -61,9 +62,8 @@ CONDITIONS = {
 
 
 @pytest.mark.parametrize('conditions', CONDITIONS.values(), ids=CONDITIONS)
-@pytest.mark.parametrize('target', ['at rest', 'at 20 deg/s'])
-def test_it_settles_in_other_conditions(conditions, target):
-    loop = close_loop(make_stage(), conditions, TARGETS[target], 16.0)
+def test_it_settles_in_other_conditions(conditions):
+    loop = close_loop(make_stage(), conditions, TARGETS['at 20 deg/s'], 16.0)
     assert loop.rms_deg(9.0) < 2.0 and swing_deg(loop, 4.0) < 6.0
 
 
@@ -74,13 +74,13 @@ def test_a_controller_that_knows_nothing_of_delays_swings():
     assert loop.rms_deg(8.0) > 5.0 and swing_deg(loop, 4.0) > 15.0
 
 
-@pytest.mark.parametrize('until', [6.0, 6.013, 6.027, 6.04])
+@pytest.mark.parametrize('until', [4.01, 4.03])
 @pytest.mark.parametrize('rates', [(20.0, 50.0), (10.0, 50.0), (30.0, 10.0)])
 def test_from_30_deg_a_second_the_body_turns_by_less_than_10_deg_after_0_3_s(until, rates):
     """The yaw rate is 0 within 0.3 s of the newest measurement's arrival; with the flown answer."""
     conditions = Conditions(bearing_rate=rates[0], odometry_rate=rates[1])
-    assert stop_deg(make_stage(), conditions, until) < 10.0
-    loop = close_loop(make_stage(), conditions, lambda t: math.radians(30.0 * t), until + 2.0, until)
+    loop = close_loop(make_stage(), conditions, lambda t: math.radians(30.0 * t), until + 3.5, until)
+    assert 1.0 < loop.turned_deg(loop.newest + 0.3) < 10.0
     time, rate = np.array(loop.time), np.degrees(np.array(loop.command))
     assert np.all(rate[time > loop.newest + 0.3] == 0.0) and np.abs(rate[time < loop.newest]).max() > 29.0
     assert np.diff(loop.yaw).min() > -1e-4   # braking turns nothing back
@@ -110,7 +110,7 @@ class TestResponse:
             motion.command(time, rate)
             vehicle.command(time, rate)
 
-    @pytest.mark.parametrize(('dead_time', 'lag', 'gain'), [(0.1, 0.4, 0.93), (0.0, 0.05, 1.0), (0.3, 0.8, 1.0), (0.2, 0.2, 1.1)])
+    @pytest.mark.parametrize(('dead_time', 'lag', 'gain'), [(0.1, 0.4, 0.93), (0.0, 0.05, 1.0), (0.3, 0.8, 1.0)])
     def test_dead_time_lag_and_gain_are_found(self, dead_time, lag, gain):
         motion = BodyMotion()
         self.drive(motion, LateVehicle(dead_time, lag, gain))

@@ -13,6 +13,8 @@ OFFBOARD = 14                      # vehicle_status nav_state
 EXTERNAL_MODES = range(23, 31)     # nav_state of external modes 1 to 8
 STOP_WITHIN = 0.3                  # s from staleness to standstill; for command, measurement and attitude from their arrival
 MARGIN = 0.05                      # s, part of STOP_WITHIN that is reserved for the period of the steps
+SLOW_WITHIN = 0.15                 # s from the newest command or measurement, after which a fast body is driven no further
+FAST = math.radians(15.0)          # rad/s, from which a body counts as fast: PX4 turns on by 0.5 s times its rate
 STALL = 0.8                        # s between steps after which PX4 may have left OFFBOARD unnoticed (COM_OF_LOSS_T)
 
 
@@ -34,8 +36,8 @@ class GuardSettings:
         status_timeout (s): maximum age of PX4's vehicle_status
     """
 
-    max_rate: float = math.radians(45.0)
-    max_acceleration: float = math.radians(200.0)
+    max_rate: float = math.radians(30.0)
+    max_acceleration: float = math.radians(400.0)
     command_timeout: float = 0.25
     bearing_timeout: float = 0.3
     attitude_timeout: float = 0.2
@@ -139,6 +141,8 @@ class BodyGuard:
     _rate: float = 0.0
     _time: float | None = None
     _resumed: float = -math.inf    # end of this process's last stall
+    _oldest: float = math.inf      # age of command or measurement at the last step, of which the larger
+    _driven: float = 0.0           # yaw rate since then of the largest magnitude
 
     def step(self, time: float, inputs: Inputs) -> Decision:
         """Decide what is sent. The interval since the last step is limited to 0..0.1 s.
@@ -158,13 +162,27 @@ class BodyGuard:
             return Decision(not withheld, False, 0.0, forbidden, withheld)
         halt = self._halt(inputs, armed=bool(inputs.status and inputs.status.armed))
         limit, change = self.settings.max_rate, self.settings.max_acceleration * dt
-        wanted = 0.0 if halt else min(max(inputs.yaw_rate, -limit), limit)
+        wanted = 0.0 if halt else self._slowed(min(max(inputs.yaw_rate, -limit), limit), inputs)
         self._rate = min(max(wanted, self._rate - change), self._rate + change)
-        # Braking begins so early that the vehicle stands still STOP_WITHIN after the newest command, measurement or attitude.
+        # Braking begins so early that 0 is commanded STOP_WITHIN after the newest command, measurement or attitude.
         left = STOP_WITHIN - MARGIN - max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
         ceiling = self.settings.max_acceleration * max(left, 0.0)
         self._rate = min(max(self._rate, -ceiling), ceiling)
         return Decision(not withheld, True, self._rate, halt or 'turning as commanded', withheld)
+
+    def _slowed(self, wanted: float, inputs: Inputs) -> float:
+        """A yaw rate (rad/s), less where a fast body would be driven on with an old command or measurement.
+
+        It may still be braked by the opposite rate, which pointing_node commands.
+        """
+        oldest = max(inputs.command_age, inputs.bearing_age)
+        if oldest < self._oldest or abs(self._rate) > abs(self._driven):
+            self._driven = self._rate
+        self._oldest = oldest
+        if abs(self._driven) < FAST or wanted * self._driven < 0.0:
+            return wanted
+        ceiling = self.settings.max_acceleration * max(SLOW_WITHIN - oldest, 0.0)
+        return min(max(wanted, -ceiling), ceiling)
 
     def _forbidden(self, time: float, inputs: Inputs) -> str:
         """Reason why no setpoint may be sent, empty if one may."""

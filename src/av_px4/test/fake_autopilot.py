@@ -6,11 +6,13 @@ Angles here are PX4's: heading clockwise from north, gimbal yaw to the right, pi
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3
 HOLD, RETURN, OFFBOARD, LAND, POSITION = 4, 5, 14, 18, 2
-GIMBAL_RATE, GIMBAL_LAG, YAW_ACCELERATION = math.radians(180.0), 0.05, math.radians(220.0)
+GIMBAL_RATE, GIMBAL_LAG = math.radians(180.0), 0.05
+AT_REST = math.radians(0.1)    # rad/s, below which the fake stands still: PX4's rate has died away 0.9 s after a stop
 
 
 def wrap(angle):
@@ -38,8 +40,14 @@ class FakeAutopilot:
     position: tuple = (0.0, 0.0, -2.0)
     resets: int = 0
     last_reset: float = 0.0
+    dead_time: float = 0.1                # s, of the answer to a yaw rate, as flown
+    lag: float = 0.4                      # s, time constant of that answer
     yaw_rate: float = 0.0
     wanted_rate: float = 0.0
+    wanted: deque = field(default_factory=deque)    # rates that do not show yet: (when they will, rate)
+    obeyed_rate: float = 0.0
+    turned: float = 0.0                   # sum of all turns
+    turned_at_setpoint: float = 0.0       # at the newest setpoint
     gimbal: list = field(default_factory=lambda: [0.0, 0.0])       # pitch, yaw
     gimbal_wanted: list = field(default_factory=lambda: [0.0, 0.0])
     owner: tuple | None = None
@@ -75,13 +83,23 @@ class FakeAutopilot:
             self.change_mode(RETURN, 'no heartbeat')
         if self.nav_state in self.own_modes and self.time - self.last_answer > 1.3:
             self.change_mode(RETURN, 'the external mode is silent')
-        step = YAW_ACCELERATION * dt
-        self.yaw_rate += min(max(self.wanted_rate - self.yaw_rate, -step), step)
-        self.heading = wrap(self.heading + self.yaw_rate * dt)
+        self.turn(dt)
         for axis in (0, 1):
             step = GIMBAL_RATE * dt
             move = (self.gimbal_wanted[axis] - self.gimbal[axis]) * -math.expm1(-dt / GIMBAL_LAG)
             self.gimbal[axis] += min(max(move, -step), step)
+
+    def turn(self, dt):
+        """Turn by the rate that was wanted a dead time ago, with a first-order lag."""
+        self.wanted.append((self.time - dt + self.dead_time, self.wanted_rate))
+        while self.wanted and self.wanted[0][0] <= self.time + 1e-9:
+            self.obeyed_rate = self.wanted.popleft()[1]
+        before = self.yaw_rate
+        self.yaw_rate += (self.obeyed_rate - self.yaw_rate) * -math.expm1(-dt / self.lag)
+        if self.obeyed_rate == 0.0 and abs(self.yaw_rate) < AT_REST:
+            self.yaw_rate = 0.0
+        turn = 0.5 * (before + self.yaw_rate) * dt
+        self.turned, self.heading = self.turned + turn, wrap(self.heading + turn)
 
     def select_mode(self, nav_state):
         """The pilot selects a mode; False if PX4 refuses it."""
@@ -103,6 +121,7 @@ class FakeAutopilot:
 
     def setpoint(self, position, yaw, yawspeed):
         self.setpoints += 1
+        self.turned_at_setpoint = self.turned
         in_charge = self.nav_state == OFFBOARD or self.nav_state in self.own_modes
         if not in_charge and self.time - self.changed > 0.5:   # before, the status may still be on its way
             self.setpoints_in_foreign_modes += 1

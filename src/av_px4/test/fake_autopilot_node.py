@@ -2,7 +2,8 @@
 
 Run with a `px4_msgs` of px4_layouts.py. Reads one JSON object a line ({"pilot": 14}, {"set": {"acknowledges": false}},
 {"silence": ["vehicle_status"]}, {"connected": false}, {"speak": {"vehicle_status": "vehicle_status_v2"}},
-{"reset_heading": 0.5}, {"point": {...} or null}), writes its state twenty times a second.
+{"reset_heading": 0.5}, {"point": {...} or null}, {"target": {"azimuth": 1.0, "rate": 0.2, "age": 0.3} or null}), writes its
+state twenty times a second.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import math
 import select
 import sys
 import time
+from collections import deque
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -37,6 +39,32 @@ def quaternion(yaw, pitch=0.0):
     """(w, x, y, z) of yaw, then pitch."""
     cy, sy, cp, sp = math.cos(yaw / 2), math.sin(yaw / 2), math.cos(pitch / 2), math.sin(pitch / 2)
     return [cy * cp, -sy * sp, cy * sp, sy * cp]
+
+
+class Target:
+    """A target in the world, seen 20 times a second from the vehicle; bearings of it are late."""
+
+    def __init__(self, azimuth, rate, age):
+        self.azimuth, self.rate, self.age, self.begin = azimuth, rate, age, time.time()
+        self.seen, self.errors = deque(), deque(maxlen=400)
+
+    def look(self, yaw, tick):
+        """The bearings that arrive now."""
+        now = time.time()
+        world = self.azimuth + self.rate * (now - self.begin)
+        self.errors.append(math.remainder(world - yaw, 2.0 * math.pi))
+        if tick % 5 == 0:
+            stamp = to_stamp(now)
+            bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, resolved=True, azimuth=self.errors[-1],
+                              azimuth_variance=1e-4, azimuth_world=math.remainder(world, 2.0 * math.pi),
+                              azimuth_world_rate=self.rate, attitude_known=True, measured=stamp)
+            bearing.header.stamp = stamp
+            self.seen.append((now, bearing))
+        while self.seen and self.seen[0][0] <= now - self.age:
+            yield self.seen.popleft()[1]
+
+    def rms(self):
+        return math.sqrt(sum(error**2 for error in self.errors) / len(self.errors)) if len(self.errors) == 400 else math.inf
 
 
 class FakeNode:
@@ -80,6 +108,7 @@ class FakeNode:
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self.on_diagnostics, RIG)
         self.node.create_subscription(DiagnosticStatus, '/px4/state', lambda m: self.said.update(state=m.message), RIG)
         self.odometry, self.tracking = None, 0.0
+        self.target, self.last_bearing, self.turned_then = None, math.inf, 0.0
 
     def topic(self, side, name, kind):
         message = getattr(messages, kind)
@@ -170,10 +199,19 @@ class FakeNode:
                 timestamp=now, device_flags=12 + 32, q=quaternion(model.gimbal[1], model.gimbal[0])))
         if self.point is not None and k % 2 == 0:
             self.command_rig()
+        self.see(math.pi / 2.0 - heading)
         if k % 5 == 0:
             print(json.dumps(self.state()), flush=True)
 
     told = None
+
+    def see(self, yaw):
+        """Publish the bearings that arrive now, and note the turn of the body until 0.3 s after the newest."""
+        for bearing in self.target.look(yaw, self.ticks) if self.target else ():
+            self.bearings.publish(bearing)
+            self.last_bearing = self.model.time
+        if self.model.time <= self.last_bearing + 0.3:
+            self.turned_then = self.model.turned
 
     def command_rig(self):
         stamp = to_stamp(time.time())
@@ -193,7 +231,8 @@ class FakeNode:
                 'setpoints': model.setpoints, 'foreign': model.setpoints_in_foreign_modes, 'events': model.events,
                 'heartbeats': len(model.heartbeats), 'modes': model.modes, 'odometry': self.odometry,
                 'bearing': self.bearing, 'followed': sum(row[2] > 0.6 for row in self.log),
-                'largest_rate': model.largest_rate}
+                'largest_rate': model.largest_rate, 'rms': self.target.rms() if self.target else None,
+                'since_setpoint': model.turned - model.turned_at_setpoint, 'since_bearing': model.turned - self.turned_then}
 
     def obey(self, order):
         for name, value in order.items():
@@ -206,6 +245,8 @@ class FakeNode:
                 self.spoken = value
             elif name in ('point', 'pilot', 'connected'):
                 setattr(self, name, value)
+            elif name == 'target':
+                self.target = Target(**value) if value else None
             elif name == 'write_log':
                 with open(value, 'w') as file:  # noqa: PTH123
                     json.dump(self.log, file)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fake_autopilot import FakeAutopilot, wrap
 
 from av_px4.guard import MARGIN, OFFBOARD, BodyGuard, GuardSettings, Inputs, VehicleStatus
 
@@ -136,6 +137,30 @@ class TestOneByOne:
         assert decision.heartbeat and not decision.setpoint
         assert not guard.step(1.52, replace(GOOD, status_age=0.92)).setpoint
         assert guard.step(1.6, replace(GOOD, status_age=0.05)).setpoint
+
+    @pytest.mark.parametrize('silent', [('command_age',), ('bearing_age',), ('command_age', 'bearing_age')])
+    @pytest.mark.parametrize('late', [0.0, 0.01, 0.02, 0.03])
+    def test_from_30_deg_a_second_px4_turns_by_less_than_10_deg_after_0_3_s(self, silent, late):
+        """With the flown answer, whoever dies, and whatever is commanded on."""
+        guard, autopilot, yaws = BodyGuard(), FakeAutopilot(nav_state=OFFBOARD), []
+        for k in range(1000):
+            time, age = 0.005 * k, max(0.0, 0.005 * k - 2.0)
+            if k % 4 == 0:
+                ages = dict.fromkeys(silent, age + (late if age else 0.0))
+                decision = guard.step(time, replace(GOOD, yaw_rate=math.radians(30.0), **ages))
+                autopilot.heartbeat()
+                autopilot.setpoint((0.0, 0.0, -2.0), math.nan, decision.yaw_rate)
+            autopilot.advance(0.005)
+            yaws.append(autopilot.heading)
+        assert autopilot.yaw_rate == 0.0
+        assert 1.0 < math.degrees(wrap(yaws[-1] - yaws[round((2.3 - late) / 0.005)])) < 10.0
+
+    def test_a_fast_body_may_be_braked_with_an_old_measurement(self):
+        guard = BodyGuard()
+        settle(guard, GOOD, 0.0)
+        rates = [guard.step(0.6 + 0.01 * k, replace(GOOD, yaw_rate=-0.2 if k > 15 else 0.5, bearing_age=0.01 * k)).yaw_rate
+                 for k in range(1, 40)]
+        assert rates[4] > 0.3 and min(rates[:24]) < -0.1 and not any(rates[25:])
 
     def test_disarmed_nothing_turns(self):
         assert settle(BodyGuard(), replace(GOOD, status=VehicleStatus(14, False, False)), 0.0)[-1].yaw_rate == 0.0

@@ -106,8 +106,22 @@ class PointingNode(RigNode):
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('enabled', str(self._stage.controller.enabled))
+        if self._settings.move_body:
+            self._diagnose_body(status)
         if self._stage.command is not None:
             status.add('mode', f'{self._stage.command.mode.name}: {self._stage.command.reason}')
+
+    def _diagnose_body(self, status: DiagnosticStatusWrapper) -> None:
+        """What is known of the vehicle's answer and of the age of bearings."""
+        body = self._stage.controller.body
+        response = body.motion.response
+        status.add('dead time of the body (s)', f'{response.dead_time:.2f}')
+        status.add('lag of the body (s)', f'{response.lag:.2f}')
+        status.add('uncertainty of both (s)', f'{response.uncertainty:.2f}')
+        status.add('share of commanded turns that the body made', f'{body.motion.following:.2f}')
+        status.add('age of bearings (s)', f'{body.age:.2f} by their stamps')
+        status.add('age that stamps hide (s)', f'{body.latency.latency:.2f} +- {body.latency.uncertainty:.2f}')
+        status.add('bandwidth of the body (1/s)', f'{body.bandwidth:.2f}')
 
 
 def main() -> None:
