@@ -34,6 +34,7 @@ def flight():
 def test_the_body_settles_on_a_moving_target_and_stops_when_it_is_lost(flight, age):
     """Angles only: where a loaded machine delays all processes, they hold later."""
     vehicle, _ = flight
+    vehicle.tell(set={'loss_time': 10.0})
     vehicle.tell(target={'azimuth': 1.0, 'rate': 0.6 * RATE, 'age': age})
     state = vehicle.wait(lambda state: math.degrees(state['rms'] or math.inf) < 2.0, 120.0, 'settled')
     print(f"bearings {age} s old: {math.degrees(state['rms']):.2f} deg rms over 4 s")

@@ -23,7 +23,7 @@ from av_px4.external_mode import ExternalMode, Registration
 from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.gimbal_feedback import GimbalFeedback
-from av_px4.guard import STOP_WITHIN, BodyGuard, Decision, Inputs, VehicleStatus
+from av_px4.guard import MARGIN, STOP_WITHIN, BodyGuard, Decision, Inputs, VehicleStatus
 from av_px4.odometry import OdometryConverter
 from av_px4.settings import Px4Settings, px4_settings
 
@@ -70,7 +70,7 @@ class Px4Stage:
         self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
         self._now = Instant(0.0, 0.0)
         self._commanded = FreshInput()
-        self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN)
+        self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN + MARGIN)
         self._started = self._last_step = -math.inf
         self._status: VehicleStatus | None = None
         self._attitude: Any = None
@@ -135,7 +135,7 @@ class Px4Stage:
         The body moves by new measurements only, whatever is published between them.
         """
         self._now = arrival
-        if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, self.settings.guard.bearing_timeout):
+        if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, OLDEST_MEASUREMENT_S):
             self.meters['bearing'].tick()
             measured = to_seconds(message.measured)
             if measured > 0.0:  # 0 is a bearing without a measurement

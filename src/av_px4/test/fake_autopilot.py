@@ -40,6 +40,7 @@ class FakeAutopilot:
     position: tuple = (0.0, 0.0, -2.0)
     resets: int = 0
     last_reset: float = 0.0
+    loss_time: float = 1.0                # s without a heartbeat after which OFFBOARD ends, COM_OF_LOSS_T
     dead_time: float = 0.1                # s, of the answer to a yaw rate, as flown
     lag: float = 0.4                      # s, time constant of that answer
     yaw_rate: float = 0.0
@@ -79,7 +80,7 @@ class FakeAutopilot:
         self._forget_silent_modes()
         if not self.obeys_any_mode and self.nav_state not in {OFFBOARD} | self.own_modes:
             self.wanted_rate = 0.0
-        if self.nav_state == OFFBOARD and self._heartbeat_age() > 1.0:
+        if self.nav_state == OFFBOARD and self._heartbeat_age() > self.loss_time:
             self.change_mode(RETURN, 'no heartbeat')
         if self.nav_state in self.own_modes and self.time - self.last_answer > 1.3:
             self.change_mode(RETURN, 'the external mode is silent')
