@@ -19,8 +19,8 @@ from av_pointing.controller import Ages, Command, Mode, PointingController, Poin
 from av_pointing.stage import PointingStage
 
 SETTLED_S = 8.0
-STOPS_S = (6.0, 6.02, 6.04)
-LAGS_S = (0.2, 0.4, 0.6, 0.8)
+STOPS_S = (6.0, 6.03)
+LAGS_S = (0.2, 0.4, 0.8)
 DELAYS_S = (0.1, 0.2, 0.3, 0.5, 0.8)    # of the bearings and the vehicle's dead time together
 
 
