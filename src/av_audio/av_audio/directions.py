@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -125,6 +126,7 @@ def cone_cosine(cosine: float, sigma: float, total_sigma: float) -> tuple[float,
     return math.cos(angle), (deviation * max(math.sin(angle), LEAST_SINE)) ** 2
 
 
+@lru_cache(maxsize=4)  # the azimuths and the cosine of a window need the same
 def angle_to_axis(cosine: float, sigma: float) -> tuple[float, float]:
     """Mean and standard deviation in rad of the angle whose cosine was measured with a normal error `sigma`.
 

@@ -20,8 +20,11 @@ ZOOM_ROUNDS = 6
 class NarrowbandSearch(SteeredResponse):
     """Finds q by a cost summed over narrow bands, on a grid and then on successively finer grids around its minimum.
 
-    Variance and confidence are those of the weighted correlation at the q found. The parameters are those of SteeredResponse.
+    Variance and confidence are those of the weighted correlation at the q found; motion within a window is not modelled. The
+    parameters are those of SteeredResponse.
     """
+
+    FOLLOWS_MOTION = False
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:

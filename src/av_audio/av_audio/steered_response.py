@@ -5,12 +5,13 @@ For two microphones this is the generalised cross-correlation (GCC), for more th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from av_audio.drift import DriftEstimator, is_positive
 from av_audio.ego_noise import EgoNoise
 from av_audio.weighting import Band, Weighting, cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -54,7 +55,8 @@ class SteeredResponse:
     A grid search finds the highest lobe, Newton steps on the continuous function find its maximum: there is no grid of
     samples and therefore no interpolation bias. The covariance is the sandwich estimate H^-1 (sum u u^T) H^-1 from the
     scatter of the clusters' scores u (White, 1982), which covers noise and late reverberation; the effect of early
-    reflections is estimated separately.
+    reflections is estimated separately. The maximum is that of the whole window; where the direction moves within it, it is
+    shifted to that at the centre (`drift.py`).
 
     Parameters:
         array: positions of the microphones.
@@ -64,6 +66,8 @@ class SteeredResponse:
         weighting: gives the weights of the cross-spectra.
         ego_noise: model of the rig's own noise, whose covariance is subtracted; None subtracts nothing.
     """
+
+    FOLLOWS_MOTION = True
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
@@ -82,19 +86,27 @@ class SteeredResponse:
         angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self._grid = _grid(array.rank, array.aperture / speed_of_sound / step)
+        self._drift = DriftEstimator(array, frequencies, speed_of_sound)
         self._grid_delays = self._grid @ self._slowness.T  # (g, p)
 
     def estimate(self, spectra: NDArray) -> Peak:
         """The highest peak for spectra (m, k)."""
         pairs = self._array.pairs
         cross = cross_spectra(spectra, pairs)
+        ego_noise = None
         if self._ego_noise is not None:
-            cross = cross - self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
+            ego_noise = self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
+            cross = cross - ego_noise
         magnitude = np.abs(spectra)
         power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
-        weighted = cross * self._weighting(cross, power, self._band)
+        weights = self._weighting(cross, power, self._band)
+        weighted = cross * weights
         curve = self.curve(weighted)
-        return self._peak(weighted, self._search(spectra, weighted, curve), curve)
+        peak = self._peak(weighted, self._search(spectra, weighted, curve), curve)
+        if not (self.FOLLOWS_MOTION and self._drift.usable) or peak.significance <= 0.0:
+            return peak
+        drift = self._drift.estimate(spectra, weights, ego_noise, peak.q)
+        return replace(peak, q=peak.q - drift.shift, covariance=drift.steadier * peak.covariance + drift.covariance)
 
     def curve(self, weighted: NDArray) -> NDArray:
         """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
@@ -122,7 +134,7 @@ class SteeredResponse:
         reach = 2.0 / (GRID_POINTS_PER_PERIOD * self._omega[-1] / (2.0 * np.pi)) / np.abs(self._slowness).max()
         for _ in range(NEWTON_STEPS):
             gradient, hessian = self._derivatives(self._steer(weighted, q))
-            if not _is_peak(hessian):
+            if not is_positive(hessian):
                 return start
             q = np.clip(q + np.linalg.solve(hessian, gradient), start - reach, start + reach)
         return q
@@ -139,7 +151,7 @@ class SteeredResponse:
         clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
         height = float(clusters.real.sum())
         spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
-        if spread == 0.0 or height <= 0.0 or not _is_peak(hessian):
+        if spread == 0.0 or height <= 0.0 or not is_positive(hessian):
             return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
         inverse = np.linalg.inv(hessian)
@@ -180,11 +192,6 @@ def _reflection_variance(clusters: NDArray) -> float:
     reference = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
     excess = float(products.sum() - np.sqrt(np.sum(products**2)))
     return excess / reference if excess > 0.0 and reference > 0.0 else 0.0
-
-
-def _is_peak(hessian: NDArray) -> bool:
-    """Whether a negative Hessian (rank, rank) is positive definite."""
-    return hessian[0, 0] > 0.0 and (len(hessian) == 1 or bool(np.all(np.linalg.eigvalsh(hessian) > 0.0)))
 
 
 def _grid(rank: int, points_per_unit: float) -> NDArray:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, ego_rotors, scenes
+from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, scenes
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
@@ -29,6 +29,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'interpolation': delay.interpolation(count),
         'bound': accuracy.bound(count),
         'sigma': accuracy.sigma(count, sources),
+        'motion': motion.motion(min(count, 100), sources),
         'kemar': scenes.kemar(data),
         'room': scenes.room(clips),
         'square': scenes.square(count),

@@ -1,0 +1,237 @@
+"""Motion within an analysis window: how far it shifts the direction of the whole window from that at its centre."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from av_audio.spectra import TAPER, tukey
+from av_common.microphone_array import MicrophoneArray
+
+# Distance of the blocks of a window: so short that neither direction nor loudness change much within one, and much longer
+# than any delay.
+BLOCK_S = 0.03125
+# In windows of fewer blocks nothing moves far.
+LEAST_BLOCKS = 3
+# Bins of a block that are summed, as their errors are correlated: twice the width of a block's spectral lines.
+CLUSTER_HZ = 64.0
+# Empty bins of a block above the band, so that its lowest bins do not leak into the highest.
+GUARD_BINS = 4
+# Standard deviations of the rate of q in 1/s and of its acceleration in 1/s^2, if anything moves. q is the sine of the angle
+# from broadside: there they are those of the angle in rad.
+PRIOR_RATE = 0.4
+PRIOR_ACCELERATION = 0.5
+PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
+HIGHEST_RATE = 1.2  # that is searched, in 1/s
+GRID_POINTS_PER_PERIOD = 8.0
+NEWTON_STEPS = 2
+# As for the steered response: the scatter at a maximum is too small, the more so the weaker the peak.
+OPTIMISM = 2.0
+# Limits the unseen part of the speed near the axis of an array, where a small error of the rate would become a large one.
+SOFTENING = 0.01
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Motion of q within a window, and its effect on an estimate from the whole window.
+
+    Parameters:
+        rate (rank,) (1/s): expected rate of q at the centre of the window.
+        shift (rank,): expected q of the whole window less that at its centre.
+        covariance (rank, rank): its covariance.
+        steadier: variance of q if the motion is taken into account over that if it is not, at most 1.
+    """
+
+    rate: NDArray
+    shift: NDArray
+    covariance: NDArray
+    steadier: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The blocks' correlation at a motion (3, rank): deviation of q, rate and acceleration.
+
+    Parameters:
+        motion (3, rank): the motion.
+        height: the correlation.
+        hessian (3 rank, 3 rank): its negative Hessian.
+        scores (3 rank, c): its gradient in each cluster of bins.
+        noise: standard deviation of the height that independent channels would give.
+    """
+
+    motion: NDArray
+    height: float
+    hessian: NDArray
+    scores: NDArray
+    noise: float
+
+    @property
+    def usable(self) -> bool:
+        """Whether the correlation has a maximum in q."""
+        rank = self.motion.shape[1]
+        return self.height > 0.0 and is_positive(self.hessian[:rank, :rank]) and bool(self.scores[:rank].any())
+
+    @property
+    def scale(self) -> float:
+        """Correlation per unit of log-likelihood: the scatter of the scores over that of a likelihood."""
+        rank = self.motion.shape[1]
+        optimism = (1.0 + (OPTIMISM * self.noise / self.height) ** 2) ** 2
+        return optimism * float(np.sum(self.scores[:rank] ** 2) / np.trace(self.hessian[:rank, :rank]))
+
+    @property
+    def variance(self) -> float:
+        """Sandwich variance of q, given the motion."""
+        rank = self.motion.shape[1]
+        return float(np.sum(np.linalg.solve(self.hessian[:rank, :rank], self.scores[:rank]) ** 2))
+
+
+class DriftEstimator:
+    """Rate v and acceleration a of q = q0 + v t + a t^2 / 2 within a window, from the phases of its blocks.
+
+    A sound that is louder in one part of the window than in another gives the direction of that part. The window is cut
+    into overlapping blocks, whose cross-spectra, weighted as those of the window, form one function of q0, v and a. Its
+    maximum is found as that of the steered response. Whether anything moves is uncertain: the posterior is a mixture of
+    rest and motion (v and a normal, the mean of a that of a great circle), so that at rest the estimate from the whole
+    window stays as it is.
+
+    Parameters:
+        array: positions of the microphones.
+        frequencies (k,) (Hz): frequencies of the window's bins.
+        speed_of_sound (m/s): speed of sound.
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
+        bin_hz = float(frequencies[1] - frequencies[0])
+        blocks = max(1, round(1.0 / (bin_hz * BLOCK_S)))
+        self._pairs = array.pairs
+        self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
+        self._rate_of_delays = np.linalg.pinv(self._slowness)
+        self._hop = fft.next_fast_len(-(-len(frequencies) // blocks) + GUARD_BINS // 2)
+        self._samples = blocks * self._hop
+        self._shape = np.sin(np.pi * (np.arange(2 * self._hop) + 0.5) / (2 * self._hop)).astype(np.float32)
+        steady = np.sum(self._cut(tukey(self._samples, TAPER)[None])[0] ** 2, axis=-1)
+        self._share = (steady / steady.sum()).astype(np.float32)[:, None]  # of a steady sound, in each block (b, 1)
+        times = (np.arange(blocks + 1) / blocks - 0.5) / bin_hz
+        self._powers = np.stack([np.ones_like(times), times, 0.5 * times**2])  # (3, b): of q0, v and a
+        spacing = 0.5 * blocks  # of a block's bins in bins of the window
+        self._width = max(1, round(CLUSTER_HZ / (spacing * bin_hz)))
+        used = int(len(frequencies) / spacing / self._width) * self._width
+        self._nearest = np.floor(np.arange(used) * spacing).astype(int)  # bins of the window at the blocks' bins
+        omega = 2.0 * np.pi * (frequencies[0] + bin_hz * spacing * np.arange(used))
+        self._omega = omega.astype(np.float32)
+        self._cluster_omega = omega.reshape(-1, self._width).mean(axis=1).astype(np.float32)
+        self._precision = np.repeat([0.0, PRIOR_RATE**-2, PRIOR_ACCELERATION**-2], array.rank)  # of q, rate and acceleration
+        reach = HIGHEST_RATE * array.aperture / speed_of_sound
+        points = int(np.ceil(GRID_POINTS_PER_PERIOD * frequencies[-1] * times[-1] * reach))
+        self._delay_rates = np.linspace(-reach, reach, 2 * points + 1)
+        angles = np.multiply.outer(self._delay_rates, np.multiply.outer(times, self._cluster_omega))
+        self._turns = np.exp(-1j * angles).astype(np.complex64)  # (g, b, c)
+        self.usable = blocks >= LEAST_BLOCKS and len(self._cluster_omega) >= 3 * array.rank
+
+    def estimate(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> Drift:
+        """Motion about the centre of a window.
+
+        Parameters:
+            spectra (m, k): spectra of the window.
+            weights (p, k): weights of its cross-spectra.
+            ego_noise (p, k): cross-spectra of the rig's own noise in the window, None without.
+            q (rank,): direction of the whole window.
+        """
+        rank = len(q)
+        cross = self._cross_spectra(spectra, weights, ego_noise, q)
+        rest, fit = self._fit(cross, np.zeros((3, rank))), self._fit(cross, self._start(cross, q))
+        expected = np.concatenate([np.zeros(2 * rank), -square_speed(q, fit.motion[1]) * q])
+        for _ in range(NEWTON_STEPS):
+            hessian = fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else np.zeros((1, 1))
+            if not is_positive(hessian):
+                return self._unknown(rest, rank)
+            gradient = fit.scores.sum(axis=1) - fit.scale * self._precision * (fit.motion.ravel() - expected)
+            fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
+        return self._posterior(rest, fit, expected)
+
+    def _cut(self, signals: NDArray) -> NDArray:
+        """Overlapping blocks (m, b, 2 hop) of signals (m, samples), whose powers add up to that of the signals."""
+        padded = np.zeros((len(signals), self._samples + 2 * self._hop), signals.dtype)
+        padded[:, self._hop:-self._hop] = signals
+        padded = padded.reshape(len(signals), -1, self._hop)
+        return np.concatenate([padded[:, :-1], padded[:, 1:]], axis=-1) * self._shape
+
+    def _cross_spectra(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> NDArray:
+        """Weighted cross-spectra (p, b, c) of the blocks, steered to q and summed over clusters of bins."""
+        # weighted before it is cut: strong frequencies would leak into weak ones
+        mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
+        blocks = fft.fft(self._cut(fft.ifft(spectra * np.sqrt(mean), self._samples)))[..., :len(self._omega)]  # (m, b, used)
+        cross = blocks[self._pairs[:, 0]] * blocks[self._pairs[:, 1]].conj()
+        if ego_noise is not None:
+            cross -= self._share * (ego_noise * mean)[:, None, self._nearest]
+        angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
+        cross *= ((weights / mean)[:, self._nearest] * (np.cos(angles) - 1j * np.sin(angles)))[:, None]
+        return cross.reshape(*cross.shape[:2], -1, self._width).sum(axis=-1)
+
+    def _start(self, cross: NDArray, q: NDArray) -> NDArray:
+        """Motion (3, rank) on a great circle with the rate that follows from the best rate of each pair's delay.
+
+        q is the direction at the time of most of the energy.
+        """
+        energy = np.abs(cross.sum(axis=-1)).sum(axis=0)
+        centre = float(self._powers[1] @ energy / max(float(energy.sum()), np.finfo(np.float32).tiny))
+        turned = np.einsum('pbc,gbc->pgc', cross, self._turns)  # without the threads of BLAS, which cost more than they gain
+        angles = np.multiply.outer(centre * self._delay_rates, self._cluster_omega).astype(np.float32)
+        curves = np.sum(turned.real * np.cos(angles) - turned.imag * np.sin(angles), axis=-1)
+        rate = self._rate_of_delays @ self._delay_rates[np.argmax(curves, axis=1)]
+        return np.stack([-centre * rate, rate, -square_speed(q, rate) * q])
+
+    def _fit(self, cross: NDArray, motion: NDArray) -> Fit:
+        angles = (self._slowness @ motion.T @ self._powers).astype(np.float32)[..., None] * self._cluster_omega
+        steered = cross * (np.cos(angles) - 1j * np.sin(angles))
+        second = steered.real @ self._cluster_omega**2  # (p, b)
+        first = self._powers @ (steered.imag * self._cluster_omega)  # (p, 3, c)
+        moments = (self._powers[:, None] * self._powers) @ second.T  # (3, 3, p)
+        hessian = np.einsum('pr,nmp,ps->nrms', self._slowness, moments, self._slowness).reshape(motion.size, motion.size)
+        scores = np.einsum('pr,pnc->nrc', self._slowness, first).reshape(motion.size, -1)
+        clusters = steered.sum(axis=(0, 1))
+        noise = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
+        return Fit(motion, float(clusters.real.sum()), hessian, scores, noise)
+
+    def _posterior(self, rest: Fit, fit: Fit, expected: NDArray) -> Drift:
+        """The drift, given the maximum of the posterior of a motion (Laplace's approximation)."""
+        rank = fit.motion.shape[1]
+        hessian = fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else np.zeros((1, 1))
+        if not (rest.usable and is_positive(hessian)):
+            return self._unknown(rest, rank)
+        lever = np.linalg.solve(fit.hessian[:rank, :rank], fit.hessian[:rank, rank:])
+        information = (hessian[rank:, rank:] - hessian[rank:, :rank] @ lever) / fit.scale  # of rate and acceleration
+        deviation = (fit.motion.ravel() - expected)[rank:]
+        precision = self._precision[rank:]
+        log_odds = np.log(PRIOR_MOVES / (1.0 - PRIOR_MOVES)) + (fit.height - rest.height) / fit.scale
+        log_odds -= 0.5 * float(deviation @ (precision * deviation))
+        log_odds -= 0.5 * float(np.linalg.slogdet(information)[1] - np.sum(np.log(precision)))
+        moves = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -50.0, 50.0)))
+        shift = -fit.motion[0]
+        spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
+        steadier = min(1.0, fit.variance / rest.variance)
+        return Drift(moves * fit.motion[1], moves * shift, moves * spread, 1.0 - moves * (1.0 - steadier))
+
+    def _unknown(self, rest: Fit, rank: int) -> Drift:
+        """The drift of a window in which no motion can be found: probably at rest, else with any motion of the prior."""
+        lever = np.zeros((rank, 2 * rank))
+        if is_positive(rest.hessian[:rank, :rank]):
+            lever = np.linalg.solve(rest.hessian[:rank, :rank], rest.hessian[:rank, rank:])
+        return Drift(np.zeros(rank), np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0)
+
+
+def square_speed(q: NDArray, rate: NDArray) -> float:
+    """Square of the angular speed in rad^2/s^2 on the great circle on which q (rank,) moves at a rate (rank,) in 1/s."""
+    unseen = float(q @ rate) ** 2 / (max(1.0 - float(q @ q), 0.0) + SOFTENING)
+    return min(float(rate @ rate) + unseen, HIGHEST_RATE**2)
+
+
+def is_positive(matrix: NDArray) -> bool:
+    """Whether a symmetric matrix is positive definite."""
+    if len(matrix) == 1:
+        return bool(matrix[0, 0] > 0.0)
+    return bool(np.linalg.eigvalsh(matrix)[0] > 0.0)
