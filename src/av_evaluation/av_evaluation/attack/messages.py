@@ -40,10 +40,12 @@ class Target:
 
     Attributes:
         template: the newest genuine message as it was serialized; empty before.
+        best_effort: whether a message that is not understood is not sent again.
     """
 
     def __init__(self, node: Node, topic: str, kind: Any, qos: QoSProfile) -> None:
         self.topic, self.kind, self.template = topic, kind, b''
+        self.best_effort = qos.reliability == ReliabilityPolicy.BEST_EFFORT
         self._node = node
         self._subscription: Any = node.create_subscription(kind, topic, self._keep, observer.DEEP, raw=True)
         self._publisher = node.create_publisher(kind, topic, qos)
@@ -139,9 +141,14 @@ def typed(target: Target, values: HostileValues) -> Any:
 
 
 def malformed(target: Target, values: HostileValues) -> bytes:
-    """A serialized message that is damaged behind its header, without which the middleware drops the packet it is in."""
+    """A serialized message that is damaged: behind its header, and on best-effort topics in its header, too.
+
+    The middleware drops the packet with a damaged header; a reliable publisher would repeat it, and what follows would wait.
+    """
     made = target.topic == COMMAND or not target.template or values.stale
     data = serialize_message(typed(target, values)) if made else target.template
+    if target.best_effort and values.random.random() < 0.3:
+        return values.random.randbytes(HEADER) + data[HEADER:]
     return data[:HEADER] + values.mutilate(data[HEADER:])
 
 
