@@ -74,8 +74,9 @@ def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:
 def _hypothesis_of(rows: Rows, doa: Doa) -> Hypothesis:
     found = (doa.direction.x, doa.direction.y, doa.direction.z)
     azimuth, elevation = angles(turned(rows, found))
-    across = doa.azimuth_variance * (found[0]**2 + found[1]**2)
-    if found[2]**2 > OVERHEAD**2:  # where the azimuth has no meaning, the error across is that of the elevation
+    length = math.hypot(*found) or 1.0
+    across = doa.azimuth_variance * (math.hypot(found[0], found[1]) / length)**2
+    if abs(found[2]) > OVERHEAD * length:  # where the azimuth has no meaning, the error across is that of the elevation
         across = max(across, min(doa.elevation_variance, doa.azimuth_variance))
     return Hypothesis(azimuth, across, elevation, doa.elevation_variance)
 
