@@ -44,7 +44,7 @@ class WorldCone(NamedTuple):
         axis: unit vector of the array's axis in the world.
         cosine: measured cosine of the angle from the axis.
         variance: variance of the cosine's error from all causes.
-        blur: displacement of the axis by its rotation within the window, as a standard deviation.
+        blur: displacement of the axis by its rotation within the error of the stamp, as a standard deviation.
     """
 
     axis: Vector

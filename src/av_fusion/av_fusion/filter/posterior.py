@@ -20,6 +20,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, angles, combined, 
 
 UNIFORM_DENSITY = 1.0 / tau
 IN_VIEW_S = 0.5  # since the last detection, within which the target counts as in view
+STAMP_S = 0.01  # error of the stamp of a direction of arrival relative to that of the rig's attitude
 LEAST_CLUTTER = 1e-3  # probability of clutter in a direction of arrival, however confident it is
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
 LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
@@ -90,8 +91,8 @@ class Posterior:
         # Windows overlap: each adds evidence of its new part only, as if its noise were larger by the inverse fraction.
         fraction = effective_sample_fraction(time, self.newest_doa, measurement.window)
         since, self.newest_doa = max(time - self.newest_doa, 0.0), max(self.newest_doa, time)
-        # The rig's rotation during the window blurs the direction.
-        blur = combined(measurement.window / math.sqrt(48.0), self._motion.rate(time), 0.0, ZERO)
+        # A direction is that at the centre of its window, whatever moves within; stamps of sound and attitude differ a little.
+        blur = combined(STAMP_S, self._motion.rate(time), 0.0, ZERO)
         floor = self._settings.sound_floor_sigma**2 + blur[2] ** 2
         variance = min(h.across_variance for h in measurement.hypotheses) + floor
         clutter = max(1.0 - measurement.confidence, LEAST_CLUTTER)
