@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from std_srvs.srv import SetBool
@@ -77,11 +80,19 @@ class RigListener:
 
     def enable(self, wanted: bool) -> str:
         """Call pointing_node's service ~/enable; returns its answer."""
-        client = self._node.create_client(SetBool, '/pointing_node/enable')
+        return self._call(SetBool, '/pointing_node/enable', SetBool.Request(data=wanted)).message
+
+    def shut_down(self, name: str) -> bool:
+        """Request the transition `shutdown` of an active node; returns whether it agreed."""
+        transition = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
+        return self._call(ChangeState, f'/{name}/change_state', ChangeState.Request(transition=transition)).success
+
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        client = self._node.create_client(kind, name)
         assert client.wait_for_service(timeout_sec=30.0)
-        answer = client.call_async(SetBool.Request(data=wanted))
+        answer = client.call_async(request)
         assert self.wait_for(answer.done)
-        return answer.result().message
+        return answer.result()
 
     def close(self) -> None:
         """Leave the domain."""

@@ -74,6 +74,15 @@ def test_essential_processes_are_started_again(start):
         assert back < 2.0 * slowness() and tracking < 3.0 * slowness(), (name, times)
 
 
+def test_a_node_that_is_shut_down_by_request_is_started_again(start):
+    """Its process ends, since a finalized node does nothing, and the launch sees that."""
+    rig, listener = start('monitor:=false')
+    (process,) = rig.processes('/doa_node')
+    assert listener.shut_down('doa_node')
+    assert listener.wait_for(lambda: rig.processes('/doa_node') not in ([], [process])), rig.output
+    assert listener.wait_for(lambda: listener.values.get('doa_node', {}).get('restarts') == '1'), rig.output
+
+
 def test_more_than_three_restarts_fail_a_run_of_set_duration(start):
     """Three are none, the fourth end of one process ends the run with a code other than 0 and its name."""
     rig, listener = start('duration:=120', 'monitor:=false')
