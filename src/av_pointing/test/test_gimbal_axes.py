@@ -17,7 +17,8 @@ DT = 1.0 / 30.0
 
 def axes(stabilized=True, pan=(-150.0, 150.0), tilt=(-45.0, 60.0)):
     motion = math.radians(120.0), math.radians(360.0)
-    made = GimbalAxes(AxisLimits(*motion, *map(math.radians, pan)), AxisLimits(*motion, *map(math.radians, tilt)), stabilized, 0.0)
+    limits = [AxisLimits(*motion, *map(math.radians, angles)) for angles in (pan, tilt)]
+    made = GimbalAxes(*limits, stabilized, 0.0)
     made.on_attitude(TILTED)
     return made
 
