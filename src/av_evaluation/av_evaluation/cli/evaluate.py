@@ -53,6 +53,9 @@ def show(runs: Sequence[RunResult]) -> None:
     if kept:
         low, high = 100.0 * min(kept), 100.0 * max(kept)
         print(f'in the picture: {low:.1f} to {high:.1f} % of the time that the camera could see the drone if it looked there')
+    times = [f'{run.seen_s:.1f}' for run in runs if math.isfinite(run.seen_s)]
+    if times:
+        print(f'first seen after {", ".join(times)} s')
     for text in dict.fromkeys(text for run in runs for text in (*run.notes, *run.missing.values())):
         print(f'  ! {text}', file=sys.stderr)
 

@@ -113,7 +113,8 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
     write_json(out / 'metrics.json', metrics)
     write_json(out / 'runs.json', [
         {'name': run.name, 'case': run.case, 'notes': run.notes, 'missing': run.missing,
-         'in_picture': run.in_picture if math.isfinite(run.in_picture) else None,
+         **{key: value if math.isfinite(value) else None
+            for key, value in (('in_picture', run.in_picture), ('seen_s', run.seen_s))},
          'methods': {method: figures_together([run], method) for method in run.methods}} for run in runs])
     page = Page('Evaluation of bearings', f'{len(runs)} runs. Made by `{command}`.')
     page.heading('All runs together')

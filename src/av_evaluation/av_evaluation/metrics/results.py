@@ -67,6 +67,7 @@ class RunResult:
         plot: PNG of the run.
         in_picture: share of the time with the target in the picture, of that for which the camera could see it if it looked
             there; nan where that is not known.
+        seen_s (s): from the first measurement of sound to the first detection; nan without either.
     """
 
     name: str
@@ -80,6 +81,7 @@ class RunResult:
     state: Columns = field(default_factory=dict)
     plot: bytes = b''
     in_picture: float = math.nan
+    seen_s: float = math.nan
 
     def save(self, folder: Path) -> None:
         """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
@@ -88,7 +90,8 @@ class RunResult:
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
         numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
                    for name, method in self.methods.items()}
-        header = {key: getattr(self, key) for key in ('name', 'key', 'case', 'span_s', 'in_picture', 'missing', 'notes')}
+        kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'missing', 'notes')
+        header = {key: getattr(self, key) for key in kept}
         if self.plot:
             (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)
         content = io.BytesIO()

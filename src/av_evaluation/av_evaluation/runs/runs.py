@@ -80,6 +80,10 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
             result.missing[label] = str(error)
     if log.has_truth:
         result.truth = {'time': log.target['time'], 'azimuth': log.true_azimuth(log.target['time'])}
+    seen = (log.sight['time'] + log.sight['delay'])[log.sight['score'] >= 0.5]
+    heard = log.sound['time'][log.sound['confidence'] > 0.0]
+    if len(seen) and len(heard):
+        result.seen_s = float(max(seen.min() - heard.min(), 0.0))
     visible = log.picture['visible'] > 0.0
     if visible.any():
         result.in_picture = float(np.mean(log.picture['inside'][visible]))
