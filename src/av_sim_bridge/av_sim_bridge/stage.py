@@ -175,10 +175,11 @@ class BridgeStage:
         return [('imu', messages.imu_message(header, frd_to_flu(sample.acceleration_frd), frd_to_flu(sample.rate_frd)))]
 
     def on_gimbal(self, datagram: bytes, arrival: float, sender: Sender) -> list[Output]:
-        """The message of the gimbal's measured orientation; none for a rig without a gimbal."""
-        sample, stamp = self._gimbal.take(datagram, arrival, sender)
-        if self.rig.gimbal is None:
+        """The message of the gimbal's measured orientation; none for a rig without a gimbal, or for an old one."""
+        taken = self._gimbal.take(datagram, arrival, sender)
+        if taken is None or self.rig.gimbal is None:
             return []
+        sample, stamp = taken
         header = messages.make_header(stamp, self.rig.base_frame)
         return [('gimbal/state', messages.gimbal_message(header, self.rig.gimbal.frame, sample))]
 

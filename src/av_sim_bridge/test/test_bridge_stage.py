@@ -116,6 +116,7 @@ def test_the_gimbal_reports_its_orientation_in_the_time_of_the_others(rng):
         stage.on_imu(encode_imu(ImuSample(number, number / 30, np.zeros(3), np.zeros(3))), EPOCH + number / 30 + 0.001, SENDER)
         datagram = encode_gimbal(GimbalSample(number, number / 30, orientation, 0.25))
         (topic, message), = stage.on_gimbal(datagram, EPOCH + number / 30 + delay, SENDER)
+        assert not stage.on_gimbal(datagram, EPOCH + number / 30 + delay, SENDER)    # once
         assert to_seconds(message.header.stamp) - EPOCH == pytest.approx(number / 30, abs=6e-3)
     assert topic == 'gimbal/state'
     assert (message.header.frame_id, message.child_frame_id) == ('base_link', 'turret')

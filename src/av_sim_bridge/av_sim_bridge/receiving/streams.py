@@ -6,6 +6,7 @@ datagram. Its parameters are the content of the datagram, `arrival` (s, the syst
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Mapping
@@ -239,13 +240,23 @@ class ImuStream:
 class GimbalStream:
     """Decodes measured orientations of the gimbal."""
 
+    RESTART = 1.0    # s, step of the stamps back that is a restart
+
     def __init__(self, clock: CommonClock) -> None:
         self._clock = clock
+        self._newest = -math.inf
 
-    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float]:
-        """The orientation in one datagram and its time (s, ROS time)."""
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> tuple[GimbalSample, float] | None:
+        """The orientation in one datagram and its time (s, ROS time); None where it is not newer than the one before.
+
+        Stamps step back a little while the clock of the streams learns the least delay.
+        """
         sample = decode_gimbal(datagram)
-        return sample, _date(self._clock, 'gimbal', sender, sample.time, arrival)
+        stamp = _date(self._clock, 'gimbal', sender, sample.time, arrival)
+        if self._newest - self.RESTART < stamp <= self._newest:
+            return None
+        self._newest = stamp
+        return sample, stamp
 
 
 class TimeSyncStream:
