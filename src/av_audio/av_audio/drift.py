@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,10 @@ PRIOR_ACCELERATION = 0.5
 PRIOR_MOVES = 0.1  # probability that anything moves: few windows at rest are then taken for motion by chance
 HIGHEST_RATE = 1.2  # that is searched, in 1/s
 GRID_POINTS_PER_PERIOD = 8.0
-NEWTON_STEPS = 2
+NEWTON_STEPS = 1
 # As for the steered response: the scatter at a maximum is too small, the more so the weaker the peak.
 OPTIMISM = 2.0
+LEAST_PROBABILITY = 0.01  # of motion, from which its effect on the variance of q is computed
 # Limits the unseen part of the speed near the axis of an array, where a small error of the rate would become a large one.
 SOFTENING = 0.01
 
@@ -69,13 +71,13 @@ class Fit:
     scores: NDArray
     noise: float
 
-    @property
+    @cached_property
     def usable(self) -> bool:
         """Whether the correlation has a maximum in q."""
         rank = self.motion.shape[1]
         return self.height > 0.0 and is_positive(self.hessian[:rank, :rank]) and bool(self.scores[:rank].any())
 
-    @property
+    @cached_property
     def scale(self) -> float:
         """Correlation per unit of log-likelihood: the scatter of the scores over that of a likelihood."""
         rank = self.motion.shape[1]
@@ -170,7 +172,7 @@ class DriftEstimator:
             cross -= self._share * (ego_noise * mean)[:, None, self._nearest]
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
         cross *= ((weights / mean)[:, self._nearest] * (np.cos(angles) - 1j * np.sin(angles)))[:, None]
-        return cross.reshape(*cross.shape[:2], -1, self._width).sum(axis=-1)
+        return sum(cross[..., k::self._width] for k in range(1, self._width)) + cross[..., ::self._width]
 
     def _start(self, cross: NDArray, q: NDArray) -> NDArray:
         """Motion (3, rank) on a great circle with the rate that follows from the best rate of each pair's delay.
@@ -179,7 +181,7 @@ class DriftEstimator:
         """
         energy = np.abs(cross.sum(axis=-1)).sum(axis=0)
         centre = float(self._powers[1] @ energy / max(float(energy.sum()), np.finfo(np.float32).tiny))
-        turned = np.einsum('pbc,gbc->pgc', cross, self._turns)  # without the threads of BLAS, which cost more than they gain
+        turned = (cross[:, None] * self._turns).sum(axis=2)  # without the threads of BLAS, which cost more than they gain
         angles = np.multiply.outer(centre * self._delay_rates, self._cluster_omega).astype(np.float32)
         curves = np.sum(turned.real * np.cos(angles) - turned.imag * np.sin(angles), axis=-1)
         rate = self._rate_of_delays @ self._delay_rates[np.argmax(curves, axis=1)]
@@ -213,7 +215,7 @@ class DriftEstimator:
         moves = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -50.0, 50.0)))
         shift = -fit.motion[0]
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
-        steadier = min(1.0, fit.variance / rest.variance)
+        steadier = min(1.0, fit.variance / rest.variance) if moves > LEAST_PROBABILITY else 1.0
         return Drift(moves * fit.motion[1], moves * shift, moves * spread, 1.0 - moves * (1.0 - steadier))
 
     def _unknown(self, rest: Fit, rank: int) -> Drift:
