@@ -31,6 +31,7 @@ GRID_POINTS_PER_PERIOD = 8.0
 NEWTON_STEPS = 1
 # As for the steered response: the scatter at a maximum is too small, the more so the weaker the peak.
 OPTIMISM = 2.0
+LEAST_EVIDENCE = 1.0  # gain of the log-likelihood from which a motion is searched
 LEAST_PROBABILITY = 0.01  # of motion, from which its effect on the variance of q is computed
 # Limits the unseen part of the speed near the axis of an array, where a small error of the rate would become a large one.
 SOFTENING = 0.01
@@ -145,7 +146,10 @@ class DriftEstimator:
         """
         rank = len(q)
         cross = self._cross_spectra(spectra, weights, ego_noise, q)
-        rest, fit = self._fit(cross, np.zeros((3, rank))), self._fit(cross, self._start(cross, q))
+        rest = self._fit(cross, np.zeros((3, rank)))
+        if self._is_still(rest):
+            return self._posterior(rest, rest, np.zeros(3 * rank))
+        fit = self._fit(cross, self._start(cross, q))
         expected = np.concatenate([np.zeros(2 * rank), -square_speed(q, fit.motion[1]) * q])
         for _ in range(NEWTON_STEPS):
             hessian = fit.hessian + np.diag(fit.scale * self._precision) if fit.usable else np.zeros((1, 1))
@@ -198,6 +202,16 @@ class DriftEstimator:
         clusters = steered.sum(axis=(0, 1))
         noise = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
         return Fit(motion, float(clusters.real.sum()), hessian, scores, noise)
+
+    def _is_still(self, rest: Fit) -> bool:
+        """Whether no motion would explain the blocks clearly better than rest."""
+        if not rest.usable:
+            return False
+        hessian = rest.hessian + np.diag(rest.scale * self._precision)
+        if not is_positive(hessian):
+            return False
+        gradient = rest.scores.sum(axis=1)
+        return 0.5 * float(gradient @ np.linalg.solve(hessian, gradient)) < LEAST_EVIDENCE * rest.scale
 
     def _posterior(self, rest: Fit, fit: Fit, expected: NDArray) -> Drift:
         """The drift, given the maximum of the posterior of a motion (Laplace's approximation)."""
