@@ -58,7 +58,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         found = find_topics(bag, names.KINDS, parse_remappings(arguments['remap'].split(',')),
                             arguments['recorded_namespace'])
     only = arguments['only']
-    pointing = rig_node(arguments, 'av_pointing', 'pointing_node', BAG_TIME)
+    pointing = rig_node(arguments, 'av_pointing', 'pointing_node', {'rig_file': arguments['rig'], **BAG_TIME})
     title = f'{arguments["bag"]}, played from {only}'
     receivers, others = monitor_nodes(arguments, {'title': title, **BAG_TIME}), []
     if only == 'raw' and names.AUDIO in found:

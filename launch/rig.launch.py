@@ -93,7 +93,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
         rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig']}),
-        rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments)}),
+        rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments), 'rig_file': arguments['rig']}),
         *sources[arguments['source']](arguments)]
     if arguments['px4'] == 'true':
         essential.append(px4(arguments))

@@ -34,8 +34,8 @@ class Flight:
         self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
         self.world, self.rows = None, []
 
-    def on_yaw(self, time, yaw):
-        self.controller.on_yaw(time, yaw)
+    def on_attitude(self, time, attitude):
+        self.controller.on_attitude(time, attitude)
 
     def step(self, now, track, ages):
         autopilot, command = self.autopilot, self.controller.step(now, track, ages)

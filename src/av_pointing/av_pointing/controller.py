@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from av_common.angles import wrap
-from av_common.limited_axis import AxisLimits, LimitedAxis
+from av_common.frames import yaw_of
+from av_common.limited_axis import AxisLimits
 from av_common.track import State, Track
 from av_pointing.body_axis import Aim, BodyAxis
+from av_pointing.gimbal_axes import GimbalAxes
 from av_pointing.response import Response
 
 BODY_TIMEOUT_S = 0.3  # after the arrival of the newest measurement, and of the newest odometry, at which the body stands still
@@ -29,6 +32,7 @@ class Mode(enum.IntEnum):
     HOLD = 0
     TRACK = 1
     SEARCH = 2
+    LOOK = 3
 
 
 class Ages(NamedTuple):
@@ -75,6 +79,7 @@ class PointingSettings:
         coast_sigma (rad): standard deviation of a prediction's azimuth up to which the gimbal follows it.
         on_stale: reaction of the gimbal to a stale bearing: 'hold' stops it, 'neutral' returns it to 0.
         move_gimbal, move_body: whether gimbal and body are commanded.
+        stabilized: whether the gimbal stays level, and is commanded in `base_stabilized`.
         body_follows_at (rad): pan from which the body follows a moving gimbal.
 
     Raises ValueError for another `on_stale`.
@@ -94,6 +99,7 @@ class PointingSettings:
     on_stale: str = 'hold'
     move_gimbal: bool = True
     move_body: bool = True
+    stabilized: bool = False
     body_follows_at: float = math.radians(30.0)
 
     def __post_init__(self) -> None:
@@ -107,9 +113,10 @@ class Command:
 
     Parameters:
         mode, reason: mode of the command and its reason.
-        pan, tilt (rad), pan_rate, tilt_rate (rad/s): angles and rates of the gimbal in the rig's frame.
+        pan, tilt (rad), pan_rate, tilt_rate (rad/s): angles and rates of the gimbal, in `base_stabilized` or the rig's frame.
         yaw_rate (rad/s): yaw rate of the body, counter-clockwise.
         move_gimbal, move_body: whether gimbal and body follow the command.
+        stabilized: whether pan and tilt are in `base_stabilized`.
     """
 
     mode: Mode
@@ -121,6 +128,7 @@ class Command:
     yaw_rate: float
     move_gimbal: bool
     move_body: bool
+    stabilized: bool = False
 
 
 class PointingController:
@@ -129,6 +137,7 @@ class PointingController:
     Attributes:
         settings: see `PointingSettings`.
         enabled: whether commands move anything.
+        gimbal: its axes.
 
     Parameters:
         settings: see the attribute.
@@ -137,7 +146,7 @@ class PointingController:
     def __init__(self, settings: PointingSettings | None = None) -> None:
         self.settings = settings or PointingSettings()
         self.enabled = True
-        self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
+        self.gimbal = GimbalAxes(self.settings.pan, self.settings.tilt, self.settings.stabilized, self.settings.dead_band)
         self.body = BodyAxis(self.settings.yaw, self.settings.response)
         self._time: float | None = None
         self._seen: Track | None = None
@@ -145,13 +154,13 @@ class PointingController:
 
     def start_at(self, pan: float, tilt: float) -> None:
         """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
-        for axis, angle in ((self._pan, pan), (self._tilt, tilt)):
-            axis.position, axis.velocity = min(max(angle, axis.limits.lower), axis.limits.upper), 0.0
+        self.gimbal.start_at(pan, tilt)
 
-    def on_yaw(self, time: float, yaw: float) -> None:
-        """Note the body's yaw (rad) by odometry of `time` (s, on the clock of `step`)."""
+    def on_attitude(self, time: float, attitude_wxyz: Sequence[float]) -> None:
+        """Note the body's attitude (w, x, y, z) in the world by odometry of `time` (s, on the clock of `step`)."""
         self._has_odometry = True
-        self.body.motion.measure(time, yaw)
+        self.body.motion.measure(time, yaw_of(attitude_wxyz))
+        self.gimbal.on_attitude(attitude_wxyz)
 
     def step(self, time: float, track: Track | None, ages: Ages) -> Command:
         """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
@@ -169,17 +178,21 @@ class PointingController:
         if track is not None and track is not self._seen:
             self._see(time, track, ages)
         if track is None or mode == Mode.HOLD:
-            self._hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
+            self.body.stop(dt)
+            self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
             self.body.turn(time, dt, aim, settings.dead_band, ages.measurement, left, settings.search_rate)
-            self._pan.stop(dt)
-            self._tilt.stop(dt)
+            self.gimbal.follow(dt, None, None)
+        elif mode == Mode.LOOK and track.look is not None:
+            self.body.stop(dt)
+            self.gimbal.follow(dt, *self.gimbal.of_body(*track.look), self._slowed(ages))
         else:
             self._track(time, dt, track, ages)
         yaw_rate = self.body.command(time, left, self.enabled and settings.move_body)
-        return Command(mode, reason, self._pan.position, self._tilt.position, self._pan.velocity, self._tilt.velocity,
-                       yaw_rate, self.enabled and settings.move_gimbal, self.enabled and settings.move_body)
+        pan, tilt = self.gimbal.pan, self.gimbal.tilt
+        return Command(mode, reason, pan.position, tilt.position, pan.velocity, tilt.velocity, yaw_rate,
+                       self.enabled and settings.move_gimbal, self.enabled and settings.move_body, settings.stabilized)
 
     def _decide(self, track: Track | None, ages: Ages) -> tuple[Mode, str]:
         settings = self.settings
@@ -200,6 +213,14 @@ class PointingController:
             if settings.move_gimbal:
                 return Mode.TRACK, f'the gimbal follows {"a prediction" if predicted else "the bearing"}, {stands}'
             return Mode.HOLD, stands
+        return self._decide_ambiguous(track, may_move, stands)
+
+    def _decide_ambiguous(self, track: Track, may_move: bool, stands: str) -> tuple[Mode, str]:
+        """A look of the gimbal goes before a turn of the body."""
+        settings = self.settings
+        if track.look is not None and settings.move_gimbal and all(map(math.isfinite, track.look)):
+            azimuth, elevation = map(math.degrees, track.look)
+            return Mode.LOOK, f'looking at azimuth {azimuth:+.0f} deg, elevation {elevation:+.0f} deg for the target'
         if math.isfinite(track.requested_rotation) and track.requested_rotation != 0.0 and settings.move_body:
             if not may_move:
                 return Mode.HOLD, stands
@@ -225,32 +246,28 @@ class PointingController:
 
     def _track(self, time: float, dt: float, track: Track, ages: Ages) -> None:
         settings, body, aim = self.settings, self.body, self._aim(time, track, ages)
-        left = settings.coast - ages.measurement  # of the gimbal's motion, which slows down until then
-        slowed = min(left / settings.coast * settings.pan.rate, left * settings.pan.acceleration)
-        body_rate = body.motion.rate(time)
-        seen_rate = aim.rate - body_rate
         if settings.move_gimbal:
-            ahead = max(settings.lead, ages.bearing)
+            body_rate, ahead = body.motion.rate(time), max(settings.lead, ages.bearing)
             turned = body.motion.yaw(time) - body.motion.yaw(aim.time) + (ahead - ages.bearing) * body_rate
-            pan = float(wrap(track.azimuth + ahead * aim.rate - turned))
-            pan = min(max(pan, settings.pan.lower), settings.pan.upper)
-            self._pan.follow(self._beyond_dead_band(pan - self._pan.position), seen_rate, dt, slowed)
-        if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
-            self._tilt.follow(self._beyond_dead_band(track.elevation - self._tilt.position), 0.0, dt, slowed)
-        else:
-            self._tilt.stop(dt)
+            elevation = self._elevation(track, ahead)
+            pan, tilt = self.gimbal.of_level(aim.azimuth + ahead * aim.rate - turned, elevation or 0.0)
+            self.gimbal.follow(dt, pan, None if elevation is None else tilt, self._slowed(ages), aim.rate - body_rate)
         if not settings.move_body:
             body.stop(dt)
         elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
             body.turn(time, dt, aim, settings.dead_band, ages.measurement, ages.body_left - settings.period)
 
-    def _hold(self, dt: float, neutral: bool) -> None:
-        self.body.stop(dt)
-        for axis in (self._pan, self._tilt):
-            if neutral:
-                axis.follow(-axis.position, 0.0, dt)
-            else:
-                axis.stop(dt)
+    def _elevation(self, track: Track, ahead: float) -> float | None:
+        """Elevation (rad) in the world of a track, or of the look that it asks for while it has none; `ahead` s later."""
+        if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
+            known = (track.attitude_known and self._has_odometry
+                     and math.isfinite(track.elevation_world + track.elevation_world_rate))
+            return track.elevation_world + ahead * track.elevation_world_rate if known else track.elevation
+        if track.look is None or not all(map(math.isfinite, track.look)):
+            return None
+        return self.gimbal.elevation_of_body(*track.look)
 
-    def _beyond_dead_band(self, error: float) -> float:
-        return math.copysign(max(abs(error) - self.settings.dead_band, 0.0), error)
+    def _slowed(self, ages: Ages) -> float:
+        """Rate (rad/s) of the gimbal, which slows down as the newest measurement ages."""
+        left = self.settings.coast - ages.measurement
+        return max(min(left / self.settings.coast * self.settings.pan.rate, left * self.settings.pan.acceleration), 0.0)

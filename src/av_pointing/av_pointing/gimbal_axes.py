@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from av_common.angles import angles_to_direction, direction_to_angles
-from av_common.frames import yaw_of
 from av_common.gimbal_geometry import LEVEL, stabilized_to_body
 from av_common.limited_axis import AxisLimits, LimitedAxis
 
@@ -56,6 +55,10 @@ class GimbalAxes:
             return azimuth, elevation
         return _angles(stabilized_to_body(self._attitude) @ angles_to_direction(azimuth, elevation))
 
+    def elevation_of_body(self, azimuth: float, elevation: float) -> float:
+        """Elevation (rad) in the world of a direction in the body's frame, as the body is tilted now."""
+        return _angles(stabilized_to_body(self._attitude).T @ angles_to_direction(azimuth, elevation))[1]
+
     def follow(self, dt: float, pan: float | None, tilt: float | None, rate: float = math.inf, pan_rate: float = 0.0) -> None:
         """Turn towards angles; an axis without one brakes.
 
@@ -100,11 +103,6 @@ class GimbalAxes:
 
     def _beyond(self, error: float) -> float:
         return math.copysign(max(abs(error) - self._dead_band, 0.0), error)
-
-    @property
-    def heading(self) -> float:
-        """Yaw (rad) of the body by its newest attitude."""
-        return yaw_of(self._attitude)
 
 
 def _angles(direction: object) -> tuple[float, float]:

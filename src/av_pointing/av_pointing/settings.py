@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from av_common.limited_axis import AxisLimits
+from av_common.rig import GimbalMount
 from av_pointing.controller import PointingSettings
 from av_pointing.response import Response
 
@@ -26,3 +28,21 @@ def pointing_settings(p: Any) -> PointingSettings:
         stale_after=p.stale_after, coast=p.coast, coast_sigma=math.radians(p.coast_sigma_deg), on_stale=p.on_stale,
         move_gimbal=p.move_gimbal, move_body=p.move_body,
         body_follows_at=math.radians(p.body_follows_at_deg))
+
+
+def with_gimbal(settings: PointingSettings, gimbal: GimbalMount | None) -> PointingSettings:
+    """Settings within what a gimbal can do too, and in the frame in which it is commanded; unchanged without one.
+
+    Parameters:
+        settings: the settings.
+        gimbal: the rig's gimbal.
+    """
+    if gimbal is None:
+        return settings
+
+    def within(axis: AxisLimits, limits_deg: tuple[float, float]) -> AxisLimits:
+        lower, upper = map(math.radians, limits_deg)
+        return AxisLimits(min(axis.rate, math.radians(gimbal.max_rate_deg)), axis.acceleration, max(axis.lower, lower),
+                          min(axis.upper, upper))
+    return replace(settings, pan=within(settings.pan, gimbal.pan_limits_deg),
+                   tilt=within(settings.tilt, gimbal.tilt_limits_deg), stabilized=gimbal.stabilized)

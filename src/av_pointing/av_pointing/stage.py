@@ -8,14 +8,16 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from av_common.frames import yaw_of
+from av_common.frames import attitude_of
 from av_common.freshness import FUTURE_S, FreshInput, Instant
+from av_common.gimbal_geometry import BASE_STABILIZED
+from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Ages, Command, PointingController
-from av_pointing.settings import pointing_settings
+from av_pointing.settings import pointing_settings, with_gimbal
 
 
 class PointingStage:
@@ -30,7 +32,7 @@ class PointingStage:
 
     Parameters:
         controller: see the attribute.
-        base_frame: frame of the rig's body, in which commands are given.
+        base_frame: frame of the rig's body, in which commands are given unless the gimbal is stabilized.
     """
 
     def __init__(self, controller: PointingController, base_frame: str = 'base_link') -> None:
@@ -73,23 +75,23 @@ class PointingStage:
             stamp = to_seconds(message.header.stamp)
             if self._odometry.take(stamp, arrival):
                 age = max(arrival.ros - stamp, 0.0)
-                self.controller.on_yaw(arrival.steady - age, yaw_of((q.w, q.x, q.y, q.z)))
+                self.controller.on_attitude(arrival.steady - age, attitude_of(q))
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
                     self._captured.age(now))
         self.command = self.controller.step(now.steady, self._track, ages)
-        return command_message(self.command, now.ros, self._base_frame)
+        return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:
-    """A command as message, valid at `time` (s) in the body frame `frame_id`.
+    """A command as message, valid at `time` (s) in the frame `frame_id`.
 
     Parameters:
         command: the command.
         time (s): time for which it is valid.
-        frame_id: frame of the rig's body.
+        frame_id: frame of pan and tilt.
     """
     return PointingCommand(
         header=Header(stamp=to_stamp(time), frame_id=frame_id), mode=int(command.mode), reason=command.reason,
@@ -97,8 +99,13 @@ def command_message(command: Command, time: float, frame_id: str) -> PointingCom
         tilt_rate=command.tilt_rate, move_body=command.move_body, yaw_rate=command.yaw_rate)
 
 
-def make_pointing_stage(parameters: Any) -> PointingStage:
-    """A stage from the parameters of pointing_node. Raises ValueError for stops that exclude 0."""
-    controller = PointingController(pointing_settings(parameters))
+def make_pointing_stage(parameters: Any, gimbal: GimbalMount | None = None) -> PointingStage:
+    """A stage from the parameters of pointing_node. Raises ValueError for stops that exclude 0.
+
+    Parameters:
+        parameters: the node's parameters.
+        gimbal: the rig's gimbal, None where it has none.
+    """
+    controller = PointingController(with_gimbal(pointing_settings(parameters), gimbal))
     controller.enabled = parameters.enabled
     return PointingStage(controller, parameters.base_frame)

@@ -57,5 +57,5 @@ def test_a_restarted_node_continues(enabled, tmp_path, monkeypatch):
 def test_a_controller_starts_within_its_limits():
     controller = PointingController()
     controller.start_at(9.0, -math.inf)
-    assert controller._pan.position == controller.settings.pan.upper
-    assert controller._tilt.position == controller.settings.tilt.lower
+    assert controller.gimbal.pan.position == controller.settings.pan.upper
+    assert controller.gimbal.tilt.position == controller.settings.tilt.lower

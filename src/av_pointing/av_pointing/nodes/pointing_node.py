@@ -18,6 +18,7 @@ from av_common.launched import KeptNumbers, KeptSwitch
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
+from av_common.rig import load_rig
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
 from av_pointing.settings import pointing_settings
@@ -36,7 +37,8 @@ class PointingNode(RigNode):
     def configure(self) -> None:
         """Build the stage, open the publisher."""
         self._settings = self.settings
-        self._stage = make_pointing_stage(self._settings)
+        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        self._stage = make_pointing_stage(self._settings, gimbal)
         self._stage.controller.enabled = self._enabled.value
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0

@@ -1,0 +1,164 @@
+"""Looks of the gimbal, and a gimbal on a body that tilts."""
+
+import math
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from transforms3d.euler import euler2quat
+from transforms3d.quaternions import quat2mat
+
+from av_common.angles import angles_to_direction, direction_to_angles
+from av_common.freshness import Instant
+from av_common.limited_axis import AxisLimits
+from av_common.rig import GimbalMount
+from av_common.stamps import to_stamp
+from av_common.track import Source, State, Track
+from av_common.track_messages import bearing_message
+from av_interfaces.msg import PointingCommand
+from av_pointing.controller import PointingController, PointingSettings
+from av_pointing.settings import with_gimbal
+from av_pointing.stage import PointingStage
+
+STEP = 1.0 / 30.0
+LOOK = (math.radians(120.0), math.radians(20.0))
+
+
+class Rig:
+    """A stage, odometry and bearings."""
+
+    def __init__(self, gimbal=None, **settings):
+        self.stage = PointingStage(PointingController(with_gimbal(PointingSettings(**settings), gimbal or GimbalMount())))
+        self.now, self.attitude, self.commands = Instant(50.0, 1.7e9), (1.0, 0.0, 0.0, 0.0), []
+
+    def run(self, seconds, measured=True, bearings=True, **track):
+        for _ in range(round(seconds / STEP)):
+            self.now = Instant(self.now.steady + STEP, self.now.ros + STEP)
+            odometry = Odometry()
+            odometry.header.stamp = to_stamp(self.now.ros)
+            q = odometry.pose.pose.orientation
+            q.w, q.x, q.y, q.z = map(float, self.attitude)
+            self.stage.on_odometry(odometry, self.now)
+            if measured:
+                self.newest = self.now.ros
+            if bearings:
+                fields = {'state': State.ACOUSTIC_ACTIVE, 'source': Source.SOUND, 'azimuth': 1.0, 'azimuth_variance': 0.001,
+                          'azimuth_world': 1.0, 'attitude_known': True} | track
+                message = bearing_message(Track(self.now.ros, measured=self.newest, **fields), 'base_link')
+                self.commands.append(self.stage.on_bearing(message, self.now))
+            else:
+                self.commands.append(self.stage.on_time(self.now))
+        return self.commands[-1]
+
+    def sight(self, command):
+        """Line of sight in the world of a stabilized gimbal."""
+        matrix = quat2mat(self.attitude)
+        return angles_to_direction(command.pan + math.atan2(matrix[1, 0], matrix[0, 0]), command.tilt)
+
+
+def test_the_gimbal_looks_and_the_body_stands_still_although_a_turn_is_requested():
+    rig = Rig()
+    command = rig.run(3.0, look=LOOK, requested_rotation=0.5)
+    assert command.mode == PointingCommand.MODE_LOOK
+    assert command.header.frame_id == 'base_stabilized'
+    assert (command.pan, command.tilt) == pytest.approx(LOOK, abs=math.radians(0.6))
+    assert {each.yaw_rate for each in rig.commands} == {0.0}
+
+
+def test_the_body_turns_when_looks_are_exhausted():
+    rig = Rig()
+    rig.run(1.0, look=LOOK, requested_rotation=0.5)
+    command = rig.run(0.5, requested_rotation=0.5)
+    assert command.mode == PointingCommand.MODE_SEARCH
+    assert command.yaw_rate > 0.1
+
+
+def test_a_turning_body_brakes_for_a_look():
+    rig = Rig()
+    assert rig.run(1.0, requested_rotation=0.5).yaw_rate > 0.1
+    assert rig.run(1.0, look=LOOK, requested_rotation=0.5).yaw_rate == 0.0
+
+
+@pytest.mark.parametrize('look', [None, (math.nan, 0.0), (math.inf, 0.0)])
+def test_without_a_possible_look_the_body_turns(look):
+    assert Rig().run(0.5, look=look, requested_rotation=0.5).mode == PointingCommand.MODE_SEARCH
+
+
+def test_a_gimbal_that_is_not_to_move_does_not_look():
+    assert Rig(move_gimbal=False).run(0.5, look=LOOK, requested_rotation=0.5).mode == PointingCommand.MODE_SEARCH
+
+
+def test_looks_need_fresh_bearings_and_end_with_the_measurements():
+    rig = Rig()
+    rig.run(1.0, look=LOOK)
+    rig.run(1.5, look=LOOK, bearings=False)
+    stopped = rig.commands[-20:]
+    assert stopped[-1].mode == PointingCommand.MODE_HOLD
+    assert len({(each.pan, each.tilt) for each in stopped}) == 1
+    rig = Rig()
+    rig.run(0.3, look=LOOK)
+    rig.run(3.0, measured=False, look=LOOK)
+    stopped = rig.commands[-20:]
+    assert stopped[-1].mode == PointingCommand.MODE_HOLD
+    assert len({(each.pan, each.tilt) for each in stopped}) == 1
+
+
+@pytest.mark.parametrize('hostile', [
+    {'elevation_world': math.nan}, {'elevation_world_rate': math.nan}, {'elevation_world_rate': math.inf},
+    {'elevation': math.nan}, {'look': (1e30, -1e30)}, {'look': (math.nan, 0.0), 'elevation_variance': math.inf}])
+@pytest.mark.parametrize('stabilized', [True, False])
+def test_hostile_directions_give_commands_within_the_limits(hostile, stabilized):
+    rig = Rig(GimbalMount(stabilized=stabilized))
+    for resolved in (True, False):
+        rig.run(1.0, **{'resolved': resolved, 'elevation_variance': 1e-4, 'elevation': 0.1} | hostile)
+    assert all(math.isfinite(each.pan + each.tilt + each.pan_rate + each.tilt_rate + each.yaw_rate) for each in rig.commands)
+    assert all(each.tilt <= math.radians(60.0) for each in rig.commands)
+
+
+def test_a_disabled_rig_looks_nowhere():
+    rig = Rig()
+    rig.stage.controller.enabled = False
+    command = rig.run(1.0, look=LOOK)
+    assert not (command.move_gimbal or command.move_body)
+    assert (command.mode, command.pan, command.tilt) == (PointingCommand.MODE_HOLD, 0.0, 0.0)
+
+
+def test_a_look_from_a_tilted_body_is_turned_level():
+    rig = Rig()
+    rig.attitude = euler2quat(*np.radians([20.0, -15.0, 70.0]), 'sxyz')
+    command = rig.run(3.0, look=LOOK)
+    assert np.allclose(rig.sight(command), quat2mat(rig.attitude) @ angles_to_direction(*LOOK), atol=0.02)
+
+
+def test_the_gimbal_keeps_to_the_target_as_the_body_tilts():
+    """A body that rolls and pitches by 25 degrees; a target that is still."""
+    direction = angles_to_direction(math.radians(40.0), math.radians(20.0))
+    errors = []
+    rig = Rig(move_body=False, dead_band=0.0)
+    for step in range(150):
+        tilt = math.radians(25.0) * math.sin(0.08 * step)
+        rig.attitude = euler2quat(tilt, -0.6 * tilt, 0.3, 'sxyz')
+        azimuth, elevation = map(float, direction_to_angles(quat2mat(rig.attitude).T @ direction))
+        world = tuple(map(float, direction_to_angles(direction)))
+        command = rig.run(STEP, azimuth=azimuth, elevation=elevation, elevation_variance=1e-4, azimuth_world=world[0],
+                          elevation_world=world[1], resolved=True, state=State.VISUAL_ACTIVE)
+        errors.append(math.degrees(math.acos(min(rig.sight(command) @ direction, 1.0))))
+    assert max(errors[60:]) < 0.5
+
+
+def test_a_target_of_unknown_elevation_is_looked_for_up_and_down_where_it_is_heard():
+    rig = Rig()
+    command = rig.run(3.0, resolved=True, elevation_variance=math.inf, look=(1.0, math.radians(30.0)))
+    assert command.mode == PointingCommand.MODE_TRACK
+    assert command.tilt == pytest.approx(math.radians(30.0), abs=math.radians(0.6))
+
+
+def test_limits_of_the_gimbal_narrow_those_of_the_parameters():
+    settings = with_gimbal(PointingSettings(pan=AxisLimits(2.0, 6.0, -1.0, 3.0)), GimbalMount(
+        pan_limits_deg=(-90.0, 90.0), tilt_limits_deg=(-20.0, 80.0), max_rate_deg=60.0, stabilized=False))
+    assert (settings.pan.lower, settings.pan.upper) == pytest.approx((-1.0, math.pi / 2))
+    assert settings.pan.rate == pytest.approx(math.radians(60.0))
+    assert settings.tilt.lower == pytest.approx(math.radians(-20.0))
+    assert not settings.stabilized
+    command = Rig(GimbalMount(stabilized=False)).run(0.1)
+    assert command.header.frame_id == 'base_link'
