@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from av_common.rig import GimbalMount
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
@@ -15,8 +16,13 @@ from av_fusion.gimbal_stage import JointNames
 from av_fusion.tracker_protocol import Tracker
 
 
-def make_tracker(parameters: Any) -> Tracker:
-    """The tracker that the parameters of fusion_node describe. Raises ValueError for values that contradict each other."""
+def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
+    """The tracker that the parameters of fusion_node describe. Raises ValueError for values that contradict each other.
+
+    Parameters:
+        parameters: the node's parameters.
+        gimbal: carries the camera; None where that is fixed.
+    """
     p = parameters
     machine = MachineSettings(p.tau, p.hysteresis, p.dwell, p.sight_timeout, p.sound_timeout)
     fixed = math.radians(p.rotation.fixed_deg)
@@ -32,7 +38,7 @@ def make_tracker(parameters: Any) -> Tracker:
         rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, confirm_threshold=p.confirm_threshold,
         detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
         self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
-        sound_delay=p.sound_delay, sight_delay=p.sight_delay))
+        gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay))
 
 
 def joint_names(parameters: Any) -> JointNames:

@@ -109,7 +109,7 @@ def test_looks_end_when_they_tell_nothing_more_and_rest():
 
 @pytest.mark.parametrize('places', [
     (place(60.0, visible=0.05), place(-120.0, visible=0.05)),  # dense fog
-    (place(180.0, 1.0, sigma=1.0, elevation=85.0, elevation_sigma=1.0),)])  # above the limits of tilt
+    (place(180.0, 1.0, sigma=1.0, elevation=89.0, elevation_sigma=1.0),)])  # above the limits of tilt
 def test_no_look_is_requested_that_can_tell_nothing(places):
     assert set(Search(*places).run(1.0).looks) == {None}
 

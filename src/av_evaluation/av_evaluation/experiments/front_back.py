@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from av_common.angles import wrap
-from av_common.rig import load_rig
+from av_common.rig import GimbalMount, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
@@ -25,6 +25,7 @@ from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.tracker import BayesTracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
+from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, Target, Weather
@@ -101,12 +102,12 @@ def scenario_of(start: Start, fog: float = DENSE) -> Scenario:
                     noise=Noise(diffuse_db_spl=30.0, snr=Snr(start.snr_db, 10.0)))
 
 
-def tracker_of(method: str) -> BayesTracker | GatedTracker:
-    """The tracker of one of METHODS."""
+def tracker_of(method: str, gimbal: GimbalMount | None = None) -> BayesTracker | GatedTracker:
+    """The tracker of one of METHODS, on a rig with a gimbal or without one."""
     if method == 'published':
         return GatedTracker(GatedSettings())
     rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
-    return BayesTracker(BayesSettings(rotation=rotation))
+    return BayesTracker(BayesSettings(rotation=rotation, gimbal=gimbal))
 
 
 def resolve(start: Start, method: str, seen: bool = False) -> Resolution:
@@ -118,8 +119,8 @@ def resolve(start: Start, method: str, seen: bool = False) -> Resolution:
         seen: whether the drone must have been seen, too, in thin fog.
     """
     rig = load_rig(find_config('rig_gimbal' if method == 'gimbal' else 'rig'))
-    run = OfflineRun(scenario_of(start, THIN if seen else DENSE), rig, tracker_of(method), start.seed,
-                     PointingController(PointingSettings(move_gimbal=rig.gimbal is not None)))
+    pointing = PointingController(with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal))
+    run = OfflineRun(scenario_of(start, THIN if seen else DENSE), rig, tracker_of(method, rig.gimbal), start.seed, pointing)
     for now, bearing in run.steps():
         if bearing is not None and bearing.resolved and (not seen or bearing.source & Bearing.SOURCE_SIGHT):
             truth = float(run.log.true_azimuth([now])[0])

@@ -193,7 +193,7 @@ class Replay:
         self._converter = MeasurementConverter(self._frames.rotation, fusion.target_classes, camera)
         self._fusion: FusionStage | None = None
         if self.stage != 'bearing':
-            tracker: Tracker = make_tracker(fusion)
+            tracker: Tracker = make_tracker(fusion, rig.gimbal)
             if self._record is not None:
                 tracker = RecordingTracker(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,

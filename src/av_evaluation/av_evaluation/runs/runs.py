@@ -27,8 +27,10 @@ from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.report.plot import draw
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.measurement_record import MeasurementRecord
+from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.tracker import BayesTracker
 from av_pointing.controller import PointingController, PointingSettings
+from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario
 
@@ -120,8 +122,10 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     rig = load_rig(find_config(case.rig or scenario.rig.description))
     if case.array:
         rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
-    pointing = PointingController(PointingSettings(move_gimbal=rig.gimbal is not None)) if case.follow else None
-    run = OfflineRun(scenario, rig, BayesTracker(), case.seed, pointing, _estimators(case.methods),
+    settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
+    pointing = PointingController(settings) if case.follow else None
+    tracker = BayesTracker(BayesSettings(gimbal=rig.gimbal))
+    run = OfflineRun(scenario, rig, tracker, case.seed, pointing, _estimators(case.methods),
                      detection_stage(case.model) if case.model else None, settings=LocalizerSettings(band_hz=case.band_hz))
     run.run(case.duration or None)
     return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]

@@ -22,10 +22,12 @@ from av_common.rig import GimbalMount
 REPLAN_S = 0.2  # time between predictions
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
 BUDGET_S = 8.0  # for which looks are requested in a row
+FORGET_S = 5.0  # without requests after which looks begin anew
 REST_S = 8.0  # without looks after that, and after looks told nothing; in between the body may turn
 ARRIVAL_S = 1.5  # beyond the time of the way until the camera must see where it was asked to look
-LEAST_CHANCE = 0.1  # that a look shows the target, for which it is made
-EDGE = 0.85  # share of the field of view that counts: boxes at its edge are cut off
+LEAST_CHANCE = 0.15  # that a look shows the target, for which it is made
+EDGE = 0.93  # share of the field of view that counts: boxes at its edge are cut off
+BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
 STICK = 1.3  # gain for which another look replaces one that is under way
 GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking at a place until it counts as seen, and how long that is remembered
 # Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
@@ -42,6 +44,7 @@ class Place(NamedTuple):
         azimuth, elevation (rad), across_variance, elevation_variance (rad^2): the direction and its errors.
         weight: probability of the place.
         visible: probability that a camera that looks there for the first time finds the target, if it is there.
+        rate (rad/s): of the azimuth.
     """
 
     azimuth: float
@@ -50,6 +53,7 @@ class Place(NamedTuple):
     elevation_variance: float
     weight: float
     visible: float
+    rate: float = 0.0
 
 
 class Sight(NamedTuple):
@@ -126,6 +130,8 @@ class LookPlanner:
             return self._look
         if time < self._planned:
             self.cancel()
+        elif time > self._planned + FORGET_S:
+            self._since, self._look, self._rests_until = None, None, -math.inf
         self._planned = time
         places = find_places() if self.settings.enabled and sight is not None and time >= self._rests_until else []
         if sight is None or not places:
@@ -146,12 +152,18 @@ class LookPlanner:
 
     def _best(self, places: Sequence[Place], sight: Sight, mount_in_world: Matrix) -> Matrix | None:
         points, shares, visible = self._points(places)
-        looks = self._reachable(np.vstack([points, *([self._look[None]] if self._look is not None else [])]) @ mount_in_world)
+        looks = self._reachable(points @ mount_in_world)
+        if self._look is not None:
+            looks = np.vstack([looks, self._nearest(self._look @ mount_in_world)])
+        if not len(looks):
+            return None
         cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
-        seen = np.array([in_view(points, camera, sight.half_view, sight.half_height) for camera in cameras])
-        chance = seen @ (shares * visible).ravel()
-        now = self._reachable((sight.camera_in_world[:, 0] @ mount_in_world)[None])[0]
+        now = self._nearest(sight.camera_in_world[:, 0] @ mount_in_world)
         way = np.abs(looks - now).max(axis=1) / self._rate
+        rates = np.repeat([place.rate for place in places], shares.shape[1])
+        seen = np.array([in_view(_turned(points, rates * time), camera, sight.half_view, sight.half_height)
+                         for time, camera in zip(way, cameras, strict=True)])
+        chance = seen @ (shares * visible).ravel()
         value = information(seen.reshape(len(looks), *shares.shape), shares, visible) / (way + OVERHEAD_S)
         if self._look is not None:
             value[-1] *= STICK
@@ -190,13 +202,18 @@ class LookPlanner:
                     for duration, sight in self._glances), np.zeros(len(directions)))
 
     def _reachable(self, directions: Matrix) -> Matrix:
-        """Pan and tilt (n, 2) closest to directions (n, 3) in the mount's frame."""
+        """Pans and tilts (m, 2) that are closest to directions (n, 3) in the mount's frame, from either stop."""
         pan, tilt = direction_to_angles(directions)
         (left, right), (low, high) = self._limits
-        turned = np.stack([pan, pan + math.tau, pan - math.tau])
-        beyond = np.maximum(np.maximum(left - turned, turned - right), 0.0)
-        nearest = np.take_along_axis(turned, beyond.argmin(axis=0)[None], axis=0)[0]
-        return np.stack([np.clip(nearest, left, right), np.clip(tilt, low, high)], axis=1)
+        turned = np.concatenate([pan, pan + math.tau, pan - math.tau])
+        reached = np.stack([np.clip(turned, left, right), np.tile(np.clip(tilt, low, high), 3)], axis=1)
+        return np.unique(reached[np.abs(reached[:, 0] - turned) < BESIDE], axis=0)
+
+    def _nearest(self, direction: Matrix) -> Matrix:
+        """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
+        reached = self._reachable(direction[None])
+        off = [angles_to_direction(*angles) @ direction for angles in reached]
+        return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
 
 
 def in_view(directions: Matrix, camera: Matrix, half_view: float, half_height: float) -> Matrix:
@@ -210,6 +227,12 @@ def in_view(directions: Matrix, camera: Matrix, half_view: float, half_height: f
     x, y, z = (directions @ camera).T
     wide, high = np.tan(EDGE * np.minimum((half_view, half_height), 1.5))
     return ((x > 0.0) & (np.abs(y) <= wide * x) & (np.abs(z) <= high * x)).astype(float)
+
+
+def _turned(directions: Matrix, angles: Matrix) -> Matrix:
+    """Directions (n, 3) turned about the vertical by angles (n,) in rad."""
+    (x, y, z), c, s = directions.T, np.cos(angles), np.sin(angles)
+    return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
 
 
 def information(seen: Matrix, shares: Matrix, visible: Matrix) -> Matrix:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from av_common.rig import GimbalMount
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.gaussian_component import MotionModel
@@ -30,6 +31,7 @@ class BayesSettings:
         confirm_threshold: probability from which the front-back ambiguity counts as resolved.
         release_threshold: probability below which it counts as unresolved again.
         assumed_visibility: visibility (0..1) of images without one.
+        gimbal: the gimbal that carries the camera, which then looks where the target is heard; None for a fixed camera.
         sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
         machine, rotation, self_calibration: settings of the parts.
     """
@@ -49,6 +51,7 @@ class BayesSettings:
     confirm_threshold: float = 0.95
     release_threshold: float = 0.8
     assumed_visibility: float = 0.0
+    gimbal: GimbalMount | None = None
     sound_delay: float = 0.0
     sight_delay: float = 0.0
     machine: MachineSettings = field(default_factory=MachineSettings)

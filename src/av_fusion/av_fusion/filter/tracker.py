@@ -9,6 +9,7 @@ from av_common.track import Source, State, Track
 from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
 from av_fusion.calibration.sighting_history import Sighting, SightingHistory
 from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, Tilt
+from av_fusion.filter.camera_looks import CameraLooks
 from av_fusion.filter.coasting import CoastingTrack
 from av_fusion.filter.doa_likelihood import mirror_axis
 from av_fusion.filter.gaussian_component import GaussianComponent
@@ -23,6 +24,7 @@ from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction
 
 SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Source.SOUND,
            (1.0, 1.0): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
+UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts a new track
 OVERHEAD = math.sin(math.radians(60.0))  # vertical part of a direction in the body, above which front and back do not matter
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
@@ -40,6 +42,7 @@ class BayesTracker:
         motion: the rig's attitude and path over time.
         machine: which sensor leads, and why.
         planner: rotations of the rig that resolve the front-back ambiguity.
+        looks: looks of a camera on a gimbal; None for a fixed camera.
         self_calibration: corrects directions of arrival by the camera.
 
     Parameters:
@@ -51,6 +54,7 @@ class BayesTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
+        self.looks = CameraLooks(self.settings.gimbal) if self.settings.gimbal else None
         self.self_calibration = ArraySelfCalibration(self.settings.self_calibration)
         self._outlier_rate = OutlierRateEstimator(self.settings.outlier_rate)
         self._posterior = Posterior(self.settings, self.motion)
@@ -101,7 +105,10 @@ class BayesTracker:
         if best is not None and best.score >= LEAST_CONFIDENCE:
             seen = turned(self.motion.attitude(time), direction(best.azimuth, best.elevation))
             self._sightings.add(Sighting(time, seen, best.across_variance))
-        self.machine.on_image(time, self._posterior.update_camera(time, usable))
+        score = self._posterior.update_camera(time, usable)
+        self.machine.on_image(time, score)
+        if self.looks is not None:
+            self.looks.on_image(time, usable, self.motion, score >= self.settings.machine.tau)
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`. The posterior itself is not moved."""
@@ -123,7 +130,8 @@ class BayesTracker:
         track = placed(Track(
             time=time, state=state, reason=machine.reason, changed=machine.changed, source=SOURCES[sight, sound],
             measured=primary.measured, front_probability=front, resolved=self._resolved,
-            requested_rotation=self._plan_rotation(time, attitude, share), sound_confidence=machine.sound_confidence,
+            requested_rotation=self._plan_rotation(time, attitude, share), look=self._plan_look(time, state),
+            sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, sound_weight=sound * (1.0 - 0.5 * sight),
             sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility), later, self.motion)
         self._coasting.keep(track, later)
@@ -185,6 +193,16 @@ class BayesTracker:
         yaw = self.motion.yaw(time)
         tilt = Tilt.of(attitude, yaw, self.motion.rate(time), axis)
         return self.planner.plan(time, yaw, lambda: self._candidates(yaw, share, tilt.axis), tilt, self._visibility)
+
+    def _plan_look(self, time: float, state: State) -> tuple[float, float] | None:
+        if self.looks is None:
+            return None
+        if state == State.VISUAL_ACTIVE:
+            self.looks.planner.cancel()
+            return None
+        visibility = self._visibility if math.isfinite(self._visibility) else max(self.settings.assumed_visibility, UNKNOWN)
+        visible = visibility * self.settings.detection_probability
+        return self.looks.plan(time, self._posterior.mixture.components, visible, self.motion)
 
     def _candidates(self, yaw: float, share: float, axis: Vector) -> list[Candidate]:
         """Possible directions of the target, level and seen from the rig's heading; `axis` is that of the array."""

@@ -37,7 +37,8 @@ class FusionNode(RigNode):
         self._settings = self.settings
         self._rotations = TfRotations(self, self._settings.base_frame)
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
-        self._stage = make_fusion_stage(self._settings, self._rotations.rotation, gimbal=GimbalHistory() if gimbal else None)
+        self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
+                                        gimbal=GimbalHistory() if gimbal else None)
         self._untransformed = 0
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)

@@ -1,0 +1,125 @@
+"""The tracker asks for looks while the target is heard and not seen, and a look tells front from back as a turn does."""
+
+import math
+
+import numpy as np
+import pytest
+
+from av_common.angles import angles_to_direction, direction_to_angles, wrap
+from av_common.gimbal_geometry import gimbal_to_body
+from av_common.rig import GimbalMount
+from av_common.track import State
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.measurement.vectors import rows_of
+
+T = 1000.0
+HALF_VIEW, HALF_HEIGHT = math.radians(35.0), math.radians(27.0)
+GIMBAL = GimbalMount(pan_limits_deg=(-150.0, 150.0), tilt_limits_deg=(-45.0, 60.0))
+
+
+class Rig:
+    """A level rig that stands, two microphones on its y axis, and a gimbal or the body that obeys the track."""
+
+    def __init__(self, azimuth, elevation, gimbal=GIMBAL, visibility=1.0, seed=1):
+        self.target = angles_to_direction(math.radians(azimuth), math.radians(elevation))
+        self.tracker = BayesTracker(BayesSettings(gimbal=gimbal))
+        self.gimbal, self.visibility, self.random = gimbal, visibility, np.random.default_rng(seed)
+        self.pan = self.tilt = self.yaw = 0.0
+        self.time, self.tracks = T, []
+
+    def run(self, seconds, until=None):
+        step = 0.05
+        for count in range(round(seconds / step)):
+            self.time += step
+            self.tracker.add_pose(Pose.level(self.time, self.yaw))
+            body = np.array([[math.cos(self.yaw), math.sin(self.yaw), 0.0], [-math.sin(self.yaw), math.cos(self.yaw), 0.0],
+                             [0.0, 0.0, 1.0]]) @ self.target
+            if count % 2 == 0:
+                self._hear(body)
+                self._see(body)
+            track = self.tracker.estimate(self.time)
+            self.tracks.append(track)
+            if until is not None and until(track):
+                break
+            self._obey(track, step)
+        return self.tracks[-1]
+
+    def _hear(self, body):
+        cosine = float(np.clip(body[1] + 0.02 * self.random.standard_normal(), -1.0, 1.0))
+        self.tracker.add_doa(DoaMeasurement.of_cone(self.time - 0.25, Cone((0.0, 1.0, 0.0), cosine, 4e-4), 0.95))
+
+    def _see(self, body):
+        camera = gimbal_to_body(self.gimbal or GIMBAL, self.pan, self.tilt)
+        azimuth, elevation = direction_to_angles(camera.T @ body)
+        inside = abs(azimuth) < HALF_VIEW and abs(elevation) < HALF_HEIGHT and self.visibility > 0.5
+        found = tuple(map(float, direction_to_angles(body)))
+        detections = (Detection(found[0], 1e-4, 0.9, found[1], 1e-4),) if inside else ()
+        image = CameraMeasurement(self.time, detections, HALF_VIEW, HALF_HEIGHT, self.visibility, rows_of(camera))
+        self.tracker.add_camera(image)
+
+    def _obey(self, track, step):
+        rate = math.radians(120.0) * step
+        if track.look is not None:
+            self.pan += float(np.clip(wrap(track.look[0]) - self.pan, -rate, rate))
+            self.tilt += float(np.clip(track.look[1] - self.tilt, -rate, rate))
+        elif track.requested_rotation:
+            self.yaw += math.copysign(min(math.radians(40.0) * step, abs(track.requested_rotation)), track.requested_rotation)
+        elif track.resolved and self.gimbal is None:
+            self.yaw += float(np.clip(track.azimuth, -math.radians(40.0) * step, math.radians(40.0) * step))
+
+    @property
+    def error_deg(self):
+        azimuth, _ = direction_to_angles(self.target)
+        return abs(math.degrees(wrap(float(azimuth) - self.tracks[-1].azimuth_world)))
+
+
+def seen(track):
+    return track.resolved and track.state == State.VISUAL_ACTIVE
+
+
+@pytest.mark.parametrize('azimuth', [130.0, -140.0, 170.0])
+def test_a_look_shows_a_target_behind_in_half_the_time_of_a_turn(azimuth):
+    by_look, by_turn = Rig(azimuth, 12.0), Rig(azimuth, 12.0, gimbal=None)
+    for rig in (by_look, by_turn):
+        rig.run(15.0, until=seen)
+        assert seen(rig.tracks[-1])
+        assert rig.error_deg < 3.0
+    assert by_look.yaw == 0.0
+    assert by_look.time - T <= 0.55 * (by_turn.time - T)
+
+
+def test_looks_end_as_the_target_is_seen():
+    rig = Rig(130.0, 12.0)
+    rig.run(15.0, until=seen)
+    assert rig.tracks[-1].look is None
+    assert any(track.look is not None for track in rig.tracks)
+
+
+def test_a_look_that_shows_nothing_in_clear_air_tells_front_from_back():
+    """Above the view of any look; what is not there is not seen, and counts."""
+    rig = Rig(60.0, 12.0)
+    rig.pan = math.radians(120.0)
+    rig._obey = lambda track, step: None  # the camera rests at the mirror image, and sees nothing there
+    track = rig.run(3.0)
+    assert track.resolved
+    assert rig.error_deg < 10.0
+
+
+def test_in_dense_fog_the_body_turns():
+    rig = Rig(130.0, 12.0, visibility=0.05)
+    rig.run(6.0)
+    assert all(track.look is None for track in rig.tracks)
+    assert rig.yaw != 0.0
+
+
+def test_a_fixed_camera_asks_for_no_looks():
+    assert all(track.look is None for track in (Rig(130.0, 12.0, gimbal=None).run(2.0),))
+
+
+def test_a_target_above_is_found_by_looking_up():
+    rig = Rig(90.0, 45.0)
+    rig.run(15.0, until=seen)
+    assert seen(rig.tracks[-1])
