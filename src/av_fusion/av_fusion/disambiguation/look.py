@@ -29,7 +29,8 @@ LEAST_CHANCE = 0.15  # that a look shows the target, for which it is made
 EDGE = 0.93  # share of the field of view that counts: boxes at its edge are cut off
 BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
 STICK = 1.3  # gain for which another look replaces one that is under way
-GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking at a place until it counts as seen, and how long that is remembered
+GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking until images are independent, and how long what was looked at is remembered
+MISSED = 0.1  # probability that a glance misses what is visible
 # Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
 OFFSETS = (-2.857, -1.356, 0.0, 1.356, 2.857)
 WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
@@ -188,7 +189,7 @@ class LookPlanner:
             elevation = np.clip(place.elevation + up, -0.5 * math.pi, 0.5 * math.pi)[:, None]
             azimuth = place.azimuth + across[None] / np.maximum(np.cos(elevation), 0.2)
             directions = angles_to_direction(azimuth, elevation).reshape(-1, 3)
-            unseen = place.visible * np.exp(-self._looked_at(directions) / GLANCE_S)
+            unseen = place.visible * MISSED ** (self._looked_at(directions) / GLANCE_S)
             remaining = 1.0 - place.visible + unseen
             share = np.outer(WEIGHTS, WEIGHTS[1:4]).ravel() * remaining
             points.append(directions)
@@ -242,7 +243,7 @@ def information(seen: Matrix, shares: Matrix, visible: Matrix) -> Matrix:
     way the target is off its centre counts as much as in which place it is: the camera measures both.
 
     Parameters:
-        seen (m, n, k): whether a look has a point in view.
+        seen (m, n, k): whether a look has a point in view, 0..1.
         shares (n, k): probabilities of the points.
         visible (n, k): probability that a point in view is seen.
     """
