@@ -84,15 +84,16 @@ class BodyAxis:
         squares = float(times @ times)
         slope = float(times @ rates) / squares
         variance = float(((rates - slope * times) ** 2).sum()) / (len(times) - 2) / squares
-        share = max(1.0 - variance / slope**2, 0.0) if slope else 0.0
-        return min(max(share * slope, -LARGEST_ACCELERATION), LARGEST_ACCELERATION)
+        certain = slope - variance / slope if slope * slope > variance else 0.0
+        return min(max(certain, -LARGEST_ACCELERATION), LARGEST_ACCELERATION)
 
     def see(self, aim: Aim, age: float) -> None:
         """Note a new bearing, whose newest measurement had an age (s) on its arrival."""
         self.latency.add(aim.time, aim.azimuth, aim.rate, self.motion)
         while self._rates and not aim.time - RATE_MEMORY_S < self._rates[0][0] < aim.time:
             self._rates.popleft()
-        self._rates.append((aim.time, aim.rate))
+        most = self._axis.limits.rate
+        self._rates.append((aim.time, min(max(aim.rate, -most), most)))
         if 0.0 <= age <= LONGEST_AGE_S:
             self._spread += AGE_MEMORY * ((age - self.age) ** 2 - self._spread)
             self.age += AGE_MEMORY * (age - self.age) if self.age else age

@@ -12,8 +12,9 @@ import argparse
 import importlib
 import json
 import math
-import select
+import queue
 import sys
+import threading
 import time
 from collections import deque
 
@@ -256,6 +257,13 @@ class FakeNode:
                 self.model.events.append(f'{name} {value}: {result}')
 
 
+def read_orders(orders):
+    """Lines of stdin into a queue, '' at its end. A thread: `select` does not see a line that stdin has buffered."""
+    for line in sys.stdin:
+        orders.put(line)
+    orders.put('')
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument('firmware')
@@ -266,14 +274,16 @@ def main():
     rclpy.init()
     fake = FakeNode(options.firmware, options.prefix, stale=options.stale)
     fake.pilot = options.pilot
+    orders = queue.SimpleQueue()
+    threading.Thread(target=read_orders, args=(orders,), daemon=True).start()
     due = time.monotonic()
     while True:
         rclpy.spin_once(fake.node, timeout_sec=max(0.0, min(due - time.monotonic(), PERIOD)))
         while time.monotonic() >= due:
             fake.tick()
             due = max(due + PERIOD, time.monotonic() - 0.1)
-        if select.select([sys.stdin], [], [], 0)[0]:
-            line = sys.stdin.readline()
+        while not orders.empty():
+            line = orders.get()
             if not line:
                 return
             fake.obey(json.loads(line))
