@@ -219,11 +219,34 @@ class GaussianComponent:
             mean = share * innovation
             self.shift(past, row, total, mean, mean * innovation - mean * mean - share * total)
 
+    def update_across(self, past: PastState, row: tuple[float, float], total: float, innovation: float, share: float) -> None:
+        """Update by a scalar measurement; elevation and rate up keep their means, and their uncertainty is accounted for.
+
+        Schmidt-Kalman filter (Schmidt, 1966; Bar-Shalom, Li, Kirubarajan, 2001, section 8.7). A cone about a level axis says
+        nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
+        a mean would climb instead of turning back.
+
+        Parameters: see `update`.
+        """
+        if share < LEAST_ASSOCIATION:
+            return
+        cross = past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]
+        gain = cross / total
+        gain[[1, 3]] *= math.sin(self.elevation) ** 2  # overhead both axes are alike
+        spread = share * (1.0 - share) * innovation * innovation
+        both = np.outer(gain, cross)
+        self.covariance = self.covariance - share * (both + both.T) + np.outer(gain, gain) * (share * total + spread)
+        self._add(gain * (share * innovation))
+
     def shift(self, past: PastState, row: tuple[float, float], total: float, change: float, variance_change: float) -> None:
         """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
         gain = (past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]) / total
         self.covariance = self.covariance + gain[:, None] * (gain * variance_change)
-        across, up, across_rate, up_rate, inverse_range = (gain * change).tolist()
+        self._add(gain * change)
+
+    def _add(self, change: NDArray[np.float64]) -> None:
+        """Add to the mean of the state."""
+        across, up, across_rate, up_rate, inverse_range = change.tolist()
         self.across_rate += across_rate
         self.up_rate += up_rate
         self.inverse_range = _bounded(self.inverse_range + inverse_range)

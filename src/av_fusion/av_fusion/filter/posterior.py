@@ -146,7 +146,8 @@ class Posterior:
         self.mixture.update_outlier(direct, clutter**fraction + peak**fraction * width / math.sqrt(fraction))
         for component, past, (deviation, *others), fit, direction in compared:
             share = (1.0 - component.p_outlier) * fit * peak / (clutter + fit * peak)
-            component.update(past, deviation.row, deviation.total, deviation.innovation, share)
+            update = component.update if direction is not None else component.update_across
+            update(past, deviation.row, deviation.total, deviation.innovation, share)
             if others and direction is not None and share > LEAST_ELEVATION_ASSOCIATION:
                 past = component.at(past.lag, past.moved)
                 up = direction.deviations(past)[1]
