@@ -253,9 +253,10 @@ def run(node_class: Callable[[], RigNode]) -> None:
     signals, wakeup = socket.socketpair()
     wakeup.setblocking(False)
     signal.set_wakeup_fd(wakeup.fileno())
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, lambda *_: None)
+    caught = [number for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+              if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN]
+    for number in caught:
+        signal.signal(number, lambda *_: None)
     try:
         node = node_class()
     except (ParameterError, InvalidParameterValueException, InvalidParameterTypeException) as error:
@@ -270,6 +271,8 @@ def run(node_class: Callable[[], RigNode]) -> None:
         node.close()
         node.destroy_node()
         rclpy.try_shutdown()
+        for number in caught:   # Python resets its handlers while it exits: a second Ctrl-C would look like a crash
+            signal.signal(number, signal.SIG_IGN)
     if node.done.done():
         node.done.result()  # raises what ended the node, in tests
 

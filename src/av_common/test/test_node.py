@@ -119,6 +119,18 @@ def test_a_process_ends_cleanly_though_nothing_happens(end):
     assert rest == 'deactivated True\n' and process.returncode == 0
 
 
+def test_signals_while_it_ends_change_nothing():
+    """Ctrl-C reaches a node from the terminal and from its launch, at any time: no exit code tells of a crash."""
+    process = subprocess.Popen([sys.executable, '-c', PROCESS], stdout=subprocess.PIPE, text=True,
+                               env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+    assert process.stdout.readline() == 'active\n'
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.001)
+    assert process.returncode == 0
+    process.stdout.close()
+
+
 def test_a_node_that_is_shut_down_ends_its_process():
     """By request: it answers, deactivates and ends well, so that a launch sees it; finalized nodes can do nothing."""
     environment = {**os.environ, 'ROS_DOMAIN_ID': '97'}
