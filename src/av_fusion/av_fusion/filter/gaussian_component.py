@@ -222,7 +222,7 @@ class GaussianComponent:
     def update_across(self, past: PastState, row: tuple[float, float], total: float, innovation: float, share: float) -> None:
         """Update by a scalar measurement; elevation and rate up keep their means, and their uncertainty is accounted for.
 
-        Schmidt-Kalman filter (Schmidt, 1966; Bar-Shalom, Li, Kirubarajan, 2001, section 8.7). A cone about a level axis says
+        Schmidt-Kalman filter (Schmidt, Advances in Control Systems 3, 1966, pp. 293-340). A cone about a level axis says
         nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
         a mean would climb instead of turning back.
 
