@@ -8,6 +8,7 @@ from outside and may be anything: only agreement over time sets or moves the off
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Iterator
 
@@ -24,11 +25,11 @@ CHASE = 0.5              # slew (s/s) after a deviation of more than NEAR_S for 
 NEAR_S = 0.01
 EARLY_S = 0.01           # a stamp may precede the offset by this much, the error of the offset itself
 LATEST_S = 1.0           # largest delay of a stamp, relative to the least one
-REORDERED_S = (0.015, 0.1)   # least and largest delay up to which a stamp may be older than its predecessor
+REORDERED_S = 0.015      # largest delay of a stamp older than its predecessor: a step back of the clock looks alike
 WIDTH_S = 0.1            # largest difference of the offsets of one candidate
 MOST_CANDIDATES = 16
 CANDIDATE_SILENCE_S = 2.0
-REPLACEABLE_S = 0.1      # age of a candidate with one stamp from which another may take its place
+REPLACEABLE_S = 0.1      # silence of a candidate after which another may take its place
 LARGEST_STAMP_S = 1e11   # s; float64 resolves it to 15 us
 END_OF_TIME_S = 2.0**31  # s; builtin_interfaces/Time holds 0 to this
 
@@ -80,6 +81,13 @@ class _Offset:
         """Number of arrivals in the window (s) that ends `now` (s)."""
         return sum(time >= now - window for time, _ in self._samples)
 
+    def settle(self) -> float:
+        """The offset: the lowest of the densest arrivals, as delays crowd at the least one. Earlier ones are dropped."""
+        offsets = sorted(offset for _, offset in self._samples)
+        lowest = max(offsets, key=lambda low: bisect_right(offsets, low + AGREEMENT_ERROR_S) - bisect_left(offsets, low))
+        self._samples = deque((time, offset) for time, offset in self._samples if offset >= lowest - EARLY_S)
+        return lowest
+
     def quantile(self, tenths: int, begin: float = -math.inf, end: float = math.inf) -> float:
         """Quantile (in tenths) of the offsets from `begin` to before `end` (s), NaN without any."""
         offsets = sorted(offset for time, offset in self._samples if begin <= time < end)
@@ -129,7 +137,6 @@ class SenderClock:
         self._candidates: list[_Offset] = []
         self._offset = self._floor = self._low = math.nan
         self._newest = self._renewed = -math.inf    # newest stamp, and when it arrived first
-        self._reordered = REORDERED_S[0]
         self._corrected = 0.0
 
     @property
@@ -166,7 +173,7 @@ class SenderClock:
         lag = offset - self._offset
         if lag < 0.0:
             return offset >= (self._floor - EARLY_S if self.settled else accepted.first - LATEST_S)
-        if lag <= (self._reordered if self.settled else WIDTH_S):
+        if lag <= (REORDERED_S if self.settled else WIDTH_S):
             return True
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still
         if lag > LATEST_S or stamp < self._newest or repeated:
@@ -189,8 +196,6 @@ class SenderClock:
         most = elapsed * (CHASE if steady and abs(error) > NEAR_S else self._drift)
         self._offset += max(-most, min(most, error))
         self._floor = min(self._floor + self._drift * elapsed, self._offset)
-        least, largest = REORDERED_S
-        self._reordered = max(least, min(largest, 3.0 * (accepted.quantile(9) - self._offset)))
 
     def _propose(self, now: float, offset: float) -> bool:
         """Add an arrival to the candidates; True when it completes an agreement, which it follows."""
@@ -205,8 +210,8 @@ class SenderClock:
             self.restarts += self.settled
             self.settled = True
         self._accepted, self._candidates = candidate, []
-        self._offset = self._floor = self._low = candidate.quantile(1)
-        self._newest, self._corrected, self._reordered = -math.inf, now, REORDERED_S[0]
+        self._offset = self._floor = self._low = candidate.settle()
+        self._newest, self._corrected = -math.inf, now
         return True
 
     def _candidate(self, now: float, offset: float) -> _Offset | None:
@@ -218,10 +223,10 @@ class SenderClock:
             joined.add(now, offset)
             return joined
         if len(self._candidates) >= MOST_CANDIDATES:
-            old = next((other for other in self._candidates if other.begin == other.end < now - REPLACEABLE_S), None)
-            if old is None:
+            silent = [other for other in self._candidates if other.end < now - REPLACEABLE_S]
+            if not silent:
                 return None
-            self._candidates.remove(old)
+            self._candidates.remove(min(silent, key=lambda other: other.count(now)))
         self._candidates.append(_Offset(now, offset))
         return self._candidates[-1]
 

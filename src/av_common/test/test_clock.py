@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from av_common.clock import SenderClock
@@ -183,6 +183,76 @@ def test_a_burst_after_a_stop_does_not_move_the_clock(rng):
     clock = date(sent)
     assert most_error(sent) < MOST_ERROR and clock.restarts == 0
     assert share(sent, begin=1.1, end=3.0) == 1.0 and share(sent, begin=13.1) > 0.99
+
+
+@pytest.mark.parametrize('length', [0.5, 1.0, 2.0, 5.0])
+def test_a_jump_during_a_stop_is_followed_in_spite_of_the_burst(rng, length):
+    """What was held back contradicts itself by as much as it is late; that must not hide the stamps that follow."""
+    sent = stream(rng, seconds=10.0, rate=200.0, clock=lambda true: 5.0 + true + (0.03 if true >= 3.1 else 0.0), jitter=0.001)
+    for one in sent:
+        if 3.0 <= one.true < 3.0 + length:
+            one.arrival = 3.0 + length + 1e-4 * one.true
+    date(sent)
+    assert share(sent, begin=3.0 + length + REDATED) > 0.99
+    assert most_error([one for one in sent if one.true >= 3.0 + length]) < MOST_ERROR
+
+
+def test_clocks_that_an_intruder_invents_hide_no_restart(rng):
+    """Every 50 ms a burst of stamps for each of 40 clocks, at the sender's address."""
+    sent = stream(rng, seconds=8.0, clock=lambda true: 5.0 + true if true < 3.0 else true - 3.0)
+    sent += [Sent(true, 100.0 * number + true, true + 1e-4 * number + 0.006 * pair, genuine=False)
+             for true in np.arange(1.5, 8.0, 0.4) for number in range(40) for pair in range(2)]
+    date(sent)
+    assert most_error(sent) < MOST_ERROR and share(sent, begin=1.2, end=3.0) > 0.99
+    assert share(sent, begin=3.0 + REDATED) > 0.99
+
+
+@pytest.mark.parametrize('ahead', [0.02, 0.04, 0.08])
+def test_an_intruder_close_to_a_sender_that_restarts_does_not_become_it(rng, ahead):
+    """It sends 40 stamps for 100 of the sender, slightly ahead of it, so that they could be of one clock."""
+    def clock(true):
+        return 5.0 + true if true < 3.0 else true - 3.0
+
+    sent = stream(rng, seconds=8.0, clock=clock)
+    sent += [Sent(true, clock(true) + ahead, true + 0.001, genuine=False) for true in np.sort(rng.uniform(1.5, 8.0, 260))]
+    date(sent)
+    assert most_error(sent) < MOST_ERROR and share(sent, begin=3.0 + REDATED) > 0.95
+    assert np.mean([one.dated is None for one in sent if not one.genuine]) > 0.9
+
+
+@pytest.mark.parametrize('jump', [-0.03, -0.05, -0.09])
+@pytest.mark.parametrize('jitter', [0.002, 0.005, 0.01])
+def test_a_small_step_back_is_no_reordering_however_much_delays_vary(rng, jump, jitter):
+    """Arrivals are in order, as of one socket, though delays vary by more than the period."""
+    sent = stream(rng, seconds=8.0, rate=200.0, jitter=jitter, clock=lambda true: 5.0 + true + (jump if true >= 4.0 else 0.0))
+    for one, arrival in zip(sent, np.maximum.accumulate([one.arrival for one in sent]), strict=True):
+        one.arrival = arrival
+    clock = date(sent)
+    assert share(sent, begin=1.2, end=4.0) > 0.99 and share(sent, begin=4.0 + REDATED) > 0.99
+    late = [max(one.arrival - one.true - 0.02, 0.0) for one in sent if 4.0 <= one.true < 4.0 - jump]
+    assert most_error([one for one in sent if 1.2 <= one.true]) < MOST_ERROR + max(late) and clock.restarts <= 1
+
+
+@settings(max_examples=25, deadline=None)
+@given(jumps=st.lists(st.tuples(st.floats(1.5, 9.0), st.floats(-1.0, 4.0), st.sampled_from([-1.0, 1.0])), max_size=4),
+       drift=st.floats(-500e-6, 500e-6), loss=st.floats(0.0, 0.3), walk=st.one_of(st.none(), st.floats(-2.0, 1.0)),
+       seed=st.integers(0, 2**31))
+def test_no_history_misdates_a_stamp(jumps, drift, loss, walk, seed):
+    """Several jumps of 0.1 to 10,000 s, drift, losses, and an intruder whose clock walks away from the sender's."""
+    rng = np.random.default_rng(seed)
+
+    def clock(true):
+        return 1000.0 + true * (1.0 + drift) + sum(sign * 10.0**size for begin, size, sign in jumps if true >= begin)
+
+    whole = [sum(sign * 10.0**size for _, size, sign in jumps[:n]) - sum(sign * 10.0**size for _, size, sign in jumps[:m])
+             for n in range(len(jumps) + 1) for m in range(n)]
+    assume(all(not -1.0 <= change < 0.02 for change in whole))    # a return by less than a second looks like a delay
+    sent = [one for one in stream(rng, seconds=11.0, clock=clock, jitter=0.001) if rng.random() >= loss]
+    if walk is not None:
+        sent += [Sent(one.true, clock(one.true) + 10.0**walk * (one.true - 1.2), one.arrival + rng.exponential(0.001), False)
+                 for one in list(sent) if one.true > 1.2 and rng.random() < 0.4]
+    date(sent)
+    assert most_error([one for one in sent if one.true > 0.1]) < MOST_ERROR
 
 
 def test_a_sender_whose_clock_stood_still_is_followed(rng):
