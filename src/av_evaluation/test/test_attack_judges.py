@@ -11,7 +11,7 @@ from nav_msgs.msg import Odometry
 from av_common.stamps import to_stamp
 from av_evaluation.attack.bearing_check import BearingCheck
 from av_evaluation.attack.command_judge import CommandJudge
-from av_evaluation.attack.verdicts import GOAL, IN_TIME, Result, too_few, verdicts
+from av_evaluation.attack.verdicts import IN_TIME, Result, too_few, verdicts
 from av_evaluation.metrics.command_limits import CommandLimits
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Command, Mode, PointingSettings
@@ -98,4 +98,5 @@ def test_verdicts_name_what_failed():
                  faults=['not active'])
     assert all(verdicts([good, bad], {}).values())
     assert verdicts([Result('kill', recovery=None)], {})[IN_TIME]
-    assert too_few({'/doa': GOAL, 'audio': GOAL - 1, '/doa_node': 3, 'SIGKILL to doa_node': 1}) == [f'audio {GOAL - 1:,}']
+    sent = {'/doa': 5000, 'audio': 4999, '/doa_node': 3, 'SIGKILL to doa_node': 1}
+    assert too_few(sent, 5000) == ['audio 4,999'] and too_few(sent, 6000) == ['/doa 5,000', 'audio 4,999']

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-GOAL = 100_000              # messages to each topic and datagrams to each port
+GOAL_PER_HOUR = 100_000     # messages to each topic and datagrams to each port
 MOST_GROWTH = 20.0          # MiB
 MOST_RECOVERY = 1.0         # s after messages, datagrams, requests
 MOST_RECOVERY_PROCESS = 3.0 # s after a process was killed or stopped
@@ -112,7 +112,7 @@ def sent_by_target(results: Sequence[Result]) -> dict[str, int]:
     return total
 
 
-def too_few(sent: dict[str, int]) -> list[str]:
-    """Topics and ports to which fewer than GOAL messages or datagrams were sent; requests and signals do not count."""
+def too_few(sent: dict[str, int], goal: int) -> list[str]:
+    """Topics and ports to which fewer than `goal` messages or datagrams were sent; requests and signals do not count."""
     return [f'{target} {count:,}' for target, count in sent.items()
-            if count < GOAL and not target.startswith(('SIG', 'refused')) and not target.endswith('_node')]
+            if count < goal and not target.startswith(('SIG', 'refused')) and not target.endswith('_node')]

@@ -19,6 +19,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='attack', description=__doc__)
     parser.add_argument('--minutes', type=float, default=60.0,
                         help='duration; 60 send 100,000 messages to each topic and datagrams to each port (%(default)s)')
+    parser.add_argument('--messages', type=int, default=0,
+                        help='to send to each topic, and datagrams to each port (100,000 an hour); a verdict of its own')
     parser.add_argument('--only', action='append', default=[], choices=[*ATTACKS, *PROCESS_ATTACKS], metavar='ATTACK',
                         help=f'one kind of attack, may be repeated: {", ".join([*ATTACKS, *PROCESS_ATTACKS])}')
     parser.add_argument('--out', type=Path, help='folder for the table, the data and what the rig prints')
@@ -34,7 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
         network.prepare_loopback()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
-    return attack(Options(options.minutes, out, tuple(options.only), options.seed, options.port_offset, tuple(options.launch)))
+    return attack(Options(options.minutes, out, tuple(options.only), options.seed, options.port_offset, tuple(options.launch),
+                          options.messages))
 
 
 if __name__ == '__main__':
