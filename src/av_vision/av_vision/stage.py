@@ -89,7 +89,8 @@ class DetectionStage:
     def on_bearing(self, message: Bearing) -> None:
         """Look for the target where the fusion has it. Raises ValueError for a bearing that is none."""
         values = (message.azimuth, message.elevation, message.azimuth_world, message.elevation_world)
-        if not (all(math.isfinite(value) for value in values) and message.azimuth_variance >= 0.0):
+        known = all(math.isfinite(value) for value in values) and message.azimuth_variance >= 0.0
+        if not (known or message.state == Bearing.STATE_NONE):
             raise ValueError('a bearing without direction, or of negative variance')
         self._bearing = (to_seconds(message.measured), message)
 
