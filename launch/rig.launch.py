@@ -1,6 +1,7 @@
 """The rig: sensors or a simulator, directions of arrival, detection, fusion, pointing, and a monitor.
 
 ros2 launch av_fusion rig.launch.py                                             the built-in simulator
+ros2 launch av_fusion rig.launch.py oracle:=true                                ... whose oracle stands in for the detector
 ros2 launch av_fusion rig.launch.py source:=udp                                 an external simulator such as RFlySim
 ros2 launch av_fusion rig.launch.py source:=file audio:=X.wav video:=Y.mp4      recordings
 ros2 launch av_fusion rig.launch.py source:=hardware                            microphones and camera
@@ -43,7 +44,7 @@ ARGUMENTS = {
     'source': ('sim', 'origin of sound and images: sim needs av_simulator and av_sim_bridge, udp av_sim_bridge',
                ['sim', 'udp', 'file', 'hardware']),
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
-    'renderer': ('', 'source:=sim: scene (3D) or flat (cheaper); empty: scene with a detector, else flat',
+    'renderer': ('', 'source:=sim: scene (3D) or flat (cheaper); empty: scene, or flat with oracle:=true',
                  ['', 'scene', 'flat']),
     'image_rate': ('10', 'source:=sim: images a second', None),
     'drone_recording': ('', 'source:=sim: a sound file that the drone emits', None),
@@ -52,7 +53,9 @@ ARGUMENTS = {
     'seed': ('', "source:=sim: seed; empty: the scenario's", None),
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
-    'model': ('', "a detector's ONNX file, or `shipped`; empty: the visual oracle with simulators, else shipped", None),
+    'model': ('shipped', "a detector's ONNX file, or `shipped`", None),
+    'oracle': ('false', "source:=sim or udp: the simulator's visual oracle gives the detections, and no detector runs",
+               ['true', 'false']),
     **RIG_ARGUMENTS,
     'rig': ('', "description of the rig: array, camera, gimbal, and their poses; empty: the scenario's, else config/rig.yaml",
             None),
@@ -120,7 +123,7 @@ def simulator(arguments: Arguments) -> list[ExecuteProcess]:
     require('source:=sim', 'av_simulator', 'av_sim_bridge')
     program = Path(get_package_prefix('av_simulator')) / 'lib' / 'av_simulator' / 'simulator'
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
-    options += ['--renderer', arguments['renderer'] or ('scene' if arguments['model'] else 'flat')]
+    options += ['--renderer', arguments['renderer'] or ('flat' if arguments['oracle'] == 'true' else 'scene')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
     for name in ('image_rate', 'drone_recording', 'seed'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
@@ -129,12 +132,13 @@ def simulator(arguments: Arguments) -> list[ExecuteProcess]:
 
 
 def bridge(arguments: Arguments) -> list[ExecuteProcess]:
-    """The bridge from a simulator's UDP streams, and the detector when there is a model."""
+    """The bridge from a simulator's UDP streams, and the detector unless the oracle stands in for it."""
     require(f'source:={arguments["source"]}', 'av_sim_bridge')
     from av_sim_bridge.wire.ports import Ports  # only where the bridge is installed
 
     ports = asdict(Ports().shifted(int(arguments['port_offset'])))
-    parameters = {'rig_file': arguments['rig'], 'oracle_detections': not arguments['model'],
+    oracle = arguments['oracle'] == 'true'
+    parameters = {'rig_file': arguments['rig'], 'oracle_detections': oracle,
                   'follow_odometry': arguments['px4'] == 'true',  # PX4's pose moves the simulated rig
                   **{f'{name}_port': port for name, port in ports.items()}}
     if arguments['source'] == 'udp':    # the built-in simulator is on this machine
@@ -142,7 +146,7 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
         if arguments['allowed_senders']:
             parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
-    return [node, detector_node(arguments, {})] if arguments['model'] else [node]
+    return [node] if oracle else [node, detector_node(arguments, {})]
 
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:

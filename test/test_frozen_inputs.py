@@ -72,7 +72,7 @@ def listening(domain):
 @pytest.mark.parametrize('frozen', ['lib/av_simulator/simulator', 'lib/av_sim_bridge/bridge_node'])
 def test_the_body_stands_still_0_3_s_after_the_last_measurement(frozen):
     """The target circles, so that the body turns all the time; simulator or bridge are stopped for 4 s, and continued."""
-    rig = RigProcess('scenario:=circle', f'port_offset:={free_offset()}')
+    rig = RigProcess('scenario:=circle', 'oracle:=true', f'port_offset:={free_offset()}')
     with listening(rig.domain) as (seen, listen):
         listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)
         assert seen.turning(time.time() - 2.0), rig.output
@@ -96,7 +96,7 @@ def test_the_body_stands_still_0_3_s_after_the_last_measurement(frozen):
 
 def test_the_simulated_rig_stands_still_without_commands():
     """pointing_node is stopped while the body turns: the rig brakes by itself. So it does when fusion_node is stopped."""
-    rig = RigProcess('scenario:=circle', f'port_offset:={free_offset()}')
+    rig = RigProcess('scenario:=circle', 'oracle:=true', f'port_offset:={free_offset()}')
     with listening(rig.domain) as (seen, listen):
         for frozen in ('lib/av_fusion/fusion_node', 'lib/av_pointing/pointing_node'):
             listen(90.0, lambda: len(seen.turning(time.time() - 2.0)) > 20)

@@ -40,7 +40,7 @@ def fly(monkeypatch):
     def start(*arguments, options=()):
         for name, value in overlay('1.16').items():
             monkeypatch.setenv(name, value)
-        rig = RigProcess('px4:=true', 'enable_pointing:=true', f'port_offset:={free_offset()}', *arguments)
+        rig = RigProcess('px4:=true', 'oracle:=true', 'enable_pointing:=true', f'port_offset:={free_offset()}', *arguments)
         vehicles.append(FakeVehicle('1.16', *options, domain=rig.domain))
         return rig, vehicles[-1]
 

@@ -36,7 +36,7 @@ def test_the_simulated_drone_is_tracked(tmp_path, port_offset):
 
 def test_ctrl_c_ends_everything(port_offset):
     """An interrupt ends all processes, with the table printed."""
-    rig = RigProcess(f'port_offset:={port_offset}')
+    rig = RigProcess('oracle:=true', f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     rig.interrupt()
     rig.finish(timeout=60.0)
@@ -57,7 +57,7 @@ def test_one_modality_suffices_for_a_bearing(blocked, complaint, port_offset, tm
     """Without sound or without images, the other modality provides the bearing."""
     parameters = tmp_path / 'elsewhere.yaml'
     parameters.write_text(f'/**/bridge_node:\n  ros__parameters:\n    {blocked}_port: {29000 + port_offset}\n')
-    rig = RigProcess('scenario:=circle', 'duration:=15', f'params:={parameters}', f'port_offset:={port_offset}')
+    rig = RigProcess('scenario:=circle', 'oracle:=true', 'duration:=15', f'params:={parameters}', f'port_offset:={port_offset}')
     assert rig.finish() == 0, rig.output
     assert complaint in rig.output
     assert not rig.leftovers()
@@ -65,7 +65,7 @@ def test_one_modality_suffices_for_a_bearing(blocked, complaint, port_offset, tm
 
 def test_garbage_on_every_port_is_survived(port_offset):
     """Random bytes, empty, short and oversized datagrams on all ports of the bridge: it continues, and counts them."""
-    rig = RigProcess('duration:=25', f'port_offset:={port_offset}')
+    rig = RigProcess('oracle:=true', 'duration:=25', f'port_offset:={port_offset}')
     rig.wait_for(r'deg \+-')
     chaos, sender = random.Random(4), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     deadline = time.monotonic() + 5.0

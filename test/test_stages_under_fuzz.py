@@ -229,7 +229,9 @@ def test_random_images_raise_nothing_but_value_errors(seed, tmp_path):
         return detection.on_depth(message) if fuzzer.random.random() < 0.3 else detection.on_image(message, now)
     fuzzer = Fuzzer(seed)
     attack(fuzzer, {Image: see, CompressedImage: detection.on_image,
-                    CameraInfo: lambda message, _: detection.on_camera_info(message)})
+                    CameraInfo: lambda message, _: detection.on_camera_info(message),
+                    Odometry: lambda message, _: detection.on_odometry(message),
+                    Bearing: lambda message, _: detection.on_bearing(message)})
 
 
 @pytest.mark.parametrize('seed', [1, 2])

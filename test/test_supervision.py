@@ -23,7 +23,7 @@ def start():
     listeners = []
 
     def start(*arguments):
-        rig = RigProcess('scenario:=circle', *arguments, f'port_offset:={free_offset()}')
+        rig = RigProcess('scenario:=circle', 'oracle:=true', *arguments, f'port_offset:={free_offset()}')
         listeners.append(RigListener(rig.domain))
         assert listeners[-1].wait_for(lambda: listeners[-1].tracked, timeout=180.0), rig.output
         return rig, listeners[-1]
@@ -108,7 +108,7 @@ def test_a_node_that_refuses_its_parameters_is_not_started_again(tmp_path):
 
 def test_a_monitor_that_dies_does_not_change_the_duration():
     """The run ends in its time, and well, as nobody asked for results."""
-    rig = RigProcess('duration:=15', f'port_offset:={free_offset()}')
+    rig = RigProcess('oracle:=true', 'duration:=15', f'port_offset:={free_offset()}')
     rig.wait_for('monitor_node')
     begin = time.monotonic()
     rig.wait_for('no target|deg')

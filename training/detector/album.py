@@ -43,24 +43,25 @@ class Album:
     def draw(self, rng: Rng, side: int) -> Sample:
         """A view of a picture, or four of half the side, as an image (side, side, 3) and its boxes (k, 5)."""
         if side < 256 or rng.random() >= MOSAIC:
-            return self._view(rng, side)
+            return self.view(rng, side)
         image, boxes = np.empty((side, side, 3), np.uint8), []
         left, top = (round(side * rng.uniform(0.35, 0.65)) for _ in range(2))
         for x1, x2 in ((0, left), (left, side)):
             for y1, y2 in ((0, top), (top, side)):
-                part, there = self._view(rng, max(x2 - x1, y2 - y1))
+                part, there = self.view(rng, max(x2 - x1, y2 - y1))
                 image[y1:y2, x1:x2] = part[:y2 - y1, :x2 - x1]
                 boxes.append(cut(there, x2 - x1, y2 - y1) + np.array([0, x1, y1, x1, y1], np.float32))
         return image, np.concatenate(boxes)
 
-    def _view(self, rng: Rng, side: int) -> Sample:
+    def view(self, rng: Rng, side: int, least: float = LEAST) -> Sample:
+        """A view of one picture; an object that is zoomed to becomes `least` pixels or larger."""
         sources = self._places[rng.choice(len(self._places), p=self._shares)]
         versions = sources[rng.integers(len(sources))]
         picture = versions[rng.integers(len(versions))]
-        return view_of(rng, *picture.load(), side)
+        return view_of(rng, *picture.load(), side, least)
 
 
-def view_of(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32], side: int) -> Sample:
+def view_of(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32], side: int, least: float = LEAST) -> Sample:
     """The whole picture or a window around one of its objects, at which zoom ever; what is outside is of one colour."""
     height, width = image.shape[:2]
     whole = side / max(height, width)
@@ -69,7 +70,7 @@ def view_of(rng: Rng, image: NDArray[np.uint8], boxes: NDArray[np.float32], side
         some = boxes[rng.integers(len(boxes))] if len(boxes) and rng.random() < 0.9 else None
         size = 0.25 * max(height, width) if some is None else float((some[3:] - some[1:3]).max())
         # Not much less than the whole picture's: the window would be mostly empty.
-        zoom = float(np.clip(log_uniform(rng, LEAST, 0.95 * side) / size, 0.8 * whole, LARGEST_ZOOM))
+        zoom = float(np.clip(log_uniform(rng, least, 0.95 * side) / size, 0.8 * whole, LARGEST_ZOOM))
         centre = rng.uniform([0, 0], [width, height]) if some is None else 0.5 * (some[1:3] + some[3:])
     window = side / zoom
     # As much of the picture as there is room for, the object anywhere in it.

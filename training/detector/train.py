@@ -21,6 +21,7 @@ import torch
 from album import Album
 from clips import Frames, build_cache
 from loss import loss
+from near import NearSampler
 from network import Network, cells
 from samples import Sampler
 from simulated import build_simulated
@@ -30,8 +31,11 @@ from torch import Tensor
 
 # (side of the crops, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
 # things and how much in a image is nothing.
-BATCHES = ((128, 40, 0.2), (256, 14, 0.3), (416, 6, 0.3), (640, 3, 0.2))
+Batches = tuple[tuple[int, int, float], ...]
+BATCHES: Batches = ((128, 40, 0.2), (256, 14, 0.3), (416, 6, 0.3), (640, 3, 0.2))
+NEAR_BATCHES: Batches = ((192, 24, 0.3), (256, 14, 0.4), (320, 9, 0.3))
 WARM_UP, DECAY = 200, 0.5
+FROZEN = ('stem', 'dark2', 'dark3')  # of the near network: what COCO taught about edges and textures serves all places
 
 
 def rate_at(step: int, steps: int, peak: float) -> float:
@@ -45,6 +49,7 @@ class Loader:
 
     Parameters:
         sampler: what makes a crop.
+        batches: (side, crops, share) of the kinds of steps.
         seed: seed of all steps.
         step: the first step.
         workers: number of processes, each of which makes one step in turn.
@@ -52,14 +57,16 @@ class Loader:
         device: where the images and labels go.
     """
 
-    def __init__(self, sampler: Sampler, seed: int, step: int, workers: int, times: int, device: str) -> None:
+    def __init__(self, sampler: Sampler | NearSampler, batches: Batches, seed: int, step: int, workers: int, times: int,
+                 device: str) -> None:
         forked = get_context('fork')
         self._device, self._asked = device, []
         for number in range(workers):
             ours, theirs = forked.Pipe()
             self._asked.append(ours)
             # A worker must not keep the trainer's ends open: nobody's asking would never show.
-            forked.Process(target=make_crops, args=(list(self._asked), theirs, sampler, seed, times), daemon=True).start()
+            forked.Process(target=make_crops, args=(list(self._asked), theirs, sampler, batches, seed, times),
+                           daemon=True).start()
             theirs.close()
             ours.send(step + number)
 
@@ -73,7 +80,8 @@ class Loader:
         return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one).to(self._device) for one in boxes]
 
 
-def make_crops(asking: list[Connection], answer: Connection, sampler: Sampler, seed: int, times: int) -> None:
+def make_crops(asking: list[Connection], answer: Connection, sampler: Sampler | NearSampler, batches: Batches, seed: int,
+               times: int) -> None:
     """For each step asked for: images (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
     for inherited in asking:
@@ -81,7 +89,7 @@ def make_crops(asking: list[Connection], answer: Connection, sampler: Sampler, s
     with suppress(EOFError, BrokenPipeError):
         while True:
             rng = np.random.default_rng([seed, answer.recv()])
-            side, count, _ = BATCHES[rng.choice(len(BATCHES), p=[share for *_, share in BATCHES])]
+            side, count, _ = batches[rng.choice(len(batches), p=[share for *_, share in batches])]
             drawn = [sampler.draw(rng, side) for _ in range(times * count)]
             answer.send((np.stack([image for image, _ in drawn]), [boxes for _, boxes in drawn]))
 
@@ -112,6 +120,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
+    parser.add_argument('--near', action='store_true', help='train the network of the near pass: pictures of the places alone')
     parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
@@ -120,21 +129,36 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def main() -> None:
-    """Entry point."""
-    args = arguments()
-    torch.set_num_threads(args.threads)
-    torch.manual_seed(args.seed)
+def make_sampler(args: argparse.Namespace) -> Sampler | NearSampler:
+    """What makes the crops, from the cache, which is filled first."""
+    album = Album(args.cache, tuple(args.leave_out))
+    if args.near:
+        return NearSampler(album)
     build_cache(args.data, args.cache)
     build_simulated(args.cache / 'simulated')
-    sampler = Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), Frames(args.cache / 'simulated', 'train'),
-                      Album(args.cache, tuple(args.leave_out)))
+    simulated = Frames(args.cache / 'simulated', 'train')
+    return Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), simulated, album)
+
+
+def make_network(args: argparse.Namespace) -> Network:
+    """The network with the weights that training starts from."""
     small = Network()
     start_from(small, args.start)
     network = small if args.wide == 1 else Network(times=args.wide)
     if args.wide > 1:
         widen(small, network)
-    network = network.to(args.device, memory_format=torch.channels_last)
+    for name in FROZEN if args.near else ():
+        network.get_submodule(name).requires_grad_(False)
+    return network
+
+
+def main() -> None:
+    """Entry point."""
+    args = arguments()
+    torch.set_num_threads(args.threads)
+    torch.manual_seed(args.seed)
+    sampler = make_sampler(args)
+    network = make_network(args).to(args.device, memory_format=torch.channels_last)
     average = deepcopy(network).eval()
     decayed = [p for p in network.parameters() if p[0].numel() > 1]
     plain = [p for p in network.parameters() if p[0].numel() == 1]
@@ -148,7 +172,7 @@ def main() -> None:
         average.load_state_dict(state['average'])
         optimizer.load_state_dict(state['optimizer'])
         step = state['step']
-    loader = Loader(sampler, args.seed, step, args.workers, args.times, args.device)
+    loader = Loader(sampler, NEAR_BATCHES if args.near else BATCHES, args.seed, step, args.workers, args.times, args.device)
     last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
     stopped = Event()
     signal.signal(signal.SIGTERM, lambda *_: stopped.set())

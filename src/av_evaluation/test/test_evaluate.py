@@ -49,7 +49,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     flight(tmp_path / 'bags' / 'good', duration=12.0)
     (tmp_path / 'bags' / 'broken.mcap').write_bytes(b'no bag at all')
     out = tmp_path / 'out'
-    command = [str(tmp_path / 'bags'), 'circle', '--seeds', '1', '--duration', '3', '--out', str(out), '--quiet',
+    command = [str(tmp_path / 'bags'), 'circle', '--oracle', '--seeds', '1', '--duration', '3', '--out', str(out), '--quiet',
                '--methods', 'fused', 'sound', 'sight', 'gated', 'kalman', 'gcc_phat', '--taus', '0.95']
     assert main(command) == 1
     printed = capsys.readouterr()

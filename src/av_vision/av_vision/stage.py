@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
+from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
-from av_interfaces.msg import Visibility
+from av_interfaces.msg import Bearing, Visibility
+from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
 from av_vision.encoded_image import MOST_PIXELS, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.models import shipped_model
+from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.visibility_reporter import VisibilityReporter, VisibilitySettings
 from av_vision.yolo import Detector, DetectorSettings
+
+BEARING_AGE_S = 2.0  # since its newest measurement, up to which a bearing tells where to look
+REGIONS = 2          # of an image, where the processor's speed does not decide
+RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 
 
 class DetectionStage:
@@ -25,18 +36,27 @@ class DetectionStage:
     Parameters:
         detector: the detector and its state over images.
         visibility: rate and scene of estimates of visibility; None for no estimates.
-        camera: intrinsics for visibility over flat ground; None until `on_camera_info`.
+        camera: intrinsics; None until `on_camera_info`.
         most_pixels: maximum number of pixels of an image; larger ones are refused.
+        rotation_of: rotation (3, 3) to the rig's body from the frame of a name at a time (s), None where it is not known; may
+            raise ValueError.
     """
 
     def __init__(self, detector: TemporalDetector, visibility: VisibilitySettings | None = None,
-                 camera: PinholeCamera | None = None, most_pixels: int = MOST_PIXELS) -> None:
+                 camera: PinholeCamera | None = None, most_pixels: int = MOST_PIXELS,
+                 rotation_of: RotationOf = lambda frame, time: None) -> None:
         self.detector = detector
         self._most_pixels = most_pixels
         self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0), camera)
+        self._camera, self._rotation_of = camera, rotation_of
+        self._attitudes = AttitudeHistory()
+        self._bearing = (-math.inf, Bearing())  # when it was measured
 
-    def on_image(self, message: Image | CompressedImage, arrival: float) -> tuple[Detection2DArray, Visibility | None]:
+    def on_image(self, message: Image | CompressedImage, arrival: float) -> tuple[Detection2DArray | None, Visibility | None]:
         """The detections in an image, and the visibility when an estimate is due; both carry the image's header.
+
+        An image in which nothing was detected gives an empty message only where all of the view has been searched within the
+        last seconds: then the absence of detections says something. Otherwise it gives None.
 
         Parameters:
             message: raw or compressed image; its stamp is the time of capture.
@@ -46,10 +66,51 @@ class DetectionStage:
         """
         image = image_from_message(message, self._most_pixels)
         time, header = to_seconds(message.header.stamp), header_of(message)
-        detections, tracks = self.detector.detect(image, time)
+        pose = self._pose(header.frame_id, time, image.shape)
+        detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
         visibility = self._visibility.report(image, time)
-        return (detections_message(header, detections, tracks),
+        complete = len(detections) or self.detector.searched(time)
+        return (detections_message(header, detections, tracks) if complete else None,
                 None if visibility is None else visibility_message(header, visibility))
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Use the rig's attitude, so that its rotation breaks no track. Raises ValueError for an impossible one."""
+        self._attitudes.add(to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation))
+
+    def mount(self, camera: PinholeCamera, rotation_of: RotationOf) -> None:
+        """Use a camera of which no CameraInfo tells.
+
+        Parameters:
+            camera: intrinsics.
+            rotation_of: see the class.
+        """
+        self._camera, self._rotation_of = camera, rotation_of
+
+    def on_bearing(self, message: Bearing) -> None:
+        """Look for the target where the fusion has it. Raises ValueError for a bearing that is none."""
+        values = (message.azimuth, message.elevation, message.azimuth_world, message.elevation_world)
+        known = all(math.isfinite(value) for value in values) and message.azimuth_variance >= 0.0
+        if not (known or message.state == Bearing.STATE_NONE):
+            raise ValueError('a bearing without direction, or of negative variance')
+        self._bearing = (to_seconds(message.measured), message)
+
+    def _pose(self, frame: str, time: float, shape: tuple[int, ...]) -> CameraPose | None:
+        if self._camera is None:
+            return None
+        try:
+            to_body = self._rotation_of(frame, time)
+        except ValueError:  # not yet known
+            return None
+        if to_body is None:
+            return None
+        attitude = self._attitudes.at(time)
+        return CameraPose(self._camera.scaled(shape[1], shape[0]), to_body, None if attitude is None else attitude @ to_body)
+
+    def _bearing_cue(self, pose: CameraPose | None, time: float) -> BearingCue | None:
+        measured, message = self._bearing
+        if pose is None or message.state == Bearing.STATE_NONE or not abs(time - measured) <= BEARING_AGE_S:
+            return None
+        return cue_of_bearing(message, pose)
 
     def on_depth(self, message: Image) -> None:
         """Use a depth image that is aligned to the colour image as scale for visibility. Raises ValueError for other types."""
@@ -57,7 +118,8 @@ class DetectionStage:
         self._visibility.on_depth(message)
 
     def on_camera_info(self, message: CameraInfo) -> None:
-        """Use the intrinsics for visibility over flat ground. Raises ValueError for impossible ones."""
+        """Use the intrinsics, also for visibility over flat ground. Raises ValueError for impossible ones."""
+        self._camera = PinholeCamera.from_camera_info(message)
         self._visibility.on_camera_info(message)
 
     def reset(self) -> None:
@@ -66,17 +128,40 @@ class DetectionStage:
         self._visibility.reset()
 
 
-def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None) -> DetectionStage:
+def cue_of_bearing(message: Bearing, pose: CameraPose) -> BearingCue | None:
+    """Where a bearing is in the image of a camera, None where it is outside.
+
+    Parameters:
+        message: the bearing.
+        pose: of the camera; with the rig's attitude the bearing in the world is used, which does not turn with the rig.
+    """
+    rotation = pose.to_body if pose.to_world is None or not message.attitude_known else pose.to_world
+    angles = (message.azimuth, message.elevation) if rotation is pose.to_body else \
+        (message.azimuth_world, message.elevation_world)
+    known = 0.0 <= message.elevation_variance < math.inf
+    pixel = pixel_of(direction(angles[0], angles[1] if known else 0.0), rotation, pose.camera)
+    if pixel is None:
+        return None
+    sigma = np.sqrt([message.azimuth_variance, message.elevation_variance if known else math.inf])
+    return BearingCue(pixel, sigma * (pose.camera.fx, pose.camera.fy))
+
+
+def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
+                         rotation_of: RotationOf = lambda frame, time: None) -> DetectionStage:
     """A stage with the settings of detector_node. Raises ModelError or ValueError.
 
     Parameters:
         parameters: generated struct of detector_node, from the node or from `av_common.parameters.node_parameters`.
         camera: intrinsics; None until a CameraInfo arrives.
+        rotation_of: see `DetectionStage`.
     """
     p = parameters
-    detector = TemporalDetector(make_detector(p), p.track_gap, p.temporal_fusion)
+    detector = make_detector(p)
+    near = detector.model.near
+    planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
+    temporal = TemporalDetector(detector, p.track_gap, p.temporal_fusion, planner)
     visibility = VisibilitySettings(p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
-    return DetectionStage(detector, visibility, camera, p.max_image_pixels)
+    return DetectionStage(temporal, visibility, camera, p.max_image_pixels, rotation_of)
 
 
 def make_detector(parameters: Any) -> Detector:

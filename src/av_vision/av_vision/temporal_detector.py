@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from av_vision.camera_pose import CameraPose, turned
 from av_vision.detections import Candidates, Detections
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel
-from av_vision.tracking import Tracker
+from av_vision.search import BearingCue, Cue, RegionPlanner
+from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
+from av_vision.yolo.region import Region
+
+MOST_TRACKS = 4  # that are looked at for their own sake
 
 
 class TemporalDetector:
@@ -24,17 +30,21 @@ class TemporalDetector:
         detector: finds candidate boxes in one image.
         max_gap_s (s): time for which a track is kept without a detection.
         temporal_fusion: whether scores are fused over images.
+        planner: selects the parts of each image that are searched; None searches all of it.
     """
 
-    def __init__(self, detector: Detector, max_gap_s: float = 1.0, temporal_fusion: bool = True) -> None:
-        self.detector = detector
+    def __init__(self, detector: Detector, max_gap_s: float = 1.0, temporal_fusion: bool = True,
+                 planner: RegionPlanner | None = None) -> None:
+        self.detector, self.planner = detector, planner
         model = ScoreFusionModel.from_metadata(detector.model.metadata) if temporal_fusion else SINGLE_IMAGE
         # Without memory, boxes below the threshold are not used.
         self.model = replace(model, floor=min(model.floor, detector.threshold) if model.memory_s else detector.threshold)
         self._tracker = Tracker(max_gap_s, self.model)
         self._shape: tuple[int, ...] | None = None
+        self._pose: CameraPose | None = None
 
-    def detect(self, image: NDArray, time: float) -> tuple[Detections, list[int]]:
+    def detect(self, image: NDArray, time: float, pose: CameraPose | None = None,
+               bearing: BearingCue | None = None) -> tuple[Detections, list[int]]:
         """Detections in an image and their track numbers.
 
         An image of another size, or earlier than the last, discards all tracks.
@@ -42,30 +52,56 @@ class TemporalDetector:
         Parameters:
             image (h, w[, channels]): BGR, grey or 16-bit.
             time (s): time of capture.
+            pose: how the camera was turned then; None where that is not known.
+            bearing: the fused bearing in the image.
 
         Raises ValueError for an array of another shape.
         """
-        candidates = self.detector.candidates(image, self.model.floor)
         if image.shape[:2] != self._shape:
             self._tracker.reset()
-            self._shape = image.shape[:2]
-        return self.fuse(candidates, time)
+            self._shape, self._pose = image.shape[:2], None
+        if pose is not None and self._pose is not None:
+            before = self._pose
+            self._tracker.turn(lambda pixels: turned(pixels, before, pose))
+        self._pose = pose
+        regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing) if self.planner else ()
+        return self.fuse(self.detector.candidates(image, self.model.floor, regions), time, regions)
 
-    def fuse(self, candidates: Candidates, time: float) -> tuple[Detections, list[int]]:
+    def fuse(self, candidates: Candidates, time: float, regions: Sequence[Region] = ()) -> tuple[Detections, list[int]]:
         """As `detect`, from the candidates of an image.
 
         Parameters:
             candidates: candidates down to the floor of the model.
             time (s): time of capture.
+            regions: parts of the image that were searched; none for all of it.
         """
-        tracks = self._tracker.update(candidates, time)
+        def searched(track: ImageTrack) -> bool:
+            centre, size = track.predicted(time), float(track.size.max())
+            found = not regions or any(region.holds(centre, size) for region in regions)
+            track.looked = time if found else track.looked
+            return found
+
+        tracks = self._tracker.update(candidates, time, searched)
         followed = [(k, track) for k, track in enumerate(tracks) if track is not None]
+        for _, track in followed:
+            track.looked = time
         posterior = np.array([track.scores.probabilities() for _, track in followed])
         fused = Candidates(candidates.boxes[[k for k, _ in followed]],
                            posterior.reshape(-1, candidates.probabilities.shape[1]))
         detections, selected = self.detector.select(fused)
         return detections, [self._tracker.number(followed[k][1]) for k in selected]
 
+    def searched(self, time: float) -> bool:
+        """Whether all of the image has been searched within the last seconds, at a capture time (s)."""
+        return self.planner is None or self.planner.searched(time)
+
+    def _cues(self, time: float) -> list[Cue]:
+        """Where tracks are expected, those of the highest scores first."""
+        ranked = sorted(self._tracker.tracks, key=lambda track: -track.scores.probabilities().max())
+        return [Cue(track.predicted(time), float(track.size.max()), time - track.looked) for track in ranked[:MOST_TRACKS]]
+
     def reset(self) -> None:
         """Discard all tracks; their numbers are not used again."""
         self._tracker.reset()
+        if self.planner:
+            self.planner.reset()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,7 @@ class ImageTrack:
         velocity (2,; pixels/s): velocity of the centre.
         time (s): capture time of the last box.
         scores: posterior of the classes.
+        looked (s): capture time of the last image that was searched for it.
         id: 0 until `Tracker.number` assigns one.
     """
 
@@ -36,6 +38,7 @@ class ImageTrack:
     velocity: NDArray[np.float64]
     time: float
     scores: ScoreFusion
+    looked: float = -np.inf
     id: int = 0
 
     def predicted(self, time: float) -> NDArray[np.float64]:
@@ -67,12 +70,31 @@ class Tracker:
         self._tracks: list[ImageTrack] = []
         self._next = 1
 
-    def update(self, candidates: Candidates, time: float) -> list[ImageTrack | None]:
+    @property
+    def tracks(self) -> tuple[ImageTrack, ...]:
+        """The tracks."""
+        return tuple(self._tracks)
+
+    def turn(self, moved: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
+        """Move the tracks as a rotation of the camera moves the image.
+
+        Parameters:
+            moved: where pixels (n, 2) of the last image are in the next one; nan for those outside.
+        """
+        if self._tracks:
+            centres = moved(np.array([track.centre for track in self._tracks]))
+            for track, centre in zip(self._tracks, centres, strict=True):
+                track.centre = centre
+            self._tracks = [track for track in self._tracks if np.isfinite(track.centre).all()]
+
+    def update(self, candidates: Candidates, time: float,
+               searched: Callable[[ImageTrack], bool] = lambda _: True) -> list[ImageTrack | None]:
         """The track of each candidate; None for candidates of too low score to begin one.
 
         Parameters:
             candidates: candidates of one image.
             time (s): time of capture; a time before the last one (a looped file) discards all tracks.
+            searched: whether a track would have been found in this image, so that its absence tells something.
         """
         if any(time < track.time for track in self._tracks):
             self.reset()
@@ -81,7 +103,7 @@ class Tracker:
         for row, column in self._assign(candidates, time):
             found[column] = self._tracks[row]
         for track in self._tracks:
-            if not any(track is one for one in found):
+            if not any(track is one for one in found) and searched(track):
                 track.scores.miss(time)
         for k, assigned in enumerate(found):
             if assigned is not None:

@@ -16,7 +16,10 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
+from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
+from av_interfaces.msg import Bearing
+from av_vision.detections import Candidates
 from av_vision.messages import camera_info_message, image_message
 from av_vision.stage import make_detection_stage
 from av_vision.visibility import ground_distances
@@ -116,3 +119,35 @@ def test_the_old_name_of_temporal_fusion_is_refused_with_the_new(tmp_path):
     file.write_text('detector_node:\n  ros__parameters: {still: true}\n')
     with pytest.raises(ValueError, match='temporal_fusion'):
         node_parameters('av_vision', 'detector_node', [file])
+
+
+def bearing_to(azimuth, **fields):
+    return Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, azimuth=azimuth, azimuth_variance=1e-4, elevation_variance=math.inf,
+                   measured=header(5.0).stamp, **fields)
+
+
+def test_the_bearing_selects_the_regions_and_a_wrong_one_is_refused(monkeypatch):
+    camera = PinholeCamera.from_fov(640, 512, 1.2)
+    stage = make('', camera, regions=1)
+    stage.mount(camera, lambda frame, time: FLU_TO_OPTICAL.T)
+    planned, plan = [], stage.detector.planner.plan
+    monkeypatch.setattr(stage.detector.planner, 'plan', lambda *given: planned.append(plan(*given)) or [])
+    monkeypatch.setattr(stage.detector.detector, 'candidates',
+                        lambda *_: Candidates(np.empty((0, 4)), np.empty((0, 4))))
+    stage.on_bearing(bearing_to(0.4))  # to the left of the middle
+    for k in range(7):
+        stage.on_image(image_at(5.0 + 0.1 * k, np.zeros((512, 640, 3), np.uint8)), 5.0)
+    column = float(camera.project([[-math.tan(0.4), 0.0, 1.0]])[0, 0])
+    tiles = [region for regions in planned for region in regions if region.kind == 'tile']
+    assert {region.y for region in tiles} == {0, 152, 304}
+    assert all(region.x <= column <= region.x + region.width for region in tiles)
+    with pytest.raises(ValueError, match='bearing'):
+        stage.on_bearing(bearing_to(math.nan))
+    stage.on_bearing(Bearing(state=Bearing.STATE_NONE, azimuth=math.nan))
+
+
+def test_nothing_detected_says_nothing_until_all_has_been_searched():
+    stage = make('', regions=1)
+    black = np.zeros((512, 640, 3), np.uint8)
+    assert stage.on_image(image_at(5.0, black), 5.0)[0] is not None  # the first image is searched whole
+    assert stage.on_image(image_at(8.0, black), 8.0)[0] is None

@@ -6,6 +6,7 @@ import yolo_models
 
 from av_vision.models import shipped_model
 from av_vision.yolo import Detector, DetectorSettings
+from av_vision.yolo.region import Region
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 
@@ -18,7 +19,7 @@ def test_every_small_target_lies_whole_in_some_tile(width, height):
     covered = np.zeros(500, bool)
     for x, y in corners:
         inside = (boxes[:, 0] >= x) & (boxes[:, 1] >= y) & (boxes[:, 2] <= x + 416) & (boxes[:, 3] <= y + 416)
-        covered |= inside & whole_in_tile(boxes, (x, y), 416, width, height)
+        covered |= inside & whole_in_tile(boxes, Region('tile', x, y, 416, 416, 416), width, height)
     assert covered.all()
 
 

@@ -34,7 +34,7 @@ PATIENCE = 12.0            # s for which tracking is awaited after an attack
 SETTLE = 11.0              # s of tracking before the first attack
 # Cyclone DDS would choose the cable to the other host.
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
-ARGUMENTS = ('scenario:=circle',)
+ARGUMENTS = ('scenario:=circle', 'oracle:=true')
 
 
 @dataclass(frozen=True)

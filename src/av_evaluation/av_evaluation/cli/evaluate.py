@@ -35,12 +35,16 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
     """One case for each bag, and for each seed of a scenario. Raises ValueError or OSError for inputs, see `find_inputs`."""
     inputs = find_inputs(options.inputs)
     remap = tuple(text for text in options.remap if text)
-    common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration,
-              'model': options.model}
+    common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration}
+    if options.oracle and options.model:
+        raise ValueError('--oracle and --model exclude each other')
+    seeing = '' if options.oracle else options.model or 'shipped'
     return [case for name in inputs for case in (
-        [Case(name, **common, stage=options.stage, parameters=tuple(options.params), remap=remap, namespace=options.namespace)]
+        [Case(name, **common, model=options.model, stage=options.stage, parameters=tuple(options.params), remap=remap,
+              namespace=options.namespace)]
         if is_bag(Path(name)) else
-        [Case(name, seed, **common, follow=not options.static, rig=options.rig) for seed in range(1, options.seeds + 1)])]
+        [Case(name, seed, **common, model=seeing, follow=not options.static, rig=options.rig)
+         for seed in range(1, options.seeds + 1)])]
 
 
 def show(runs: Sequence[RunResult]) -> None:
@@ -69,8 +73,9 @@ def make_parser() -> argparse.ArgumentParser:
     add('--methods', nargs='+', choices=METHODS, default=list(METHODS), help='to evaluate; all by default')
     add('--taus', nargs='*', type=float, default=[], help='further gates on the score of detections, for fused and gated')
     add('--duration', type=float, default=0.0, help='of each run in s; 0: that of the scenario or bag')
-    add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the simulator's oracle, "
-        'and bags their recorded detections')
+    add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the shipped one, and bags "
+        'their recorded detections')
+    add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
     add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
     add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')

@@ -23,6 +23,7 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds
+from av_common.tf_rotations import TfRotations
 from av_common.track_messages import track_of_bearing
 from av_evaluation.metrics.metrics import summarise
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
@@ -30,7 +31,6 @@ from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.report.status_line import format_status
 from av_evaluation.report.table import LABEL_WIDTH, format_table
 from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 from av_pointing.controller import Mode
 

@@ -54,8 +54,8 @@ class Pipeline:
     def take(self, name: str, message: Any, arrival: float) -> None:
         """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
         try:
-            if name == names.ODOMETRY and self._pointing is not None:
-                self._pointing.on_odometry(message, Instant(arrival, arrival))
+            if name == names.ODOMETRY:
+                self._share_odometry(message, arrival)
             if name == names.AUDIO and self._doa is not None:
                 for directions in self._doa.on_audio(message, arrival):
                     self._publish_sensed(names.DOA, directions, arrival)
@@ -63,15 +63,22 @@ class Pipeline:
                 self._doa.on_motor_speeds(message)
             elif name == names.IMAGE and self._detection is not None:
                 detections, visibility = self._detection.on_image(message, arrival)
-                if visibility is not None:
-                    self._publish_sensed(names.VISIBILITY, visibility, arrival)
-                self._publish_sensed(names.DETECTIONS, detections, arrival)
+                for topic, sensed in ((names.VISIBILITY, visibility), (names.DETECTIONS, detections)):
+                    if sensed is not None:
+                        self._publish_sensed(topic, sensed, arrival)
             elif self._fusion is not None:
                 self._fuse(self._fusion, name, message, arrival)
             else:
                 self._follow(name, message, arrival)
         except ValueError as error:
             self.problems.add(f'{name}: {error}')
+
+    def _share_odometry(self, message: Any, arrival: float) -> None:
+        """Give the rig's pose to the stages that are not the fusion."""
+        if self._detection is not None:
+            self._detection.on_odometry(message)
+        if self._pointing is not None:
+            self._pointing.on_odometry(message, Instant(arrival, arrival))
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
@@ -109,6 +116,8 @@ class Pipeline:
         now = to_seconds(output.bearing.header.stamp)
         self._publish(names.STATE, now, output.state)
         self._publish(names.BEARING, now, output.bearing)
+        if self._detection is not None:
+            self._detection.on_bearing(output.bearing)
         self._point(output.bearing, now)
 
     def _point(self, bearing: Any, now: float) -> None:

@@ -72,6 +72,8 @@ class OfflineRig:
         history = GimbalHistory() if gimbal else None
         rotation_of = fixed_rotations(rotations) if history is None else carried(rotations, 'camera', history)
         self._converter = MeasurementConverter(rotation_of, TARGET_CLASSES, camera)
+        if detection is not None:
+            detection.mount(camera, rotation_of)
         recorder = RunRecorder(self.record)
         fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder,
                              gimbal=history)

@@ -15,8 +15,8 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
+from av_common.tf_rotations import TfRotations
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
-from av_fusion.nodes.tf_rotations import TfRotations
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, Visibility

@@ -9,17 +9,21 @@ from typing import Any, ClassVar
 import cv2
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from vision_msgs.msg import Detection2DArray
 
 from av_common.node import RigNode, run
-from av_common.qos import IMAGE, RESULT
+from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_interfaces.msg import Visibility
+from av_common.stamps import to_seconds
+from av_common.tf_rotations import TfRotations
+from av_interfaces.msg import Bearing, Visibility
 from av_vision.drawing import draw
 from av_vision.latest import Latest
 from av_vision.messages import detections_from_message, image_from_message, image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
+from av_vision.search import Pace
 from av_vision.stage import make_detection_stage
 
 # Without an image for this long the diagnostics warn.
@@ -40,7 +44,9 @@ class DetectorNode(RigNode):
 
     def configure(self) -> None:
         """Open the model."""
-        self._stage = make_detection_stage(self.settings)
+        self._rotations = TfRotations(self, self.settings.base_frame)
+        self._stage = make_detection_stage(self.settings, rotation_of=self._rotations.rotation)
+        self._pace = Pace(self.settings.look_time)
         self._detections = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._visibility = self.create_publisher(Visibility, 'visibility', RESULT)
         self._debug = self.create_publisher(Image, 'detections/image', IMAGE)
@@ -49,7 +55,7 @@ class DetectorNode(RigNode):
         """Begin to detect."""
         self._stage.reset()
         self._latest: Latest[Image | CompressedImage] = Latest()
-        self._images, self._took = RateMeter(), 0.0
+        self._images, self._took, self._delay = RateMeter(), 0.0, 0.0
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
         self._worker.start()
         subscribe = self.create_subscription
@@ -58,8 +64,9 @@ class DetectorNode(RigNode):
         else:
             self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
         self.while_active(subscribe, Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
-        if self.settings.camera_height > 0.0:
-            self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
+        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
+        self.while_active(subscribe, Odometry, 'odometry', self._stage.on_odometry, STREAM)
+        self.while_active(subscribe, Bearing, 'target/bearing', self._stage.on_bearing, RESULT)
 
     def deactivate(self) -> None:
         """Stop detecting."""
@@ -84,21 +91,37 @@ class DetectorNode(RigNode):
                 self.refused.refuse('image', error)
                 continue
             self._took = time.perf_counter() - started
+            self._delay = self.now() - to_seconds(message.header.stamp)
             self._images.tick()
 
     def _detect(self, message: Image | CompressedImage) -> None:
+        started = time.perf_counter()
         detections, visibility = self._stage.on_image(message, self.now())
+        self._keep_pace(time.perf_counter() - started)
         if visibility is not None:
             self._visibility.publish(visibility)
+        if detections is None:
+            return
         self._detections.publish(detections)
         if self._debug.get_subscription_count():
             drawn = draw(image_from_message(message), *detections_from_message(detections))
             self._debug.publish(image_message(message.header, drawn, 'bgr8'))
 
+    def _keep_pace(self, took: float) -> None:
+        """Adapt the number of regions to the processor's speed, unless it is set."""
+        planner = self._stage.detector.planner
+        if planner is not None and not self.settings.regions:
+            planner.regions = self._pace.regions(took, planner.planned)
+
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, time per image and losses."""
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
+        status.add('delay from capture', f'{1e3 * self._delay:.1f} ms')
+        planner = self._stage.detector.planner
+        if planner is not None:
+            status.add('regions per image', str(planner.regions))
+            status.add('searched', ', '.join(f'{kind} {count}' for kind, count in sorted(planner.counts.items())))
         status.add('dropped (replaced by a newer image)', str(self._latest.dropped))
         if self._images.age > STALE_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no images')

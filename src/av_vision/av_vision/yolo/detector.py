@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from av_vision.detections import Candidates, Detections, suppress
 from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
+from av_vision.yolo.region import Region
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
@@ -90,15 +92,16 @@ class Detector:
         """Detections in one image: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for other arrays."""
         return self.select(self.candidates(image, self.threshold))[0]
 
-    def candidates(self, image: NDArray, floor: float) -> Candidates:
+    def candidates(self, image: NDArray, floor: float, regions: Sequence[Region] = ()) -> Candidates:
         """Boxes of all names in an image, by falling score.
 
         Parameters:
             image (h, w[, channels]): BGR, grey or 16-bit.
             floor (0-1): least probability of a box.
+            regions: parts of the image to search; by default all of it, and once more at a smaller size for large objects.
         """
         image = to_bgr8(image)
-        boxes, probabilities = self._search(image, floor)
+        boxes, probabilities = self._search(image, regions or self._whole(*image.shape[:2]), floor)
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
         if self.model.layout.needs_nms or self.settings.slice_size:
@@ -117,36 +120,43 @@ class Detector:
         return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
                           tuple(self._names[i] for i in classes[selected])), selected
 
-    def _search(self, image: NDArray[np.uint8], floor: float) -> tuple[NDArray, NDArray]:
-        """Boxes and probabilities in the whole image, of large objects in a smaller copy, and in its tiles as one batch."""
+    def _whole(self, height: int, width: int) -> list[Region]:
+        """The whole image, and a smaller copy for objects too large for the network's input."""
+        near = [Region('near', 0, 0, width, height, self.model.near, NEAR * max(width, height))] if self.model.near else []
+        return [Region('full', 0, 0, width, height, self.model.longest), *near]
+
+    def _search(self, image: NDArray[np.uint8], regions: Sequence[Region], floor: float) -> tuple[NDArray, NDArray]:
+        """Boxes and probabilities in some regions of an image, and in tiles of `slice_size` as one batch."""
         height, width = image.shape[:2]
+        found = [self._infer(image, region, floor) for region in regions]
         side, model = self.settings.slice_size, self.model
         corners = tile_corners(width, height, side, self.settings.slice_overlap) if side else []
-        found = [self._infer(image, floor, model.longest)]
-        if model.near:
-            boxes, probabilities = self._infer(image, floor, model.near)
-            near = (boxes[:, 2:] - boxes[:, :2] - model.box_padding).max(axis=1, initial=0.0) > NEAR * max(width, height)
-            found.append((boxes[near], probabilities[near]))
         if corners:
-            tiles = [image[y:y + side, x:x + side] for x, y in corners]
-            size = self._input_size(side, side, max(side, model.longest))
-            fitted = [letterbox(tile, *size) for tile in tiles]
+            tiles = [Region('tile', x, y, side, side, max(side, model.longest)) for x, y in corners]
+            size = self._input_size(side, side, tiles[0].longest)
+            fitted = [letterbox(cut(image, tile), *size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
-            for (x, y), (_, scale), output in zip(corners, fitted, outputs, strict=True):
-                boxes, probabilities = model.layout.decode(output, size, floor)
-                boxes = self._in_image(boxes, scale) + np.array([x, y, x, y], np.float32)
-                whole = whole_in_tile(boxes, (x, y), side, width, height)
-                found.append(self._named(boxes[whole], probabilities[whole]))
+            for tile, (_, scale), output in zip(tiles, fitted, outputs, strict=True):
+                found.append(self._decoded(output, size, scale, tile, (height, width), floor))
         return np.concatenate([boxes for boxes, _ in found]), np.concatenate([table for _, table in found])
 
-    def _infer(self, image: NDArray[np.uint8], floor: float, longest: int) -> tuple[NDArray, NDArray]:
-        """Boxes in pixels of the image and probabilities of names, before suppression."""
-        model, layout = self.model, self.model.layout
-        size = self._input_size(image.shape[0], image.shape[1], longest)
-        fitted, scale = letterbox(image, *size)
-        output = model.run(to_tensor([fitted], layout.rgb, layout.scale, model.dtype))[0]
-        boxes, probabilities = layout.decode(output, size, floor)
-        return self._named(self._in_image(boxes, scale), probabilities)
+    def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
+        """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
+        layout = self.model.layout
+        size = self._input_size(region.height, region.width, region.longest)
+        fitted, scale = letterbox(cut(image, region), *size)
+        output = self.model.run(to_tensor([fitted], layout.rgb, layout.scale, self.model.dtype))[0]
+        return self._decoded(output, size, scale, region, image.shape[:2], floor)
+
+    def _decoded(self, output: NDArray, size: tuple[int, int], scale: float, region: Region, shape: tuple[int, ...],
+                 floor: float) -> tuple[NDArray, NDArray]:
+        """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
+        boxes, probabilities = self.model.layout.decode(output, size, floor)
+        boxes = self._in_image(boxes, scale) + np.array([region.x, region.y] * 2, np.float32)
+        selected = whole_in_tile(boxes, region, shape[1], shape[0])
+        if region.least:
+            selected &= (boxes[:, 2:] - boxes[:, :2] - self.model.box_padding).max(axis=1, initial=0.0) > region.least
+        return self._named(boxes[selected], probabilities[selected])
 
     def _in_image(self, boxes: NDArray, scale: float) -> NDArray:
         """Boxes in the image from boxes in an input of `scale` times its size; both have the same padding in pixels."""
@@ -167,3 +177,8 @@ class Detector:
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
         return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
+
+
+def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
+    """The part of an image (h, w, 3) in a region."""
+    return image[region.y:region.y + region.height, region.x:region.x + region.width]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from av_vision.yolo.region import Region
+
 EDGE = 2.0  # pixels
 
 
@@ -29,7 +31,7 @@ def tile_corners(width: int, height: int, side: int, overlap: float) -> list[tup
     return [(x, y) for y in starts(height) for x in starts(width)]
 
 
-def whole_in_tile(boxes: NDArray, corner: tuple[int, int], side: int, width: int, height: int) -> NDArray[np.bool_]:
+def whole_in_tile(boxes: NDArray, tile: Region, width: int, height: int) -> NDArray[np.bool_]:
     """Which boxes (n, 4) of an image, found in a tile, do not touch an edge of the tile that lies inside the image.
 
     A target cut by such an edge is whole in the neighbouring tile or, if it is larger than the overlap, in the whole
@@ -37,11 +39,10 @@ def whole_in_tile(boxes: NDArray, corner: tuple[int, int], side: int, width: int
 
     Parameters:
         boxes (n, 4) (pixels): x1, y1, x2, y2 in the image.
-        corner (pixels): top-left corner (x, y) of the tile.
-        side (pixels): side of the tile.
+        tile: the part of the image that was searched.
         width, height (pixels): size of the image.
     """
-    x, y = corner
-    low = np.array([x if x > 0 else -np.inf, y if y > 0 else -np.inf])
-    high = np.array([x + side if x + side < width else np.inf, y + side if y + side < height else np.inf])
+    right, bottom = tile.x + tile.width, tile.y + tile.height
+    low = np.array([tile.x if tile.x > 0 else -np.inf, tile.y if tile.y > 0 else -np.inf])
+    high = np.array([right if right < width else np.inf, bottom if bottom < height else np.inf])
     return np.all(boxes[:, :2] > low + EDGE, axis=1) & np.all(boxes[:, 2:] < high - EDGE, axis=1)

@@ -1,0 +1,102 @@
+"""How a camera is turned in the world, and where its image goes when it turns."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from transforms3d.quaternions import quat2mat
+
+from av_common.camera import PinholeCamera
+from av_common.gimbal_history import NEAREST_S, slerp
+
+KEPT = 400       # attitudes, four seconds at 100 a second
+LATEST_S = 0.2   # how far an image may be from the newest attitude
+Quaternion = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """A camera and its rotation.
+
+    Parameters:
+        camera: intrinsics.
+        to_body (3, 3): from the optical frame to the rig's body.
+        to_world (3, 3): from the optical frame to the world; None where the rig's attitude is not known.
+    """
+
+    camera: PinholeCamera
+    to_body: NDArray[np.float64]
+    to_world: NDArray[np.float64] | None = None
+
+
+def turned(pixels: NDArray, before: CameraPose, now: CameraPose) -> NDArray[np.float64]:
+    """Where distant things at pixels (n, 2) of an image are in the next one; nan for those behind the camera.
+
+    Parameters:
+        pixels (n, 2; pixels): places in the image before.
+        before, now: pose of the camera in the two images. Without the rig's attitude the body counts as still.
+    """
+    if before.to_world is None or now.to_world is None:
+        rotation = now.to_body.T @ before.to_body
+    else:
+        rotation = now.to_world.T @ before.to_world
+    return now.camera.project(before.camera.rays(pixels) @ rotation.T)
+
+
+class AttitudeHistory:
+    """The rig's attitude over the last seconds."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, Quaternion]] = deque(maxlen=KEPT)
+
+    def add(self, time: float, attitude_wxyz: Quaternion) -> None:
+        """Add an attitude; one that is older than the newest begins the history anew.
+
+        Parameters:
+            time (s): its capture time.
+            attitude_wxyz: unit quaternion (w, x, y, z) of the rotation from the body to the world.
+
+        Raises ValueError for a quaternion whose norm is not 1.
+        """
+        norm = float(np.linalg.norm(attitude_wxyz))
+        if not abs(norm - 1.0) <= 0.01:
+            raise ValueError(f'attitude of norm {norm:.3g}, expected 1')
+        if self._samples and time < self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((time, attitude_wxyz))
+
+    def at(self, time: float) -> NDArray[np.float64] | None:
+        """Rotation (3, 3) from the body to the world at a time (s), interpolated; None where it is not known."""
+        later = None
+        for stamp, attitude in reversed(tuple(self._samples)):
+            if stamp <= time:
+                if later is None or later[0] - stamp < NEAREST_S / 10.0:
+                    return quat2mat(attitude) if time - stamp <= LATEST_S else None
+                share = (time - stamp) / (later[0] - stamp)
+                return quat2mat(slerp(attitude, later[1], share))
+            later = (stamp, attitude)
+        return quat2mat(later[1]) if later is not None and later[0] - time <= LATEST_S else None
+
+
+def direction(azimuth: float, elevation: float) -> NDArray[np.float64]:
+    """Unit vector (3,) in a frame with x forward, y left, z up, of angles in rad."""
+    level = np.cos(elevation)
+    return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+
+
+def pixel_of(vector: ArrayLike, rotation: NDArray[np.float64], camera: PinholeCamera) -> NDArray[np.float64] | None:
+    """Where a direction (3,) is in the image (2,), None where it is outside.
+
+    Parameters:
+        vector (3,): direction.
+        rotation (3, 3): from the optical frame to that of the direction.
+        camera: intrinsics.
+    """
+    seen = rotation.T @ np.asarray(vector, float)
+    pixel = camera.project(seen[None])[0]
+    inside = np.all(pixel >= -0.5) and np.all(pixel <= (camera.width - 0.5, camera.height - 0.5))
+    # Distortion folds what is far outside back into the image.
+    return pixel if inside and camera.rays(pixel[None])[0] @ seen > 0.999 else None

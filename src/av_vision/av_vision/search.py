@@ -1,0 +1,188 @@
+"""Where to look in an image: cheap regions one after the other instead of the whole image at full resolution.
+
+A network takes time in proportion to the pixels that it is given. Few of them matter: those around a track, a bearing of the
+fusion, or what moves. The rest is searched tile by tile over several images, and the whole image at low resolution for large
+objects. Each of these cues falls due after its own period; the most overdue ones are looked at (earliest deadline first,
+relative to the period). All times are capture times, so that a sequence of images gives the same regions again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_vision.yolo.region import Region
+from av_vision.yolo.slicing import tile_corners
+
+CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
+OVERLAP = 0.2                      # share of a tile that is common with its neighbour
+CONTEXT = 3.0                      # side of a crop in units of its object
+TRACK_S, BEARING_S, MOTION_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.2, 0.25, 1.5  # periods of the cues
+SEARCHED_S = 2.0                   # age of the oldest look at a tile up to which the whole image counts as searched
+FULL = 8                           # regions that take as long as the whole image at full resolution
+SIGMAS = 2.0                       # half width of a bearing's crop in standard deviations
+
+
+class Cue(NamedTuple):
+    """A place at which something may be.
+
+    Parameters:
+        centre (2,; pixels): the place.
+        size (pixels): of the object.
+        age (s): time since the last look at it.
+    """
+
+    centre: NDArray
+    size: float
+    age: float
+
+
+class BearingCue(NamedTuple):
+    """Where a bearing is in the image.
+
+    Parameters:
+        centre (2,; pixels): the place.
+        sigma (2,; pixels): standard deviations; inf for an unknown row.
+    """
+
+    centre: NDArray
+    sigma: NDArray
+
+
+class RegionPlanner:
+    """Selects the regions of each image.
+
+    Attributes:
+        regions: number of regions in an image; from FULL on the whole image is searched instead.
+        planned: number of regions of the last image, 0 for all of it.
+        counts: how often each kind was selected.
+
+    Parameters:
+        longest (pixels): longer side of the whole image as input; regions are enlarged as much, or not at all.
+        near (pixels): longer side of the whole image where it is searched for large objects.
+        regions: number of regions in an image.
+    """
+
+    def __init__(self, longest: int, near: int, regions: int = 2) -> None:
+        self.regions = regions
+        self.planned = 0
+        self.counts: Counter[str] = Counter()
+        self._longest, self._near = longest, near
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with the whole image again."""
+        self._shape = (0, 0)
+        self._tiles: list[tuple[int, int]] = []
+        self._looked = np.empty(0)  # when each tile was looked at
+        self._last: dict[str, float] = {}
+
+    def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue], bearing: BearingCue | None = None,
+             motion: NDArray | None = None) -> list[Region]:
+        """The regions of an image; none for the whole of it, at full resolution.
+
+        Parameters:
+            shape (pixels): height and width.
+            time (s): capture time.
+            tracks: tracked objects, the most important first.
+            bearing: the fused bearing in the image; None where it is outside or unknown.
+            motion (2,; pixels): where something moves against its surroundings; None for nowhere.
+        """
+        if shape != self._shape or time < max(self._last.values(), default=-math.inf) or self.regions >= FULL:
+            self._begin(shape, time)
+            self.counts['full'] += 1
+            self.planned = 0
+            return []
+        due = [*self._due_tracks(tracks), *self._due_tiles(time, bearing), *self._due_cues(time, bearing, motion)]
+        due.sort(key=lambda one: -one[0])
+        regions = [region for _, region in due[:self.regions]]
+        for region in regions:
+            self._last[region.kind] = time
+            if region.kind == 'tile':
+                self._looked[self._tiles.index((region.x, region.y))] = time
+        self.planned = len(regions)
+        self.counts.update(region.kind for region in regions)
+        return regions
+
+    def searched(self, time: float) -> bool:
+        """Whether every part of the image has been looked at recently, at a capture time (s)."""
+        return bool(time - self._looked.min(initial=time) <= SEARCHED_S)
+
+    @property
+    def _side(self) -> int:
+        """Side of a tile in pixels of the image."""
+        return round(TILE_INPUT / self._scale)
+
+    @property
+    def _scale(self) -> float:
+        return max(self._longest / max(self._shape), 1.0)
+
+    def _begin(self, shape: tuple[int, int], time: float) -> None:
+        self._shape = shape
+        height, width = shape
+        self._tiles = tile_corners(width, height, self._side, OVERLAP) or [(0, 0)]
+        self._looked = np.full(len(self._tiles), time)
+        self._last = dict.fromkeys(('near', 'bearing', 'motion'), time)
+
+    def _due_tracks(self, tracks: Sequence[Cue]) -> list[tuple[float, Region]]:
+        return [(one.age / TRACK_S, self._crop('track', one.centre, CONTEXT * one.size)) for one in tracks]
+
+    def _due_cues(self, time: float, bearing: BearingCue | None, motion: NDArray | None) -> list[tuple[float, Region]]:
+        height, width = self._shape
+        # What no tile is sure to hold whole.
+        near = Region('near', 0, 0, width, height, self._near, OVERLAP * self._side)
+        due = [((time - self._last['near']) / NEAR_S, near)]
+        if motion is not None:
+            due.append(((time - self._last['motion']) / MOTION_S, self._crop('motion', motion, 0.0)))
+        if bearing is not None and np.isfinite(bearing.sigma).all():
+            side = 2.0 * SIGMAS * bearing.sigma.max() + CROP_INPUT / self._scale
+            due.append(((time - self._last['bearing']) / BEARING_S, self._crop('bearing', bearing.centre, side)))
+        return due
+
+    def _due_tiles(self, time: float, bearing: BearingCue | None) -> list[tuple[float, Region]]:
+        height, width = self._shape
+        side, period = self._side, np.full(len(self._tiles), SWEEP_S)
+        if bearing is not None and not np.isfinite(bearing.sigma).all():  # the row is unknown: one tile of the column
+            middle = np.array(self._tiles)[:, 0] + 0.5 * side
+            near = np.abs(middle - bearing.centre[0]) <= 0.5 * side + SIGMAS * bearing.sigma[0]
+            period[near] = BEARING_S * max(int(near.sum()), 1)
+        return [(age, Region('tile', x, y, min(side, width), min(side, height), TILE_INPUT))
+                for age, (x, y) in zip((time - self._looked) / period, self._tiles, strict=True)]
+
+    def _crop(self, kind: str, centre: NDArray, side: float) -> Region:
+        """A square around a place, moved into the image, at the scale of the whole image or less."""
+        height, width = self._shape
+        wanted = max(round(CROP_INPUT / self._scale), math.ceil(side))
+        across, down = min(wanted, width), min(wanted, height)
+        x = int(np.clip(round(centre[0] - 0.5 * across), 0, width - across))
+        y = int(np.clip(round(centre[1] - 0.5 * down), 0, height - down))
+        return Region(kind, x, y, across, down, CROP_INPUT)
+
+
+class Pace:
+    """Number of regions that fit into a time, from how long the last ones took.
+
+    Parameters:
+        look_time (s): time for one image.
+        smoothing (0-1): weight of the newest duration.
+    """
+
+    def __init__(self, look_time: float, smoothing: float = 0.1) -> None:
+        self._look_time, self._smoothing = look_time, smoothing
+        self._each = 0.0  # s
+
+    def regions(self, took: float, count: int) -> int:
+        """The number of regions for the next image, 1 to FULL.
+
+        Parameters:
+            took (s): duration of the last image.
+            count: number of its regions; 0 for all of it.
+        """
+        each = took / (count or FULL)
+        self._each += (self._smoothing if self._each else 1.0) * (each - self._each)
+        return int(np.clip(self._look_time / max(self._each, 1e-6), 1, FULL))

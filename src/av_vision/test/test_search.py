@@ -1,0 +1,111 @@
+"""The regions of each image follow the cues, cover the image in time, and are the same for the same images."""
+
+import numpy as np
+import pytest
+
+from av_vision.search import FULL, SEARCHED_S, BearingCue, Cue, Pace, RegionPlanner
+
+SHAPE = (512, 640)
+
+
+def planner(regions=2):
+    return RegionPlanner(1280, 320, regions)
+
+
+def inside(region, centre):
+    return region.x <= centre[0] <= region.x + region.width and region.y <= centre[1] <= region.y + region.height
+
+
+@pytest.mark.parametrize('shape', [(512, 640), (480, 640), (1080, 1920), (416, 416), (120, 900)])
+def test_the_first_image_is_searched_whole_and_then_every_part_in_turn(shape):
+    plan = planner()
+    assert plan.plan(shape, 0.0, []) == []
+    searched = np.zeros(shape, bool)
+    for k in range(1, 200):
+        for region in plan.plan(shape, k / 15.0, []):
+            assert 0 <= region.x <= region.x + region.width <= shape[1]
+            assert 0 <= region.y <= region.y + region.height <= shape[0]
+            if region.kind == 'tile':
+                searched[region.y:region.y + region.height, region.x:region.x + region.width] = True
+    assert searched.all()
+    assert plan.counts['near'] > 20
+
+
+def test_a_track_is_looked_at_in_nearly_every_image_and_the_rest_is_not_forgotten():
+    plan, centre, age = planner(), np.array([400.0, 300.0]), 0.0
+    plan.plan(SHAPE, 0.0, [])
+    hits = 0
+    for k in range(1, 151):
+        age += 1.0 / 15.0
+        regions = plan.plan(SHAPE, k / 15.0, [Cue(centre, 20.0, age)])
+        if any(region.kind == 'track' and region.holds(centre, 20.0) for region in regions):
+            hits, age = hits + 1, 0.0
+    assert hits > 120
+    assert plan.searched(10.0)
+
+
+def test_a_large_object_gets_a_large_region():
+    plan = planner()
+    plan.plan(SHAPE, 0.0, [])
+    region, = (one for one in plan.plan(SHAPE, 0.1, [Cue(np.array([300.0, 250.0]), 120.0, 0.1)]) if one.kind == 'track')
+    assert region.width >= 240
+    assert region.holds(np.array([300.0, 250.0]), 120.0)
+
+
+@pytest.mark.parametrize(('sigma', 'least'), [((4.0, 4.0), 160), ((40.0, 10.0), 300)])
+def test_the_bearings_sigma_gives_the_size_of_its_region(sigma, least):
+    plan = planner()
+    plan.plan(SHAPE, 0.0, [])
+    cue = BearingCue(np.array([320.0, 200.0]), np.array(sigma))
+    kinds = {region.kind: region for k in range(1, 5) for region in plan.plan(SHAPE, 0.1 * k, [], cue)}
+    assert kinds['bearing'].width >= least
+    assert inside(kinds['bearing'], cue.centre)
+
+
+def test_a_bearing_of_unknown_elevation_is_searched_for_along_its_column():
+    plan, column = planner(), 560.0
+    plan.plan(SHAPE, 0.0, [])
+    cue = BearingCue(np.array([column, 256.0]), np.array([6.0, np.inf]))
+    tiles = [region for k in range(1, 16) for region in plan.plan(SHAPE, k / 15.0, [], cue) if region.kind == 'tile']
+    rows = [region for region in tiles if region.x <= column <= region.x + region.width]
+    assert len(rows) > 0.6 * len(tiles)
+    assert {row.y for row in rows} == {0, 152, 304}
+
+
+def test_absence_tells_something_only_while_all_has_been_searched():
+    plan = planner()
+    plan.plan(SHAPE, 0.0, [])
+    assert plan.searched(SEARCHED_S)
+    assert not plan.searched(SEARCHED_S + 0.1)
+    for k in range(1, 46):
+        plan.plan(SHAPE, 5.0 + k / 15.0, [])
+    assert plan.searched(5.0 + 45 / 15.0)
+
+
+def test_the_whole_image_is_searched_after_a_jump_back_a_new_size_and_where_there_is_time():
+    plan = planner()
+    plan.plan(SHAPE, 5.0, [])
+    assert plan.plan(SHAPE, 5.1, [])
+    assert plan.plan(SHAPE, 1.0, []) == []
+    assert plan.plan((480, 640), 1.1, []) == []
+    plan.regions = FULL
+    assert plan.plan((480, 640), 1.2, []) == []
+
+
+def test_the_same_images_give_the_same_regions():
+    def run():
+        plan = planner(3)
+        return [plan.plan(SHAPE, k / 15.0, [Cue(np.array([100.0, 90.0]), 12.0, 0.1)]) for k in range(60)]
+
+    assert run() == run()
+
+
+def test_the_pace_follows_the_processor():
+    pace = Pace(0.06)
+    assert pace.regions(0.16, 0) == 3
+    for _ in range(100):
+        slow = pace.regions(0.1, 2)
+    assert slow == 1
+    for _ in range(100):
+        fast = pace.regions(0.004, 2)
+    assert fast == FULL
