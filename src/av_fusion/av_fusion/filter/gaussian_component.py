@@ -205,38 +205,26 @@ class GaussianComponent:
         past = PastState(direction_of(azimuth, self.elevation), left, above, gain, hh, hv, vv, lag, moved)
         return past.shifted((1.0 - level * level) * across, up)
 
-    def update(self, past: PastState, row: tuple[float, float], total: float, innovation: float, share: float) -> None:
-        """Update by a scalar measurement.
-
-        Parameters:
-            past: the component at the capture time.
-            row: derivatives of the measured value with respect to the direction across and up at that time.
-            total: variance of the innovation.
-            innovation: measured minus predicted value.
-            share: probability that the measurement belongs to this component.
-        """
-        if share >= LEAST_ASSOCIATION:
-            mean = share * innovation
-            self.shift(past, row, total, mean, mean * innovation - mean * mean - share * total)
-
-    def update_across(self, past: PastState, row: tuple[float, float], total: float, innovation: float, share: float) -> None:
-        """Update by a scalar measurement; elevation and rate up keep their means, and their uncertainty is accounted for.
+    def update_across(self, past: PastState, row: tuple[float, float], innovations: Sequence[float], variances: Sequence[float],
+                      shares: Sequence[float]) -> None:
+        """Update as `update_alternatives`; elevation and rate up keep their means, and their uncertainty is accounted for.
 
         Schmidt-Kalman filter (Schmidt, Advances in Control Systems 3, 1966, pp. 293-340). A cone about a level axis says
         nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
         a mean would climb instead of turning back.
 
-        Parameters: see `update`.
+        Parameters: see `update_alternatives`.
         """
+        share, mean, square, variance = _moments(innovations, variances, shares)
         if share < LEAST_ASSOCIATION:
             return
+        total = past.variance(row) + variance
         cross = past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]
         gain = cross / total
         gain[[1, 3]] *= math.sin(self.elevation) ** 2  # overhead both axes are alike
-        spread = share * (1.0 - share) * innovation * innovation
         both = np.outer(gain, cross)
-        self.covariance = self.covariance - share * (both + both.T) + np.outer(gain, gain) * (share * total + spread)
-        self._add(gain * (share * innovation))
+        self.covariance = self.covariance - share * (both + both.T) + np.outer(gain, gain) * (share * total + square - mean**2)
+        self._add(gain * mean)
 
     def shift(self, past: PastState, row: tuple[float, float], total: float, change: float, variance_change: float) -> None:
         """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
@@ -352,12 +340,9 @@ class GaussianComponent:
             variances: variances of the measured values.
             shares: probabilities that the values belong to this component; the rest to 1 is the probability that none does.
         """
-        share = mean = square = information = 0.0
-        for s, nu, variance in zip(shares, innovations, variances, strict=True):
-            share, mean, square = share + s, mean + s * nu, square + s * nu * nu
-            information += s / variance
+        share, mean, square, variance = _moments(innovations, variances, shares)
         if share >= LEAST_ASSOCIATION:
-            total = past.variance(row) + share / information
+            total = past.variance(row) + variance
             self.shift(past, row, total, mean, square - mean * mean - share * total)
 
     def _offset(self, other: GaussianComponent) -> tuple[float, float]:
@@ -391,6 +376,16 @@ class GaussianComponent:
         self.elevation_measured = self.elevation_measured or other.elevation_measured
         self.weight = total
         self._move(across, up)
+
+
+def _moments(innovations: Sequence[float], variances: Sequence[float], shares: Sequence[float]
+             ) -> tuple[float, float, float, float]:
+    """Sum of the shares, mean and mean square of the innovations by them, and the variance of the values together."""
+    share = mean = square = information = 0.0
+    for s, nu, variance in zip(shares, innovations, variances, strict=True):
+        share, mean, square = share + s, mean + s * nu, square + s * nu * nu
+        information += s / variance
+    return share, mean, square, share / information if information > 0.0 else 0.0
 
 
 def _bounded(inverse_range: float) -> float:

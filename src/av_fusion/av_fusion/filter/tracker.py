@@ -14,9 +14,10 @@ from av_fusion.filter.coasting import CoastingTrack
 from av_fusion.filter.doa_likelihood import mirror_axis
 from av_fusion.filter.gaussian_component import GaussianComponent
 from av_fusion.filter.outlier_rate import OutlierRateEstimator
-from av_fusion.filter.posterior import Posterior, effective_sample_fraction
+from av_fusion.filter.posterior import Posterior
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import StateMachine
+from av_fusion.filter.target_density import effective_sample_fraction
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion

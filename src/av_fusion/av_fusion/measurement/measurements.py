@@ -77,6 +77,7 @@ class DoaMeasurement(NamedTuple):
         window (s): length of the analysis window; estimates of overlapping windows are not independent.
         cone: the cone of a linear array, whose two images are the hypotheses; None for other arrays. Close to the axis the
             hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
+        drone_probability: probability 0..1 that the source is a drone, by its sound; NaN if unknown.
     """
 
     time: float
@@ -84,6 +85,7 @@ class DoaMeasurement(NamedTuple):
     confidence: float
     window: float = 0.5
     cone: Cone | None = None
+    drone_probability: float = math.nan
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:

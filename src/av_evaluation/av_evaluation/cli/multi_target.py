@@ -1,0 +1,86 @@
+"""ros2 run av_evaluation multi_target SCENARIO...: targets on simulated measurements, beside JPDA and GM-PHD of Stone Soup."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from importlib.util import find_spec
+
+import numpy as np
+
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
+from av_evaluation.experiments.multi_target import MultiTargetFigures, OwnFilter, Peer, figures_of
+from av_simulator.config_files import find_config
+from av_simulator.scenario import load_scenario
+
+SCENARIOS = ('crossing', 'swarm_5', 'birds_and_drones', 'swarm_10')
+OWN, JPDA, PHD = 'av_fusion', 'Stone Soup JPDA', 'Stone Soup GM-PHD'
+BETTER = 0.25  # share by which the mean GOSPA is to be below that of each peer
+BIRDS = {'birds_and_drones': 6}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table; returns 1 where the filter is not BETTER than a peer."""
+    options = _parser().parse_args(arguments)
+    names = [OWN, JPDA, PHD] if find_spec('stonesoup') else [OWN]
+    if len(names) == 1:
+        print('stonesoup is not installed: without its trackers (pip install stonesoup)', file=sys.stderr)
+    seeds = range(options.seed, options.seed + options.seeds)
+    jobs = [(scenario, seed, options.pair, name) for scenario in options.scenarios for seed in seeds for name in names]
+    with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
+        found = dict(zip(jobs, pool.map(run, jobs), strict=True))
+    print(f'{"":<18}{"":<19}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"of a core":>11}')
+    worse = []
+    for scenario in options.scenarios:
+        means = {}
+        for name in names:
+            runs = [found[scenario, seed, options.pair, name] for seed in seeds]
+            means[name] = _print(scenario, name, runs)
+        worse += [f'{scenario}: {means[OWN]:.2f} deg, {name} {mean:.2f} deg' for name, mean in means.items()
+                  if name != OWN and means[OWN] > (1.0 - BETTER) * mean]
+    for line in worse:
+        print(f'MISSED: GOSPA of {line}, expected {100 * BETTER:.0f} % less')
+    return 1 if worse else 0
+
+
+def run(job: tuple[str, int, bool, str]) -> MultiTargetFigures:
+    """Figures of one tracker in one run: scenario, seed, whether the microphones are a pair, name of the tracker."""
+    scenario, seed, pair, name = job
+    model = SensorModel(pair=pair, birds=BIRDS.get(scenario, 0))
+    scans = MeasurementSimulation(load_scenario(find_config(scenario, 'scenarios')), seed, model).scans()
+    return figures_of(_make(name, model), list(scans))
+
+
+def _make(name: str, model: SensorModel) -> Peer:
+    if name == OWN:
+        return OwnFilter()
+    from av_evaluation.experiments.stone_soup import StoneSoupJpda, StoneSoupPhd  # an optional dependency
+
+    return StoneSoupJpda(model) if name == JPDA else StoneSoupPhd(model)
+
+
+def _print(scenario: str, name: str, runs: Sequence[MultiTargetFigures]) -> float:
+    """Print the means of the runs; returns that of GOSPA (deg)."""
+    table = np.array([(each.gospa_deg, each.localisation_deg, each.missed, each.false, each.switches, each.percent)
+                      for each in runs])
+    mean, error, missed, false, switches, percent = table.mean(axis=0).tolist()
+    print(f'{scenario:<18}{name:<19}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}{percent:>9.1f} %',
+          flush=True)
+    return float(mean)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='multi_target', description=__doc__)
+    parser.add_argument('scenarios', nargs='*', default=list(SCENARIOS), help=f'by default {" ".join(SCENARIOS)}')
+    parser.add_argument('--seeds', type=int, default=5, help='runs of each scenario (%(default)s)')
+    parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
+    parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
+    parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""Multi-target trackers on the same simulated measurements: GOSPA, identity switches and cost."""
+
+from __future__ import annotations
+
+import math
+import time as wall
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, Scan, SensorModel
+from av_evaluation.metrics.gospa import angles_between, gospa
+from av_evaluation.metrics.identity_switches import IdentitySwitches
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import direction
+from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_simulator.scenario import Scenario
+
+CUTOFF_DEG = 15.0  # an error from which a target counts as missed and a track as false
+
+
+class Peer(Protocol):
+    """A multi-target tracker."""
+
+    def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
+        """Use a scan; unit vectors (3,) to the targets in the body's frame, by the name of each."""
+
+
+class OwnFilter:
+    """The rig's filter as a `Peer`, for a rig that stands still.
+
+    Attributes:
+        filter: the filter.
+
+    Parameters:
+        settings: see `MultiTargetSettings`.
+    """
+
+    def __init__(self, settings: MultiTargetSettings | None = None) -> None:
+        self._settings = settings or MultiTargetSettings()
+        self._motion = RigMotion()
+        self.filter = MultiTargetFilter(self._settings, self._motion)
+
+    def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
+        """See `Peer`."""
+        self._motion.add(Pose.level(scan.time, 0.0))
+        if scan.doas is not None:
+            self.filter.update_sound(scan.time, scan.doas)
+        if scan.image is not None:
+            self.filter.update_image(scan.time, scan.image)
+        found = {}
+        for track in self.filter.tracks:
+            primary = track.mixture.primary()
+            if track.existence >= self._settings.confirmed and primary is not None and not track.kind.probability < 0.5:
+                found[track.id] = np.array(direction(primary.azimuth, primary.elevation))
+        return found
+
+
+@dataclass(frozen=True)
+class MultiTargetFigures:
+    """Figures of one tracker in one run.
+
+    Parameters:
+        gospa_deg: mean GOSPA distance over time (deg).
+        localisation_deg, missed, false: mean of its parts: root mean square error of the assigned (deg), and numbers of
+            missed and false targets.
+        switches: identity switches.
+        percent: processor time over the duration of the run, in percent.
+    """
+
+    gospa_deg: float
+    localisation_deg: float
+    missed: float
+    false: float
+    switches: int
+    percent: float
+
+
+def figures_of(peer: Peer, scans: Iterable[Scan]) -> MultiTargetFigures:
+    """Run a tracker on the scans of a run.
+
+    Parameters:
+        peer: the tracker.
+        scans: measurements and truth.
+    """
+    identities, found, used, last = IdentitySwitches(CUTOFF_DEG), [], 0.0, 0.0
+    assigned = 0
+    for scan in scans:
+        begun = wall.process_time()
+        tracks = peer.use(scan)
+        used, last = used + wall.process_time() - begun, scan.time
+        distances = np.degrees(angles_between(scan.truth, np.array(list(tracks.values()))))
+        identities.add(distances, list(tracks))
+        each = gospa(distances, CUTOFF_DEG)
+        assigned += len(each.assigned)
+        found.append(each[:4])
+    distance, localisation, missed, false = np.mean(np.array(found), axis=0)
+    unit = 0.5 * CUTOFF_DEG**2
+    return MultiTargetFigures(float(distance), math.sqrt(localisation * len(found) / max(assigned, 1)), missed / unit,
+                              false / unit, identities.count, 100.0 * used / max(last, 1e-9))
+
+
+def compare(scenario: Scenario, peers: dict[str, Callable[[], Peer]], seeds: Iterable[int], model: SensorModel | None = None
+            ) -> dict[str, list[MultiTargetFigures]]:
+    """Figures of each tracker for each seed, on the same measurements.
+
+    Parameters:
+        scenario: what to simulate.
+        peers: makers of the trackers by name.
+        seeds: of the measurements.
+        model: of the sensors.
+    """
+    runs = [list(MeasurementSimulation(scenario, seed, model).scans()) for seed in seeds]
+    return {name: [figures_of(make(), scans) for scans in runs] for name, make in peers.items()}

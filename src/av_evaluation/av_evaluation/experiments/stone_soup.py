@@ -1,0 +1,210 @@
+"""JPDA and GM-PHD of Stone Soup on the same measurements, for comparison; needs the package `stonesoup`.
+
+The state is the unit vector to a target and its rate, so that no angle wraps and everything is linear and Gaussian. Both are
+given what a user of Stone Soup would know of the sensors: the densities of clutter, the detection probabilities, the field of
+view. The noise of overlapping windows is multiplied by the number of windows that share a sample, as in the rig's filter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from stonesoup.dataassociator.neighbour import GlobalNearestNeighbour
+from stonesoup.dataassociator.probability import JPDAwithLBP
+from stonesoup.deleter.error import CovarianceBasedDeleter
+from stonesoup.functions import gm_reduce_single
+from stonesoup.hypothesiser.distance import DistanceHypothesiser
+from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
+from stonesoup.hypothesiser.probability import PDAHypothesiser
+from stonesoup.initiator.simple import MultiMeasurementInitiator
+from stonesoup.measures import Mahalanobis
+from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
+from stonesoup.models.measurement.linear import LinearGaussian
+from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
+from stonesoup.predictor.kalman import KalmanPredictor
+from stonesoup.types.array import StateVector, StateVectors
+from stonesoup.types.detection import Detection
+from stonesoup.types.state import GaussianState, TaggedWeightedGaussianState
+from stonesoup.types.update import GaussianStateUpdate
+from stonesoup.updater.kalman import KalmanUpdater
+from stonesoup.updater.pointprocess import PHDUpdater
+
+from av_evaluation.experiments.measurement_simulation import Scan, SensorModel
+from av_fusion.measurement.measurements import Detection as Seen
+from av_fusion.measurement.measurements import Hypothesis
+from av_fusion.measurement.vectors import direction, tangents
+
+START = datetime(2026, 1, 1)
+RADIAL = 0.02  # standard deviation of the length of a measured unit vector
+SKY = 2.0 * math.pi * 0.6  # sr, in which false directions are expected
+UNKNOWN_ELEVATION = 0.15, 0.2  # rad, mean and standard deviation, where a pair of microphones measures none
+PLACES = [0, 2, 4]  # of the vector in the state
+
+
+@dataclass(frozen=True)
+class StoneSoupTuning:
+    """Tuning, by the lowest mean GOSPA over `swarm_5` and `crossing` (seeds 101 to 103), on a grid.
+
+    Parameters:
+        noise (1/s^3): density of the acceleration of each coordinate.
+        rate_sigma (1/s): prior standard deviation of the rate of each coordinate.
+        heard, seen: detection probabilities.
+        points: measurements until a track counts.
+        score: least score of detections that are used.
+        lost_sigma (rad): standard deviation from which a track of JPDA ends.
+        survival, birth: probability of survival between two scans, and weight of new components, of GM-PHD.
+    """
+
+    noise: float = 0.02
+    rate_sigma: float = 0.3
+    heard: float = 0.8
+    seen: float = 0.8
+    points: int = 3
+    score: float = 0.5
+    lost_sigma: float = math.radians(12.0)
+    survival: float = 0.99
+    birth: float = 0.02
+
+
+class _Sensors:
+    """Measurements of a scan as detections of Stone Soup."""
+
+    def __init__(self, model: SensorModel, tuning: StoneSoupTuning) -> None:
+        self.model, self.tuning = model, tuning
+        self._overlap = max(model.window * model.sound_rate, 1.0)
+        length = math.sqrt(math.tau) * RADIAL
+        self.sound_clutter = max(model.sound_clutter, 0.05) / (SKY * length)
+        view = 4.0 * model.half_view * math.sin(model.half_height)
+        self.sight_clutter = max(model.sight_clutter, 0.01) / (view * length)
+
+    def heard(self, scan: Scan) -> set[Any]:
+        return {self._detection(hypothesis, scan.time, self._overlap) for doa in scan.doas or ()
+                for hypothesis in doa.hypotheses}
+
+    def seen(self, scan: Scan) -> set[Any]:
+        found = scan.image.detections if scan.image is not None else ()
+        return {self._detection(detection, scan.time, 3.0) for detection in found if detection.score >= self.tuning.score}
+
+    def in_view(self, state: Any) -> bool:
+        x, y, z = (float(state.mean[place, 0]) for place in PLACES)
+        return (abs(math.atan2(y, x)) < self.model.half_view
+                and abs(math.atan2(z, math.hypot(x, y))) < self.model.half_height)
+
+    @staticmethod
+    def _detection(measured: Hypothesis | Seen, time: float, overlap: float) -> Any:
+        known = math.isfinite(measured.elevation_variance)
+        elevation, spread = ((measured.elevation, overlap * measured.elevation_variance) if known
+                             else (UNKNOWN_ELEVATION[0], UNKNOWN_ELEVATION[1] ** 2))
+        vector = np.array(direction(measured.azimuth, elevation))
+        across, up = (np.array(axis) for axis in tangents(measured.azimuth, elevation))
+        noise = (overlap * measured.across_variance * np.outer(across, across) + spread * np.outer(up, up)
+                 + RADIAL**2 * np.outer(vector, vector))
+        return Detection(StateVector(vector), timestamp=START + timedelta(seconds=time),
+                         measurement_model=LinearGaussian(6, PLACES, noise))
+
+
+def _motion(tuning: StoneSoupTuning) -> Any:
+    return KalmanPredictor(CombinedLinearGaussianTransitionModel([ConstantVelocity(tuning.noise)] * 3))
+
+
+class StoneSoupJpda:
+    """JPDA (by loopy belief propagation) with initiation from several measurements; a `Peer`.
+
+    Parameters:
+        model: of the sensors.
+        tuning: see `StoneSoupTuning`.
+    """
+
+    def __init__(self, model: SensorModel, tuning: StoneSoupTuning | None = None) -> None:
+        tuning = tuning or StoneSoupTuning()
+        self._sensors, self._tracks = _Sensors(model, tuning), set[Any]()
+        predictor, self._updater = _motion(tuning), KalmanUpdater()
+        self._sound, self._sight = (
+            JPDAwithLBP(PDAHypothesiser(predictor, self._updater, clutter, detected, prob_gate=0.999))
+            for clutter, detected in ((self._sensors.sound_clutter, tuning.heard), (self._sensors.sight_clutter, tuning.seen)))
+        self._deleter = CovarianceBasedDeleter(2.0 * tuning.lost_sigma**2, mapping=PLACES)
+        nearest = GlobalNearestNeighbour(DistanceHypothesiser(predictor, self._updater, Mahalanobis(), missed_distance=3.0))
+        prior = GaussianState([0.0] * 6, np.diag([1.0, tuning.rate_sigma**2] * 3))
+        self._initiator = MultiMeasurementInitiator(prior, self._deleter, nearest, self._updater, min_points=tuning.points)
+
+    def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
+        """See `Peer`."""
+        if scan.doas is not None:
+            self._step(self._sound, self._tracks, self._sensors.heard(scan), scan.time)
+        if scan.image is not None:
+            self._step(self._sight, {track for track in self._tracks if self._sensors.in_view(track.state)},
+                       self._sensors.seen(scan), scan.time)
+        return {id(track): _vector(track.state) for track in self._tracks}
+
+    def _step(self, associator: Any, tracks: set[Any], detections: set[Any], time: float) -> None:
+        moment = START + timedelta(seconds=time)
+        used = set()
+        for track, hypotheses in associator.associate(tracks, detections, moment).items():
+            states, weights = [], []
+            for hypothesis in hypotheses:
+                states.append(self._updater.update(hypothesis) if hypothesis else hypothesis.prediction)
+                weights.append(hypothesis.probability)
+                if hypothesis and hypothesis.probability > 0.1:
+                    used.add(hypothesis.measurement)
+            mean, covariance = gm_reduce_single(StateVectors([state.state_vector for state in states]),
+                                                np.stack([state.covar for state in states], axis=2), np.array(weights, float))
+            track.append(GaussianStateUpdate(mean, covariance, hypotheses, moment))
+        self._tracks -= self._deleter.delete_tracks(self._tracks)
+        self._tracks |= self._initiator.initiate(detections - used, moment)
+
+
+class StoneSoupPhd:
+    """GM-PHD with tags and birth at the measurements of the previous scan; a `Peer`.
+
+    Parameters:
+        model: of the sensors.
+        tuning: see `StoneSoupTuning`.
+    """
+
+    def __init__(self, model: SensorModel, tuning: StoneSoupTuning | None = None) -> None:
+        self._tuning = tuning or StoneSoupTuning()
+        self._sensors = _Sensors(model, self._tuning)
+        self._components: list[Any] = []
+        self._predictor, updater = _motion(self._tuning), KalmanUpdater()
+        self._hypothesiser = GaussianMixtureHypothesiser(
+            DistanceHypothesiser(self._predictor, updater, Mahalanobis(), missed_distance=4.0), order_by_detection=True)
+        self._sound, self._sight = (
+            PHDUpdater(updater, clutter_spatial_density=clutter, prob_detection=detected, prob_survival=self._tuning.survival)
+            for clutter, detected in ((self._sensors.sound_clutter, self._tuning.heard),
+                                      (self._sensors.sight_clutter, self._tuning.seen)))
+        self._reducer = GaussianMixtureReducer(prune_threshold=1e-3, merge_threshold=4.0, max_number_components=100)
+
+    def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
+        """See `Peer`."""
+        if scan.doas is not None:
+            self._components = self._step(self._sound, self._components, self._sensors.heard(scan), scan.time)
+        if scan.image is not None:
+            seen = [component for component in self._components if self._sensors.in_view(component)]
+            others = [component for component in self._components if not self._sensors.in_view(component)]
+            self._components = others + self._step(self._sight, seen, self._sensors.seen(scan), scan.time)
+        return {component.tag: _vector(component) for component in self._components if component.weight > 0.5}
+
+    def _step(self, updater: Any, components: Sequence[Any], detections: set[Any], time: float) -> list[Any]:
+        moment = START + timedelta(seconds=time)
+        born = [self._birth(detection, moment) for detection in detections]
+        hypotheses = self._hypothesiser.hypothesise([*components, *born], detections, moment)
+        return list(self._reducer.reduce(updater.update(hypotheses).components))
+
+    def _birth(self, detection: Any, moment: datetime) -> Any:
+        mean, covariance = np.zeros((6, 1)), np.diag([0.0, self._tuning.rate_sigma**2] * 3)
+        mean[list(PLACES), 0] = np.asarray(detection.state_vector, float).ravel()
+        covariance[np.ix_(PLACES, PLACES)] = detection.measurement_model.noise_covar
+        return TaggedWeightedGaussianState(StateVector(mean), covariance, weight=self._tuning.birth, tag='birth',
+                                           timestamp=moment)
+
+
+def _vector(state: Any) -> NDArray[np.float64]:
+    vector = np.array([float(state.mean[place, 0]) for place in PLACES])
+    return np.asarray(vector / np.linalg.norm(vector))
+

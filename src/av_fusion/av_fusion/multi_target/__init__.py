@@ -1,0 +1,1 @@
+"""Several targets at once: each is a Bernoulli component whose density is that of a single target."""

@@ -1,0 +1,164 @@
+"""One of several targets: a Bernoulli component, which exists with a probability and has a density if it does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_fusion.filter.doa_likelihood import Comparison
+from av_fusion.filter.gaussian_mixture import BirthComponent
+from av_fusion.filter.hearing import Hearing
+from av_fusion.filter.target_density import Image, SightComparison, TargetDensity
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import ZERO
+from av_fusion.multi_target.drone_evidence import DroneEvidence
+from av_fusion.multi_target.settings import MultiTargetSettings
+
+
+class BernoulliTrack(TargetDensity):
+    """A target that exists with a probability. The background of its mixture is the probability that it does not.
+
+    Mirror images are components of the mixture. `p_outlier` of a component is the probability that the target cannot be heard.
+
+    Attributes:
+        id: number of the track, not used again.
+        began (s): time of its first measurement.
+        score: that of the detection that supports it in the newest image, 0 for none.
+        kind: evidence of what it is.
+        told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
+
+    Parameters:
+        identifier: see `id`.
+        time (s): capture time of its first measurement.
+        settings: see `MultiTargetSettings`.
+        motion: attitude and path of the rig.
+    """
+
+    def __init__(self, identifier: int, time: float, settings: MultiTargetSettings, motion: RigMotion) -> None:
+        super().__init__(settings.target, motion)
+        self._multi = settings
+        self.id, self.began = identifier, time
+        self.score = 0.0
+        self.kind = DroneEvidence()
+        self.told_apart: dict[int, float] = {}
+        self.time = time
+
+    @property
+    def existence(self) -> float:
+        """Probability that the target exists."""
+        return min(max(1.0 - self.mixture.background, 0.0), 1.0)
+
+    def begin(self, births: Sequence[BirthComponent], existence: float) -> None:
+        """Start with components, whose shares are their ratios.
+
+        Parameters:
+            births: directions at the track's time.
+            existence: probability of existence.
+        """
+        total = sum([birth.ratio for birth in births])
+        self.mixture.background = 1.0
+        self.mixture.add_births(0.0, self.process_noise.value, ZERO, [
+            birth._replace(ratio=existence * birth.ratio / total, gates=lambda past: False) for birth in births])
+        self.mixture.background = 1.0 - existence
+        self.mixture.reduce()
+
+    def predict_heard(self, seconds: float) -> None:
+        """Predict by `seconds` whether the target can be heard: a two-state Markov chain."""
+        rate, kept = self._multi.unheard_rate, math.exp(-seconds / self._multi.unheard_time)
+        for component in self.mixture.components:
+            component.p_outlier = rate + kept * (component.p_outlier - rate)
+
+    def sound_ratios(self, compared: Sequence[Sequence[Comparison]], heard: Sequence[Hearing]) -> NDArray[np.float64]:
+        """Likelihood ratio of each direction of arrival: that it stems from this target, over that none does, (m,).
+
+        Parameters:
+            compared: of the components with the directions.
+            heard: the directions.
+        """
+        detected = self._multi.sound_detection_probability
+        none = self.mixture.background
+        ratios = np.zeros(len(heard))
+        for comparisons in compared:
+            component = comparisons[0].component
+            audible = component.weight * (1.0 - component.p_outlier)
+            none += component.weight - audible * detected
+            ratios += audible * np.array([comparison.fit for comparison in comparisons])
+        return ratios * _gains(heard, detected) / none
+
+    def use_sound(self, time: float, compared: Sequence[Sequence[Comparison]], heard: Sequence[Hearing],
+                  free: NDArray[np.float64], fraction: float) -> None:
+        """Weigh and update the components by the directions of arrival of one window.
+
+        Likelihoods are raised to the effective sample fraction, as windows overlap; associations are those of this window.
+
+        Parameters:
+            time (s): capture time.
+            compared: of the components with the directions.
+            heard: the directions.
+            free (m,): how far each is free for this target.
+            fraction: effective sample fraction.
+        """
+        missed = 1.0 - self._multi.sound_detection_probability
+        gains = _gains(heard, 1.0 - missed) * free
+        self.note_innovations(compared)
+        for comparisons in compared:
+            component = comparisons[0].component
+            fits = np.array([comparison.fit for comparison in comparisons])
+            direct, unheard = missed**fraction + float(np.sum(fits * gains**fraction)), component.p_outlier
+            total = unheard + (1.0 - unheard) * direct
+            component.p_outlier = unheard / total
+            likelihoods = (1.0 - unheard) * fits * gains
+            shares = likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))
+            self.update_by_sound(time, comparisons, shares.tolist())
+            component.weight *= total
+        self.process_noise.adapt(fraction)
+        self.mixture.reduce()
+
+    def miss_sound(self, fraction: float) -> None:
+        """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""
+        missed = (1.0 - self._multi.sound_detection_probability) ** fraction
+        for component in self.mixture.components:
+            total = component.p_outlier + (1.0 - component.p_outlier) * missed
+            component.p_outlier /= total
+            component.weight *= total
+        self.mixture.reduce()
+
+    def image_ratios(self, compared: Sequence[SightComparison], count: int) -> NDArray[np.float64]:
+        """Likelihood ratio of each detection: that it is this target, over that none is, (m,).
+
+        Parameters:
+            compared: of the components with the image.
+            count: number of detections.
+        """
+        none, ratios = self.mixture.background, np.zeros(count)
+        for comparison in compared:
+            none += comparison.component.weight * comparison.missed
+            ratios += comparison.component.weight * np.array(comparison.found)
+        return ratios / none
+
+    def use_image(self, image: Image, compared: Sequence[SightComparison], free: NDArray[np.float64]) -> None:
+        """Weigh and update the components by an image.
+
+        Parameters:
+            image: the image.
+            compared: of the components with it.
+            free (m,): how far each detection is free for this target.
+        """
+        primary, self.score = self.mixture.primary(), 0.0
+        factors = free.tolist()
+        for comparison in compared:
+            supporting = self.update_by_image(image, comparison, factors)
+            self.score = supporting if comparison.component is primary else self.score
+        if image.directions:
+            self.process_noise.adapt(image.fraction)
+        if self.score > 0.0:
+            self.newest_sighting = max(self.newest_sighting, image.time)
+        self.mixture.reduce()
+
+
+def _gains(heard: Sequence[Hearing], detected: float) -> NDArray[np.float64]:
+    """Peak likelihoods (m,) of directions of arrival from a target over clutter, with its detection probability."""
+    return np.array([detected * hearing.peak / hearing.clutter for hearing in heard])
