@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
+from av_audio.blocks import Blocks
 from av_audio.spectra import TAPER, tukey
 from av_common.microphone_array import MicrophoneArray
 
@@ -19,8 +19,6 @@ BLOCK_S = 0.03125
 LEAST_BLOCKS = 3
 # Bins of a block that are summed, as their errors are correlated: twice the width of a block's spectral lines.
 CLUSTER_HZ = 64.0
-# Empty bins of a block above the band, so that its lowest bins do not leak into the highest.
-GUARD_BINS = 4
 # Standard deviations of the rate of q in 1/s and of its acceleration in 1/s^2, if anything moves. q is the sine of the angle
 # from broadside: there they are those of the angle in rad.
 PRIOR_RATE = 0.4
@@ -46,12 +44,14 @@ class Drift:
         shift (rank,): expected q of the whole window less that at its centre.
         covariance (rank, rank): its covariance.
         steadier: variance of q if the motion is taken into account over that if it is not, at most 1.
+        moves: probability that anything moves.
     """
 
     rate: NDArray
     shift: NDArray
     covariance: NDArray
     steadier: float
+    moves: float
 
 
 @dataclass(frozen=True)
@@ -108,23 +108,19 @@ class DriftEstimator:
     """
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
-        bin_hz = float(frequencies[1] - frequencies[0])
-        blocks = max(1, round(1.0 / (bin_hz * BLOCK_S)))
+        self._blocks = Blocks(frequencies, BLOCK_S)
         self._pairs = array.pairs
         self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
         self._rate_of_delays = np.linalg.pinv(self._slowness)
-        self._hop = fft.next_fast_len(-(-len(frequencies) // blocks) + GUARD_BINS // 2)
-        self._samples = blocks * self._hop
-        self._shape = np.sin(np.pi * (np.arange(2 * self._hop) + 0.5) / (2 * self._hop)).astype(np.float32)
-        steady = np.sum(self._cut(tukey(self._samples, TAPER)[None])[0] ** 2, axis=-1)
+        steady = np.sum(self._blocks.cut(tukey(self._blocks.samples, TAPER)[None])[0] ** 2, axis=-1)
         self._share = (steady / steady.sum()).astype(np.float32)[:, None]  # of a steady sound, in each block (b, 1)
-        times = (np.arange(blocks + 1) / blocks - 0.5) / bin_hz
+        times = self._blocks.times
         self._powers = np.stack([np.ones_like(times), times, 0.5 * times**2])  # (3, b): of q0, v and a
-        spacing = 0.5 * blocks  # of a block's bins in bins of the window
-        self._width = max(1, round(CLUSTER_HZ / (spacing * bin_hz)))
-        used = int(len(frequencies) / spacing / self._width) * self._width
-        self._nearest = np.floor(np.arange(used) * spacing).astype(int)  # bins of the window at the blocks' bins
-        omega = 2.0 * np.pi * (frequencies[0] + bin_hz * spacing * np.arange(used))
+        block_hz = self._blocks.spacing * float(frequencies[1] - frequencies[0])
+        self._width = max(1, round(CLUSTER_HZ / block_hz))
+        used = len(self._blocks.frequencies) // self._width * self._width
+        self._nearest = np.floor(np.arange(used) * self._blocks.spacing).astype(int)  # bins of the window at the blocks' bins
+        omega = 2.0 * np.pi * self._blocks.frequencies[:used]
         self._omega = omega.astype(np.float32)
         self._cluster_omega = omega.reshape(-1, self._width).mean(axis=1).astype(np.float32)
         self._precision = np.repeat([0.0, PRIOR_RATE**-2, PRIOR_ACCELERATION**-2], array.rank)  # of q, rate and acceleration
@@ -133,7 +129,7 @@ class DriftEstimator:
         self._delay_rates = np.linspace(-reach, reach, 2 * points + 1)
         angles = np.multiply.outer(self._delay_rates, np.multiply.outer(times, self._cluster_omega))
         self._turns = np.exp(-1j * angles).astype(np.complex64)  # (g, b, c)
-        self.usable = blocks >= LEAST_BLOCKS and len(self._cluster_omega) >= 3 * array.rank
+        self.usable = self._blocks.count > LEAST_BLOCKS and len(self._cluster_omega) >= 3 * array.rank
 
     def estimate(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> Drift:
         """Motion about the centre of a window.
@@ -159,18 +155,11 @@ class DriftEstimator:
             fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
         return self._posterior(rest, fit, expected)
 
-    def _cut(self, signals: NDArray) -> NDArray:
-        """Overlapping blocks (m, b, 2 hop) of signals (m, samples), whose powers add up to that of the signals."""
-        padded = np.zeros((len(signals), self._samples + 2 * self._hop), signals.dtype)
-        padded[:, self._hop:-self._hop] = signals
-        padded = padded.reshape(len(signals), -1, self._hop)
-        return np.concatenate([padded[:, :-1], padded[:, 1:]], axis=-1) * self._shape
-
     def _cross_spectra(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> NDArray:
         """Weighted cross-spectra (p, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
         mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
-        blocks = fft.fft(self._cut(fft.ifft(spectra * np.sqrt(mean), self._samples)))[..., :len(self._omega)]  # (m, b, used)
+        blocks = self._blocks.spectra(spectra * np.sqrt(mean))[..., :len(self._omega)]  # (m, b, used)
         cross = blocks[self._pairs[:, 0]] * blocks[self._pairs[:, 1]].conj()
         if ego_noise is not None:
             cross -= self._share * (ego_noise * mean)[:, None, self._nearest]
@@ -230,14 +219,15 @@ class DriftEstimator:
         shift = -fit.motion[0]
         spread = lever @ np.linalg.solve(information, lever.T) + (1.0 - moves) * np.outer(shift, shift)
         steadier = min(1.0, fit.variance / rest.variance) if moves > LEAST_PROBABILITY else 1.0
-        return Drift(moves * fit.motion[1], moves * shift, moves * spread, 1.0 - moves * (1.0 - steadier))
+        return Drift(moves * fit.motion[1], moves * shift, moves * spread, 1.0 - moves * (1.0 - steadier), moves)
 
     def _unknown(self, rest: Fit, rank: int) -> Drift:
         """The drift of a window in which no motion can be found: probably at rest, else with any motion of the prior."""
         lever = np.zeros((rank, 2 * rank))
         if is_positive(rest.hessian[:rank, :rank]):
             lever = np.linalg.solve(rest.hessian[:rank, :rank], rest.hessian[:rank, rank:])
-        return Drift(np.zeros(rank), np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0)
+        return Drift(np.zeros(rank), np.zeros(rank), PRIOR_MOVES * (lever / self._precision[rank:]) @ lever.T, 1.0,
+                     PRIOR_MOVES)
 
 
 def square_speed(q: NDArray, rate: NDArray) -> float:

@@ -7,21 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from av_audio.adaptive import Adaptive
+from av_audio.correlation import Correlation
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.health import FULL_SCALE
 from av_audio.narrowband import Music, Mvdr
 from av_audio.spectra import SpectrumAnalyzer
-from av_audio.steered_response import Peak, SteeredResponse
+from av_audio.steered_response import Peak
 from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
-METHODS: dict[str, tuple[type[SteeredResponse], Weighting]] = {
-    'ml': (SteeredResponse, maximum_likelihood),
-    'phat': (SteeredResponse, phat),
-    'plain': (SteeredResponse, plain),
+METHODS: dict[str, tuple[type[Adaptive | Correlation], Weighting]] = {
+    'ml': (Adaptive, maximum_likelihood),
+    'phat': (Correlation, phat),
+    'plain': (Correlation, plain),
     'music': (Music, maximum_likelihood),
     'mvdr': (Mvdr, maximum_likelihood),
 }
@@ -29,6 +31,11 @@ METHODS: dict[str, tuple[type[SteeredResponse], Weighting]] = {
 # fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_audio benchmark sigma` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
+# Phases above the band are used up to this frequency, where the sound of drones fades; up to this share of half of the sample
+# rate, where converters filter; and up to so many wavelengths between the outermost microphones.
+WIDEBAND_HZ = 8000.0
+WIDEBAND_SHARE = 0.92
+WIDEBAND_WAVELENGTHS = 10.0
 # Windows in which more of the samples clip have no confidence.
 CLIPPED_SHARE = 0.01
 # Below this level a window holds quantisation noise only.
@@ -47,6 +54,7 @@ class LocalizerSettings:
         temperature_c (degrees Celsius): temperature of the air, for the speed of sound.
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
         estimated_rotors: number of the rig's own rotors whose speeds are estimated from the sound and notched, 0 to 16.
+        wideband: whether `ml` also uses phases above the band, as high as spacing and sample rate allow.
 
     Raises ValueError when one is out of bounds.
     """
@@ -58,6 +66,7 @@ class LocalizerSettings:
     temperature_c: float = 20.0
     elevation_deg: tuple[float, float] = (0.0, 90.0)
     estimated_rotors: int = 0
+    wideband: bool = True
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.window_s <= 10.0:
@@ -136,8 +145,12 @@ class Localizer:
         self.restarts = 0  # how often a gap or unusable samples restarted the window
         self._window = round(settings.window_s * sample_rate)
         self._hop = max(1, round(settings.hop_s * sample_rate))
-        self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz)
         estimator, weighting = METHODS[settings.method]
+        highest = 0.0
+        if settings.wideband and estimator is Adaptive and ego_noise is None:
+            highest = min(WIDEBAND_HZ, WIDEBAND_SHARE * sample_rate / 2.0,
+                          WIDEBAND_WAVELENGTHS * speed_of_sound(settings.temperature_c) / array.aperture)
+        self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz, highest_hz=highest)
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting,
                                     None if ego_noise is None else self._ego_noise_model(ego_noise))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.correlation import Correlation
 from av_audio.ego_noise import EgoNoise
-from av_audio.steered_response import SteeredResponse
 from av_audio.weighting import Weighting
 from av_common.microphone_array import MicrophoneArray
 
@@ -17,11 +17,11 @@ LOADING = 1e-3
 ZOOM_ROUNDS = 6
 
 
-class NarrowbandSearch(SteeredResponse):
+class NarrowbandSearch(Correlation):
     """Finds q by a cost summed over narrow bands, on a grid and then on successively finer grids around its minimum.
 
     Variance and confidence are those of the weighted correlation at the q found; motion within a window is not modelled. The
-    parameters are those of SteeredResponse.
+    parameters are those of Correlation.
     """
 
     FOLLOWS_MOTION = False

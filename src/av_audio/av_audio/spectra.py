@@ -26,18 +26,21 @@ class SpectrumAnalyzer:
         window_samples: length of the window.
         band_hz (Hz): lower and upper edge of the band.
         order: order of the filter.
+        highest_hz (Hz): bins above the band that are kept, up to this frequency.
 
     Raises ValueError when the band does not fit the sample rate or the window is too short for it.
     """
 
-    def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], order: int = 4) -> None:
+    def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], order: int = 4,
+                 highest_hz: float = 0.0) -> None:
         low, high = band_hz
         if not 0.0 < low < high < sample_rate / 2.0:
             raise ValueError(f'band_hz={low:g}..{high:g} must rise and lie within 0..{sample_rate / 2:g} Hz, '
                              f'half of the sample rate')
         frequencies = fft.rfftfreq(window_samples, 1.0 / sample_rate)
         response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), order)
-        used = np.flatnonzero(response > LEAST_RESPONSE)
+        above = (frequencies > high) & (frequencies <= highest_hz)
+        used = np.flatnonzero((response > LEAST_RESPONSE) | above)
         if len(used) < 16:
             raise ValueError(f'{len(used)} frequency bins in {low:g}..{high:g} Hz; the window of '
                              f'{window_samples / sample_rate:g} s is too short')

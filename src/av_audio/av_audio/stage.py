@@ -126,7 +126,8 @@ def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:
     """Settings of the parameters of doa_node, with `changes` of fields of LocalizerSettings. Raises ValueError."""
     given = {
         'window_s': parameters.window, 'hop_s': parameters.hop, 'band_hz': (parameters.band_low, parameters.band_high),
-        'method': parameters.method, 'temperature_c': parameters.temperature,
+        'method': parameters.method, 'wideband': parameters.wideband,
+        'temperature_c': parameters.temperature,
         'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg),
         'estimated_rotors': parameters.ego_rotor_count if parameters.ego_rotors == 'estimated' else 0}
     return LocalizerSettings(**{**given, **changes})

@@ -5,15 +5,12 @@ For two microphones this is the generalised cross-correlation (GCC), for more th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
-from av_audio.drift import DriftEstimator, is_positive
-from av_audio.ego_noise import EgoNoise
-from av_audio.weighting import Band, Weighting, cross_spectra
+from av_audio.drift import is_positive
 from av_common.microphone_array import MicrophoneArray
 
 # The search extends beyond the physical delays by this factor, so that small errors of the geometry do not cut a peak at
@@ -21,13 +18,9 @@ from av_common.microphone_array import MicrophoneArray
 MARGIN = 1.05
 GRID_POINTS_PER_PERIOD = 8.0
 NEWTON_STEPS = 2
-# Neighbouring bins share a spectral line and the taper's main lobe, so their errors are correlated: they form one cluster.
-CLUSTER_HZ = 16.0
 # The scatter is measured at the maximum, where noise is partly fitted, the more so the weaker the peak: the covariance is
 # enlarged accordingly.
 OPTIMISM = 2.0
-# Phase errors of reflections vary within this width, those of a body between the microphones more slowly.
-SMOOTH_HZ = 800.0
 
 
 @dataclass(frozen=True)
@@ -55,29 +48,20 @@ class SteeredResponse:
     A grid search finds the highest lobe, Newton steps on the continuous function find its maximum: there is no grid of
     samples and therefore no interpolation bias. The covariance is the sandwich estimate H^-1 (sum u u^T) H^-1 from the
     scatter of the clusters' scores u (White, 1982), which covers noise and late reverberation; the effect of early
-    reflections is estimated separately. The maximum is that of the whole window; where the direction moves within it, it is
-    shifted to that at the centre (`drift.py`).
+    reflections is estimated separately.
 
     Parameters:
         array: positions of the microphones.
-        frequencies (k,) (Hz): frequencies of the bins.
-        response (k,): |H|^2 of the band-pass filter.
+        frequencies (k,) (Hz): frequencies of the bins, in rising order.
         speed_of_sound (m/s): speed of sound.
-        weighting: gives the weights of the cross-spectra.
-        ego_noise: model of the rig's own noise, whose covariance is subtracted; None subtracts nothing.
+        cluster_hz (Hz): width of the clusters of bins, between which the errors by noise are independent.
     """
 
-    FOLLOWS_MOTION = True
-
-    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
-                 weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
-        self._ego_noise = ego_noise
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float, cluster_hz: float) -> None:
         self._array = array
-        self._weighting = weighting
-        self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
         self._omega = (2.0 * np.pi * frequencies).astype(np.float32)
         self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
-        self._clusters = np.arange(0, len(frequencies), max(1, round(CLUSTER_HZ / self._band.bin_hz)))
+        self._clusters = np.unique(np.searchsorted(frequencies, np.arange(frequencies[0], frequencies[-1], cluster_hz)))
         step = 1.0 / (GRID_POINTS_PER_PERIOD * frequencies[-1])
         reach = MARGIN * array.aperture / speed_of_sound
         delays = np.linspace(0.0, reach, int(np.ceil(reach / step)) + 1)
@@ -86,27 +70,12 @@ class SteeredResponse:
         angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
         self._grid = _grid(array.rank, array.aperture / speed_of_sound / step)
-        self._drift = DriftEstimator(array, frequencies, speed_of_sound)
         self._grid_delays = self._grid @ self._slowness.T  # (g, p)
 
-    def estimate(self, spectra: NDArray) -> Peak:
-        """The highest peak for spectra (m, k)."""
-        pairs = self._array.pairs
-        cross = cross_spectra(spectra, pairs)
-        ego_noise = None
-        if self._ego_noise is not None:
-            ego_noise = self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
-            cross = cross - ego_noise
-        magnitude = np.abs(spectra)
-        power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
-        weights = self._weighting(cross, power, self._band)
-        weighted = cross * weights
+    def highest_peak(self, spectra: NDArray, weighted: NDArray) -> Peak:
+        """The highest peak of weighted cross-spectra (p, k), which stem from spectra (m, k)."""
         curve = self.curve(weighted)
-        peak = self._peak(weighted, self._search(spectra, weighted, curve), curve)
-        if not (self.FOLLOWS_MOTION and self._drift.usable) or peak.significance <= 0.0:
-            return peak
-        drift = self._drift.estimate(spectra, weights, ego_noise, peak.q)
-        return replace(peak, q=peak.q - drift.shift, covariance=drift.steadier * peak.covariance + drift.covariance)
+        return self._peak(weighted, self._search(spectra, weighted, curve), curve)
 
     def curve(self, weighted: NDArray) -> NDArray:
         """J on the grid of directions (g,) for weighted cross-spectra (p, k)."""
@@ -157,8 +126,18 @@ class SteeredResponse:
         inverse = np.linalg.inv(hessian)
         significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
-        bias = _reflection_variance(clusters) * height * inverse
+        bias = self._reflections(clusters, height, inverse)
         return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, curve))
+
+    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
+        """Mean square (rank, rank) of the shift of q by early reflections.
+
+        Parameters:
+            clusters (c,): steered cross-spectra, summed over clusters of bins.
+            height: height of the peak.
+            inverse (rank, rank): inverse of the negative Hessian.
+        """
+        raise NotImplementedError
 
     def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
         """Posterior probability of the peak's lobe. The curve is a log-likelihood up to a scale, which the covariance gives."""
@@ -174,24 +153,6 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
         return main / (main + others)
-
-
-def _reflection_variance(clusters: NDArray) -> float:
-    """Variance in rad^2 of the phase errors that neighbouring clusters (c,) share: that of reflections without noise.
-
-    A strong early reflection shifts the phases of neighbouring clusters by similar amounts and may bias the peak by as
-    much. Noise is independent between clusters, so that its products have zero mean; their standard deviation is
-    subtracted. Phases that vary slowly, over the width of SMOOTH_HZ, stem from a body between the microphones, which
-    calibration covers.
-    """
-    width = round(SMOOTH_HZ / CLUSTER_HZ)
-    slow = uniform_filter1d(clusters, width, mode='nearest')
-    scale = np.maximum(slow.real, np.abs(slow.imag))  # 0 where ego-rotors are notched
-    imaginary = clusters.imag - clusters.real * slow.imag / np.maximum(scale, np.finfo(float).tiny)
-    products = imaginary[1:] * imaginary[:-1]
-    reference = float(np.sum(clusters.real[1:] * clusters.real[:-1]))
-    excess = float(products.sum() - np.sqrt(np.sum(products**2)))
-    return excess / reference if excess > 0.0 and reference > 0.0 else 0.0
 
 
 def _grid(rank: int, points_per_unit: float) -> NDArray:

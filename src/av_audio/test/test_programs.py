@@ -101,8 +101,8 @@ def test_localize_reports_faults_of_the_channels(array_file, tmp_path, capsys):
 
 
 def test_localize_notches_ego_rotors(array_file, tmp_path, capsys):
-    """A target at 10 degrees, own rotors 10 dB louder."""
-    sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 10.0)
+    """A target at 10 degrees, own rotors 15 dB louder."""
+    sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
     soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)
     errors = []
     for rotors in ('0', '4'):

@@ -33,6 +33,8 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='time between estimates in s (default: %(default)s)')
     parser.add_argument('--band', type=float, nargs=2, default=defaults.band_hz, metavar=('LOW', 'HIGH'),
                         help='edges of the band-pass filter in Hz (default: %(default)s)')
+    parser.add_argument('--wideband', action=argparse.BooleanOptionalAction, default=defaults.wideband,
+                        help='phases above the band, for the method ml (default: %(default)s)')
     parser.add_argument('--temperature', type=float, default=defaults.temperature_c, metavar='C',
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
     parser.add_argument('--ego-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
@@ -43,7 +45,7 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:
     """Settings from the options of `add_localizer_arguments`. Raises ValueError."""
     return LocalizerSettings(window_s=arguments.window, hop_s=arguments.hop, band_hz=tuple(arguments.band),
-                             method=arguments.method, temperature_c=arguments.temperature,
+                             method=arguments.method, wideband=arguments.wideband, temperature_c=arguments.temperature,
                              estimated_rotors=arguments.ego_rotors)
 
 

@@ -27,7 +27,7 @@ class DoaNode(RigNode):
         'own_rotor_count': 'ego_rotor_count'}
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
-        'method', 'window', 'hop', 'band_low', 'band_high', 'temperature', 'elevation_min_deg', 'elevation_max_deg',
+        'method', 'window', 'hop', 'band_low', 'band_high', 'wideband', 'temperature', 'elevation_min_deg', 'elevation_max_deg',
         'ego_rotor_count'})
 
     def __init__(self, **kwargs: Any) -> None:

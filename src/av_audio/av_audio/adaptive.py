@@ -1,0 +1,82 @@
+"""Maximum likelihood where its model of source and noise holds, even phases where reflections contradict it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.correlation import Correlation, at_centre
+from av_audio.ego_noise import EgoNoise
+from av_audio.even_phases import EvenPhases
+from av_audio.spectra import LEAST_RESPONSE
+from av_audio.steered_response import Peak
+from av_audio.weighting import Weighting
+from av_common.microphone_array import MicrophoneArray
+
+# Mean square error of q at a wrong peak.
+WRONG_PEAK = 0.5
+UNKNOWN = 10.0  # where there is no peak
+# The likelihood is chosen where its expected error is below this share of that of the even phases, as it knows less of
+# reflections; and this share of their error by reflections counts, as reflections shift both.
+LIKELIHOOD_LEAD = 0.5
+SHARED_REFLECTIONS = 0.08
+# How fast belief changes from one estimate to the other with the ratio of their expected errors.
+SHARPNESS = 3.0
+# Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor.
+EVEN_SIGNIFICANCE = 1.15
+
+
+class Adaptive:
+    """The estimate with the smaller expected error of two: of the likelihood inside the band, and of even phases in all bins.
+
+    Where the rig's own noise is subtracted or notched, what is left of it has phases of its own: the likelihood serves alone.
+
+    The parameters are those of Correlation; bins outside of the band-pass filter serve the even phases alone.
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
+                 weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
+        inside = np.flatnonzero(response > LEAST_RESPONSE)
+        self._inside = slice(inside[0], inside[-1] + 1)
+        self._likelihood = Correlation(array, frequencies[self._inside], response[self._inside], speed_of_sound, weighting,
+                                       ego_noise)
+        self._even = EvenPhases(array, frequencies, speed_of_sound) if ego_noise is None else None
+
+    def estimate(self, spectra: NDArray) -> Peak:
+        """The peak for spectra (m, k)."""
+        inside = spectra[:, self._inside]
+        likely, drift = self._likelihood.at_rest(inside)
+        if self._even is None or not inside[0].all():
+            return at_centre(likely, drift)
+        even = self._even.estimate(spectra)
+        unshared = replace(even, bias=SHARED_REFLECTIONS * even.bias)
+        ratio = expected_error(likely) / (LIKELIHOOD_LEAD * expected_error(unshared))
+        belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
+        if drift is not None:
+            belief = max(belief, drift.moves)  # the even phases do not know of motion
+        chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
+        significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
+        return replace(chosen, significance=significance, main_share=even.main_share)
+
+
+def expected_error(peak: Peak) -> float:
+    """Expected square error of q at a peak, over all its axes, by noise and reflections or because it is a wrong peak."""
+    local = float(np.trace(peak.covariance + peak.bias))
+    return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else UNKNOWN
+
+
+def _mixture(chosen: Peak, other: Peak, belief: float) -> Peak:
+    """The chosen peak, with the expected square error of a mixture of both as its variance.
+
+    Parameters:
+        chosen: the peak whose position counts.
+        other: the peak of the other estimate.
+        belief: probability of the chosen one, 0.5 to 1.
+    """
+    if not np.all(np.isfinite(other.covariance)):
+        return chosen
+    apart = chosen.q - other.q
+    other_square = other.covariance + other.bias + np.outer(apart, apart)
+    return replace(chosen, covariance=belief * chosen.covariance, bias=belief * chosen.bias + (1.0 - belief) * other_square)

@@ -1,0 +1,173 @@
+"""Windows of sound in fields of all kinds: random rooms, a head with and without reflections, and the free field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy import signal
+
+from av_audio.benchmark.scenes import EARS, read_responses
+from av_audio.benchmark.signals import RATE, Source, add_noise
+from av_audio.calibration import calibrate, measured_path, search_array
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
+
+T60_S = (0.2, 0.7)
+SPACING_M = (0.1, 0.2)
+DISTANCE_M = (2.0, 6.0)
+LARGEST_ORDER = 45    # of reflections, which later ones hardly exceed
+SETTLED_S = 0.8    # of sound before a window in a room
+# Early reflections at the head: number, delay, gain; and the decay and level of what follows, relative to the direct sound.
+REFLECTIONS = (1, 4)
+REFLECTION_DELAY_S = (0.0008, 0.02)
+REFLECTION_GAIN = (0.2, 0.7)
+TAIL_T60_S = (0.2, 0.6)
+TAIL_LEVEL = (0.1, 0.6)
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of sound of two microphones.
+
+    Parameters:
+        sound (n, 2): samples.
+        rate (Hz): sample rate.
+        array: the microphones.
+        cosine: cosine of the true angle to their axis.
+    """
+
+    sound: NDArray
+    rate: int
+    array: MicrophoneArray
+    cosine: float
+
+
+# Makes one window of a given length in s and SNR in dB from random numbers.
+Field = Callable[[Generator, float, float], Window]
+
+
+def pair(spacing: float) -> MicrophoneArray:
+    """Two microphones `spacing` m apart, left and right."""
+    return MicrophoneArray(np.array([[0.0, 0.5 * spacing, 0.0], [0.0, -0.5 * spacing, 0.0]]))
+
+
+def free_field(sources: list[Source]) -> Field:
+    """Plane waves from all azimuths."""
+    def window(rng: Generator, seconds: float, snr_db: float) -> Window:
+        array = pair(0.2)
+        direction = angles_to_direction(rng.uniform(-np.pi, np.pi))
+        delays = -array.positions @ direction / speed_of_sound(20.0)
+        sound = sources[rng.integers(len(sources))](rng, seconds, delays)
+        return Window(add_noise(rng, sound, snr_db), RATE, array, float(direction[1]))
+
+    return window
+
+
+def rooms(rng: Generator, count: int, sources: list[Source], rate: int = RATE) -> Field:
+    """Windows in one of `count` shoebox rooms, whose responses are computed once by pyroomacoustics.
+
+    Parameters:
+        rng: random numbers of the rooms.
+        count: number of rooms.
+        sources: generators of sound.
+        rate (Hz): sample rate of the windows.
+    """
+    responses = [_random_response(rng) for _ in range(count)]
+
+    def window(rng: Generator, seconds: float, snr_db: float) -> Window:
+        response, array, cosine = responses[rng.integers(count)]
+        dry = sources[rng.integers(len(sources))](rng, SETTLED_S + seconds, np.zeros(1))[:, 0]
+        wet = np.stack([signal.fftconvolve(dry, ear)[:len(dry)] for ear in response], axis=1)[-round(seconds * RATE):]
+        common = np.gcd(rate, RATE)
+        sound = signal.resample_poly(add_noise(rng, wet, snr_db), rate // common, RATE // common, axis=0)
+        return Window(sound, rate, array, cosine)
+
+    return window
+
+
+def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, float]:
+    """Responses of both microphones in a random room, the pair, and the cosine of the source's angle to its axis."""
+    import pyroomacoustics
+    while True:
+        size, t60 = rng.uniform([4.0, 3.5, 2.5], [10.0, 8.0, 4.0]), rng.uniform(*T60_S)
+        place = rng.uniform([0.5, 0.5, 1.0], [size[0] - 0.5, size[1] - 0.5, 1.8])
+        azimuth, yaw = rng.uniform(-np.pi, np.pi, 2)
+        away = rng.uniform(*DISTANCE_M) * angles_to_direction(azimuth + yaw) + np.array([0.0, 0.0, rng.uniform(-0.3, 0.7)])
+        if np.any(place + away < 0.4) or np.any(place + away > size - 0.4):
+            continue
+        try:
+            absorption, order = pyroomacoustics.inverse_sabine(t60, size)
+        except ValueError:    # too large a room for so short a reverberation
+            continue
+        array, axis = pair(rng.uniform(*SPACING_M)), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        shoebox = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
+                                          max_order=min(order, LARGEST_ORDER))
+        shoebox.set_sound_speed(speed_of_sound(20.0))
+        shoebox.add_source(place + away)
+        shoebox.add_microphone_array((place + array.positions[:, 1:2] * axis).T)
+        shoebox.compute_rir()
+        return [microphone[0] for microphone in shoebox.rir], array, float(axis @ away / np.linalg.norm(away))
+
+
+class Head:
+    """Windows at the measured ears of KEMAR, calibrated at every other azimuth with white noise.
+
+    Parameters:
+        data: folder with the measured responses.
+
+    Raises FileNotFoundError.
+    """
+
+    def __init__(self, data: Path) -> None:
+        self._azimuths, self._responses, self.rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+        noise = 0.05 * np.random.default_rng(1).normal(size=self.rate)
+        angles: list[float] = []
+        paths: list[float] = []
+        for azimuth, response in zip(self._azimuths[::2], self._responses[::2], strict=True):
+            sound = np.stack([signal.fftconvolve(noise, ear)[:len(noise)] for ear in response], axis=1)
+            localizer = Localizer(search_array(EARS), self.rate, LocalizerSettings(hop_s=0.5))
+            _, path = measured_path(EARS, localizer.process(sound, 0))
+            paths.extend(path)
+            angles.extend([azimuth] * len(path))
+        self.array = calibrate(EARS, angles, paths).array
+
+    def field(self, sources: list[Source], reflections: bool) -> Field:
+        """Windows of sound at the ears.
+
+        Parameters:
+            sources: generators of sound.
+            reflections: whether strong early reflections and reverberation are added.
+        """
+        def window(rng: Generator, seconds: float, snr_db: float) -> Window:
+            k = rng.integers(len(self._azimuths))
+            response = self._reverberant(rng, k) if reflections else self._responses[k]
+            dry = sources[rng.integers(len(sources))](rng, seconds + 0.4, np.zeros(1))[:, 0]
+            common = np.gcd(self.rate, RATE)
+            dry = signal.resample_poly(dry, self.rate // common, RATE // common)
+            wet = np.stack([signal.fftconvolve(dry, ear)[:len(dry)] for ear in response], axis=1)
+            sound = add_noise(rng, wet[-round(seconds * self.rate):], snr_db)
+            return Window(sound, self.rate, self.array, float(np.sin(self._azimuths[k])))
+
+        return window
+
+    def _reverberant(self, rng: Generator, k: int) -> NDArray:
+        """Responses (2, taps) of direction k with reflections from others, and a diffuse tail."""
+        taps = self._responses.shape[2]
+        times = np.arange(round(0.3 * self.rate)) / self.rate
+        response = np.zeros((2, len(times)))
+        response[:, :taps] = self._responses[k]
+        for _ in range(rng.integers(*REFLECTIONS)):
+            start = round(rng.uniform(*REFLECTION_DELAY_S) * self.rate)
+            gain = rng.uniform(*REFLECTION_GAIN)
+            response[:, start:start + taps] += gain * self._responses[rng.integers(len(self._azimuths))]
+        tail = rng.normal(size=response.shape) * 10.0 ** (-3.0 * times / rng.uniform(*TAIL_T60_S))
+        tail[:, times < REFLECTION_DELAY_S[1]] = 0.0
+        energy = np.sum(self._responses[k] ** 2) / np.sum(tail**2)
+        return response + rng.uniform(*TAIL_LEVEL) * np.sqrt(energy) * tail

@@ -1,0 +1,120 @@
+"""The default against correlations with even weights, in the same windows: rooms, a head, the free field."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, rms
+from av_audio.benchmark.fields import Field, Head, Window, free_field, rooms
+from av_audio.benchmark.figures import Figure
+from av_audio.benchmark.signals import Source
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.microphone_array import MicrophoneArray
+
+ROOMS = 100
+UPSAMPLING = 16    # of the plain GCC-PHAT
+FAR_OFF_DEG = 20.0
+# The default may be worse than the best of the others by this factor.
+MARGIN = 1.05
+SETTINGS = {
+    'default': LocalizerSettings(), 'published band': LocalizerSettings(wideband=False),
+    'phat': LocalizerSettings(method='phat'), 'music': LocalizerSettings(method='music'), 'mvdr': LocalizerSettings(method='mvdr')}
+EVEN = ('phat', 'GCC-PHAT', 'SRP-PHAT')
+
+
+def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figure]:
+    """Median error, RMSE and share beyond 20 degrees by field and estimator; with sigma and confidence for the default.
+
+    Parameters:
+        count: windows per field.
+        sources: generators of sound by name.
+        data: folder with recordings and measured responses.
+    """
+    drones = [source for name, source in sources.items() if name != 'flat noise']
+    indoors = rooms(np.random.default_rng(61), min(count, ROOMS), drones)
+    slower = rooms(np.random.default_rng(62), min(count, ROOMS), drones, 16_000)
+    head, free = Head(data), free_field(list(sources.values()))
+    for name, field, window_s, snr_db in (
+            ('rooms', indoors, 0.5, 10.0), ('rooms at 16 kHz', slower, 0.5, 10.0), ('rooms', indoors, 0.2, 10.0),
+            ('rooms', indoors, 0.1, 10.0), ('rooms', indoors, 0.5, 0.0),
+            ('head', head.field(drones, False), 0.1, 20.0), ('head, reflections', head.field(drones, True), 0.1, 20.0),
+            ('head, reflections', head.field(drones, True), 0.5, 20.0),
+            *(('free field', free, 0.5, snr_db) for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0)),
+            ('free field', free, 0.1, 10.0), ('free field', free, 0.1, 0.0)):
+        yield from _field_figures(f'{name}, {window_s:g} s, {snr_db:+.0f} dB', field, window_s, snr_db, count)
+
+
+def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
+    rng = np.random.default_rng(63)
+    rows: list[list[float]] = []
+    marks: list[tuple[float, float]] = []
+    for _ in range(count):
+        window = field(rng, window_s, snr_db)
+        estimates = {method: _localize(window, settings) for method, settings in SETTINGS.items()}
+        azimuths = [float(np.arcsin(np.sin(estimate.azimuth[0]))) for estimate in estimates.values()]
+        azimuths += [gcc_phat(window), srp_phat(window)]
+        rows.append([float(np.degrees(abs(azimuth - np.arcsin(window.cosine)))) for azimuth in azimuths])
+        default = estimates['default']
+        marks.append((float(default.confidence[0]), float(np.degrees(np.sqrt(default.azimuth_variance[0])))))
+    errors = dict(zip([*SETTINGS, 'GCC-PHAT', 'SRP-PHAT'], np.array(rows).T, strict=True))
+    for method, error in errors.items():
+        yield Figure(f'{name}, {method}: median error', float(np.median(error)), 'deg')
+        yield Figure(f'{name}, {method}: RMSE', rms(error), 'deg')
+        yield Figure(f'{name}, {method}: beyond 20 deg', 100.0 * float(np.mean(error > FAR_OFF_DEG)), '%')
+    for what, measure in (('median', np.median), ('RMSE', rms)):
+        best = min(float(measure(errors[method])) for method in EVEN)
+        yield Figure(f'{name}: {what} over the best of PHAT, GCC-PHAT and SRP', float(measure(errors['default'])) / best, '',
+                     MARGIN)
+    confidence, sigma = np.array(marks).T
+    passed = confidence >= CONFIDENCE_THRESHOLD
+    error = errors['default'][passed]
+    yield Figure(f'{name}: above the default confidence', 100.0 * float(passed.mean()), '%')
+    yield Figure(f'{name}: of those beyond 20 deg', 100.0 * float(np.mean(error > FAR_OFF_DEG)), '%', 3.0)
+    yield Figure(f'{name}: of those within 1.64 sigma', 100.0 * float(np.mean(error < 1.64 * sigma[passed])), '%')
+
+
+def _localize(window: Window, settings: LocalizerSettings) -> DoaEstimate:
+    localizer = Localizer(window.array, window.rate, LocalizerSettings(
+        window_s=len(window.sound) / window.rate, method=settings.method, wideband=settings.wideband))
+    estimate, = localizer.process(window.sound, 0)
+    return estimate
+
+
+def gcc_phat(window: Window) -> float:
+    """Folded azimuth in rad of the highest peak of the plain full-band GCC-PHAT, upsampled (Knapp and Carter, 1976)."""
+    first, second = np.fft.rfft(window.sound.T, 2 * len(window.sound))
+    cross = first * second.conj()
+    correlation = np.fft.irfft(cross / np.maximum(np.abs(cross), 1e-12), UPSAMPLING * 2 * len(window.sound))
+    reach = int(np.ceil(UPSAMPLING * window.rate * window.array.aperture / speed_of_sound(20.0)))
+    lags = np.arange(-reach, reach + 1)
+    delay = -lags[np.argmax(correlation[lags])] / (UPSAMPLING * window.rate)
+    return _folded(window.array, delay * speed_of_sound(20.0) / window.array.aperture)
+
+
+def srp_phat(window: Window) -> float:
+    """Folded azimuth in rad of SRP-PHAT of pyroomacoustics, in the full band on a grid of 1 degree."""
+    algorithm = _srp(window.array.aperture, window.rate)
+    import pyroomacoustics
+    frames = pyroomacoustics.transform.stft.analysis(window.sound.astype(float), algorithm.nfft, algorithm.nfft // 2)
+    algorithm.locate_sources(frames.transpose(2, 1, 0), num_src=1, freq_range=[100.0, 0.49 * window.rate])
+    return _folded(window.array, float(np.sin(algorithm.azimuth_recon[0])))
+
+
+@lru_cache(maxsize=2)
+def _srp(aperture: float, rate: int) -> Callable[..., NDArray]:
+    import pyroomacoustics
+    places = np.array([[0.0, 0.0], [0.5 * aperture, -0.5 * aperture]])
+    length = 512 if rate < 32_000 else 1024
+    return pyroomacoustics.doa.algorithms['SRP'](places, rate, length, c=speed_of_sound(20.0), num_src=1,
+                                                 azimuth=np.radians(np.arange(-90.0, 91.0)))
+
+
+def _folded(array: MicrophoneArray, q: float) -> float:
+    curve = array.delay_curve
+    return float(np.arcsin(np.clip(q if curve is None else curve.true_cosine(q), -1.0, 1.0)))

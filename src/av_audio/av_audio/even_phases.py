@@ -1,0 +1,66 @@
+"""Phases with equal weights, at several resolutions in time: robust where reflections contradict a likelihood."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from av_audio.blocks import Blocks
+from av_audio.steered_response import Peak, SteeredResponse
+from av_common.microphone_array import MicrophoneArray
+
+# Lengths of the blocks beside the whole window. Reverberation fills short blocks unevenly, so that some have more direct sound;
+# long ones have more signal for their noise. No single length is best in all rooms.
+BLOCKS_S = (0.016, 0.032)
+# The phase error that a reflection with a delay T causes repeats with 1 / T: wide clusters hold what early reflections share.
+CLUSTER_HZ = 250.0
+# Bins of the whole window that are summed, within which the phase of a delay hardly changes.
+GROUP_HZ = 16.0
+# Width over which the spectrum is made white before it is cut: strong frequencies would leak into weak ones.
+WHITENING_HZ = 100.0
+# Mean square error of q by reflections where bands do not agree at all; fitted to random rooms.
+REFLECTED = 2.0
+
+
+class EvenPhases(SteeredResponse):
+    """Phase transform (Knapp and Carter, 1976), summed over blocks of several lengths.
+
+    Each bin of each block has the same weight, and each length in all.
+
+    Parameters:
+        array: positions of the microphones.
+        frequencies (k,) (Hz): frequencies of the window's bins.
+        speed_of_sound (m/s): speed of sound.
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
+        bin_hz = float(frequencies[1] - frequencies[0])
+        self._blocks = [Blocks(frequencies, 0.5 * length) for length in BLOCKS_S if length * bin_hz < 0.5]
+        self._smoothing = max(1, round(WHITENING_HZ / bin_hz))
+        self._group = max(1, round(GROUP_HZ / bin_hz))
+        self._grouped = len(frequencies) // self._group * self._group
+        whole = frequencies[:self._grouped].reshape(-1, self._group).mean(axis=1)
+        everything = np.concatenate([whole, *(blocks.frequencies for blocks in self._blocks)])
+        self._order = np.argsort(everything, kind='stable')
+        super().__init__(array, everything[self._order], speed_of_sound, CLUSTER_HZ)
+
+    def estimate(self, spectra: NDArray) -> Peak:
+        """The highest peak for spectra (m, k)."""
+        power = np.mean(np.abs(spectra) ** 2, axis=0)
+        white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
+        whole = self._phases(white[:, None, :self._grouped])
+        parts = [whole.reshape(len(whole), -1, self._group).sum(axis=-1)]
+        parts += [self._phases(blocks.spectra(white)) for blocks in self._blocks]
+        return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
+
+    def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
+        agreement = height / float(np.abs(clusters).sum())
+        return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
+
+    def _phases(self, blocks: NDArray) -> NDArray:
+        """Mean over blocks of the normalised cross-spectra (p, j) of spectra (m, b, j), over the number of bins."""
+        pairs = self._array.pairs
+        cross = blocks[pairs[:, 0]] * blocks[pairs[:, 1]].conj()
+        cross /= np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
+        return cross.mean(axis=1) / cross.shape[-1]
