@@ -146,7 +146,7 @@ class Head:
             reflections: whether strong early reflections and reverberation are added.
         """
         def window(rng: Generator, seconds: float, snr_db: float) -> Window:
-            k = rng.integers(len(self._azimuths))
+            k = int(rng.integers(len(self._azimuths)))
             response = self._reverberant(rng, k) if reflections else self._responses[k]
             dry = sources[rng.integers(len(sources))](rng, seconds + 0.4, np.zeros(1))[:, 0]
             common = np.gcd(self.rate, RATE)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, rms
 from av_audio.benchmark.fields import Field, Head, Window, free_field, rooms
@@ -24,7 +24,7 @@ FAR_OFF_DEG = 20.0
 MARGIN = 1.05
 SETTINGS = {
     'default': LocalizerSettings(), 'published band': LocalizerSettings(wideband=False),
-    'phat': LocalizerSettings(method='phat'), 'music': LocalizerSettings(method='music'), 'mvdr': LocalizerSettings(method='mvdr')}
+    **{method: LocalizerSettings(method=method) for method in ('phat', 'music', 'mvdr')}}
 EVEN = ('phat', 'GCC-PHAT', 'SRP-PHAT')
 
 
@@ -107,7 +107,7 @@ def srp_phat(window: Window) -> float:
 
 
 @lru_cache(maxsize=2)
-def _srp(aperture: float, rate: int) -> Callable[..., NDArray]:
+def _srp(aperture: float, rate: int) -> Any:
     import pyroomacoustics
     places = np.array([[0.0, 0.0], [0.5 * aperture, -0.5 * aperture]])
     length = 512 if rate < 32_000 else 1024
