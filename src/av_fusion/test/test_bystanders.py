@@ -35,13 +35,22 @@ class JudgedSensors(SimulatedSensors):
         return found._replace(drone_probability=self._probabilities[from_bystander])
 
 
-@pytest.mark.parametrize('unknown', [math.nan, 0.0, -1.0, 2.0])
-def test_an_unknown_probability_changes_nothing(unknown):
-    """NaN, the 0 of a sender that does not know the field, and values that are no probability."""
+def test_an_unknown_probability_changes_nothing():
     expected = run(BayesTracker(), SimulatedSensors(3), lambda t: DRONE, 0.0, 3.0)[1]
-    tracks = run(BayesTracker(), JudgedSensors(unknown), lambda t: DRONE, 0.0, 3.0)[1]
+    tracks = run(BayesTracker(), JudgedSensors(math.nan), lambda t: DRONE, 0.0, 3.0)[1]
     assert [(track.azimuth, track.azimuth_variance) for track in tracks] == pytest.approx(
         [(track.azimuth, track.azimuth_variance) for track in expected], nan_ok=True)
+
+
+@pytest.mark.parametrize('value', [math.nan, 0.0, -1.0, 2.0, math.inf])
+def test_no_probability_is_unknown(value):
+    """Also the 0 of a sender that does not know the field: no judgement is that sure."""
+    sent = message(angles_to_direction([0.2, math.pi - 0.2]), (0.0, 1.0, 0.0))
+    for hypothesis in sent.hypotheses:
+        hypothesis.drone_probability = value
+    (found,) = doa_in_body(sent, np.eye(3))
+    assert math.isnan(found.drone_probability)
+    assert found.target_probability == 1.0
 
 
 def test_the_target_probability_follows_bayes():

@@ -57,7 +57,9 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         else:
             hypotheses = tuple(_hypothesis_of(rows, member) for member in members)
         confidence = max(member.confidence for member in members)
-        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone, members[0].drone_probability))
+        judged = members[0].drone_probability
+        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone,
+                                           judged if 0.0 < judged <= 1.0 else math.nan))
     return sorted(measurements, key=lambda measurement: -measurement.confidence * measurement.target_probability)
 
 

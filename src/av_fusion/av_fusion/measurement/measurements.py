@@ -92,10 +92,10 @@ class DoaMeasurement(NamedTuple):
     def target_probability(self) -> float:
         """Probability that a source in this direction is the target and not a bystander, such as a car or a talker.
 
-        Before a sound is judged, all that is heard counts as the target. A sender that does not know the field leaves it 0.
+        Before a sound is judged, all that is heard counts as the target.
         """
         p = self.drone_probability
-        return TARGET_ODDS * p / (TARGET_ODDS * p + 1.0 - p) if 0.0 < p <= 1.0 else 1.0
+        return 1.0 if math.isnan(p) else TARGET_ODDS * p / (TARGET_ODDS * p + 1.0 - p)
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:
