@@ -17,6 +17,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
+        (f'share/{package_name}/models', [str(file) for file in Path('models').glob('*')]),
     ],
     install_requires=['setuptools'],
     zip_safe=True,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,7 +44,7 @@ def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: in
 
 
 def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
-              method: str) -> DoaArray:
+              method: str, drone_probability: float = math.nan) -> DoaArray:
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
@@ -57,6 +58,7 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         frame_id: the array's frame.
         window_s (s): length of the window.
         method: name of the estimator.
+        drone_probability: probability that the source is a drone, NaN while unknown.
     """
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
@@ -68,7 +70,7 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         azimuth_variance=float(estimate.azimuth_variance[k]), elevation_variance=float(estimate.elevation_variance[k]),
         cosine=cosine, cosine_variance=float(estimate.cosine_variance),
         confidence=float(estimate.confidence[k]), ambiguity_group=int(estimate.group[k]),
-        end_fire=bool(estimate.end_fire[k])) for k, direction in enumerate(directions)]
+        end_fire=bool(estimate.end_fire[k]), drone_probability=drone_probability) for k, direction in enumerate(directions)]
     return message
 
 

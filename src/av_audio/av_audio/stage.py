@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray
 
+from av_audio.drone_classifier import DroneClassifier, load_model
+from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
+from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, DoaArray
@@ -32,18 +36,22 @@ class DoaStage:
         ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
         rotor_blades: blades of each of the rig's own rotors, with which motor speeds become the frequencies that are
             notched; 0 ignores motor speeds.
+        drone_model: judges whether what is heard is a drone; None leaves the probability unknown.
     """
 
     def __init__(self, array: MicrophoneArray, settings: LocalizerSettings | None = None,
-                 ego_noise: NoiseRecording | None = None, rotor_blades: int = 0) -> None:
+                 ego_noise: NoiseRecording | None = None, rotor_blades: int = 0, drone_model: DroneModel | None = None) -> None:
         self._array = array
         self._settings = settings or LocalizerSettings()
         self._ego_noise = ego_noise
         self._rotor_blades = rotor_blades
         self._blade_pass_hz = np.zeros(0)
+        self._drone_model = drone_model
         self._localizer: Localizer | None = None
+        self._classifier: DroneClassifier | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
+        self.drone_probability = math.nan  # of the newest direction; NaN while unknown
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.swaps = 0  # how often the two channels seem to have changed places
@@ -66,7 +74,7 @@ class DoaStage:
 
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
-        self._localizer = None
+        self._localizer = self._classifier = None
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
         """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
@@ -96,10 +104,17 @@ class DoaStage:
             self.latest = estimate
             if self._swap_detector is not None:
                 self.swaps += self._swap_detector.update(estimate)
+            self.drone_probability = self._judge(estimate)
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
-                                      self._settings.method))
+                                      self._settings.method, self.drone_probability))
         return messages
+
+    def _judge(self, estimate: DoaEstimate) -> float:
+        """Probability of a drone in the direction of an estimate, from all sound that has arrived; NaN while unknown."""
+        if self._classifier is None or not len(estimate.q):
+            return math.nan
+        return self._classifier.probability(estimate.time, estimate.q, self._blade_pass_hz)
 
     def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         if frame.channels != self._array.channels:
@@ -115,10 +130,20 @@ class DoaStage:
         self.sample_rate = float(frame.sample_rate)
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:
             self._localizer = Localizer(self._array, frame.sample_rate, self._settings, self._ego_noise)
+            self._classifier = None
+            if self._drone_model is not None:
+                self._classifier = DroneClassifier(self._array, frame.sample_rate, speed_of_sound(self._settings.temperature_c),
+                                                   self._drone_model, self._ego_noise)
         self._localizer.blade_pass_hz = self._blade_pass_hz
         before = self._localizer.restarts
         estimates = self._localizer.process(samples, frame.first_sample)
-        self.restarts += self._localizer.restarts - before
+        restarts = self._localizer.restarts - before
+        self.restarts += restarts
+        if self._classifier is not None:
+            if restarts:
+                self._classifier.clear()
+            if np.isfinite(samples).all():
+                self._classifier.add(samples)
         return estimates
 
 
@@ -150,4 +175,5 @@ def make_doa_stage(parameters: Any, array: MicrophoneArray | None = None, **chan
         array = MicrophoneArray.load(parameters.array_file)
     ego_noise = NoiseRecording.load(parameters.ego_noise) if parameters.ego_noise else None
     rotor_blades = parameters.ego_rotor_blades if parameters.ego_rotors == 'topic' else 0
-    return DoaStage(array, localizer_settings(parameters, **changes), ego_noise, rotor_blades)
+    return DoaStage(array, localizer_settings(parameters, **changes), ego_noise, rotor_blades,
+                    load_model(parameters.drone_model))

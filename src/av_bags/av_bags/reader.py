@@ -29,6 +29,8 @@ from av_common.files import check_file, one_line, read_text
 MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 FOREVER = 2**63 - 1
+# Fields that releases added to the rig's messages; bags without them are read (`converters`), and their values are unknown.
+ADDED_FIELDS = frozenset({'Doa.drone_probability'})
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()
 
@@ -146,13 +148,18 @@ class Bag(AbstractContextManager['Bag']):
         """
         kind = self.topics[topic].kind
         different = self._different_fields(topic)
-        if different and kind.startswith('av_interfaces/'):
+        refused = [name for name in different if name not in ADDED_FIELDS]
+        if refused and kind.startswith('av_interfaces/'):
             raise BagError(f'{self.path}: {topic} was recorded with another definition of {kind} than the installed '
-                           f'one, which differs in {", ".join(different)}; use the release that recorded it')
+                           f'one, which differs in {", ".join(refused)}; use the release that recorded it')
         if fast or different or kind in AUDIO_COMMON:
             return partial(self.decode, topic)
         installed_class = get_message(kind)
         return lambda data: deserialize_message(data, installed_class)
+
+    def is_older(self, topic: str) -> bool:
+        """Whether the messages of a topic lack a field of ADDED_FIELDS."""
+        return not ADDED_FIELDS.isdisjoint(self._different_fields(topic))
 
     def _different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""

@@ -19,20 +19,25 @@ from av_simulator.rendering.scenes import AnyScene, Woodland
 from av_simulator.sound import (
     Attenuation,
     Box,
+    EngineSignal,
     Ground,
+    HelicopterSignal,
     Noise,
     RecordedSignal,
     ReverbZone,
     Room,
     RotorSignal,
+    SirenSignal,
     Surroundings,
     ToneSignal,
     Trunk,
+    VoiceSignal,
 )
 from av_simulator.sound.frames import FASTEST
 from av_simulator.trajectories import Static, Trajectory, Vector, velocity
 
-SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal}
+SIGNALS = {'rotor': RotorSignal, 'recording': RecordedSignal, 'tone': ToneSignal, 'voice': VoiceSignal,
+           'engine': EngineSignal, 'helicopter': HelicopterSignal, 'siren': SirenSignal}
 SourceSignal = Annotated[Any, SIGNALS]
 FARTHEST = 10_000.0    # m, largest coordinate on a trajectory
 Obstacle = Annotated[Any, {'box': Box, 'trunk': Trunk}]
@@ -66,6 +71,23 @@ class Target:
                 find_config(self.drone, 'drones')
             except ValueError as error:
                 raise ValueError(f'drone: {error}') from error
+
+
+@dataclass(frozen=True)
+class Bystander:
+    """Something else that is heard. It is no target: nothing is sent about it, and it does not count in evaluations.
+
+    Parameters:
+        trajectory: path.
+        signal: emitted signal.
+        name: name in figures.
+        gain_db (dB): gain of the signal.
+    """
+
+    trajectory: Trajectory
+    signal: SourceSignal
+    name: str = 'bystander'
+    gain_db: float = bounded(0.0, low=-120.0, high=60.0)
 
 
 @dataclass(frozen=True)
@@ -185,6 +207,7 @@ class Scenario:
     Parameters:
         name, description: texts for logs and figures.
         targets: one or more drones.
+        bystanders: what else is heard.
         duration (s): duration of the run.
         seed: seed of all random numbers.
         rig: motion of the rig.
@@ -202,6 +225,7 @@ class Scenario:
     seed: int = bounded(1, low=0)
     description: str = ''
     rig: RigMotion = field(default_factory=RigMotion)
+    bystanders: tuple[Bystander, ...] = bounded((), longest=100)
     weather: Weather = field(default_factory=Weather)
     scene: AnyScene = field(default_factory=Woodland)
     obstacles: tuple[Obstacle, ...] = ()
@@ -222,7 +246,9 @@ class Scenario:
         _ = self.surroundings   # raises ValueError for contradictions
         fastest = FASTEST * speed_of_sound(self.weather.temperature_c)
         times = np.linspace(0.0, self.duration, 2000)
-        trajectories = {'rig': self.rig.trajectory} | {f'targets[{k}]': each.trajectory for k, each in enumerate(self.targets)}
+        trajectories = {'rig': self.rig.trajectory}
+        trajectories |= {f'targets[{number}]': each.trajectory for number, each in enumerate(self.targets)}
+        trajectories |= {f'bystanders[{number}]': each.trajectory for number, each in enumerate(self.bystanders)}
         for key, trajectory in trajectories.items():
             farthest = np.abs(trajectory(times)).max()
             if not farthest <= FARTHEST:

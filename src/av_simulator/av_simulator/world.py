@@ -51,6 +51,7 @@ class World:
         self._samples = 0
         weather, array = scenario.weather, rig.array
         self._sources = [_source(target) for target in scenario.targets]
+        self._sources += [Source(each.trajectory, each.signal, each.gain_db) for each in scenario.bystanders]
         self._sound = SoundWorld(
             sample_rate, self._sources,
             Medium(weather.temperature_c, weather.humidity_percent, weather.pressure_kpa, weather.absorption,

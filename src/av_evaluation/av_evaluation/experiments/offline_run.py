@@ -126,11 +126,11 @@ def ego_noise_of(scenario: Scenario, rig: Rig, seed: int) -> NoiseRecording:
     """A record of the scenario's rig alone, made at another time.
 
     Parameters:
-        scenario: whose targets are silenced.
+        scenario: whose targets and bystanders are silenced.
         rig: description of the rig.
         seed: of the run; the record uses another one.
     """
     silent = tuple(replace(target, gain_db=SILENT_DB) for target in scenario.targets)
-    world = World(replace(scenario, targets=silent), rig, seed + 1000, SAMPLE_RATE)
+    world = World(replace(scenario, targets=silent, bystanders=()), rig, seed + 1000, SAMPLE_RATE)
     steps = round(EGO_NOISE_S * SAMPLE_RATE / STEP)
     return NoiseRecording(np.concatenate([world.advance(STEP) for _ in range(steps)]), SAMPLE_RATE)

@@ -28,6 +28,7 @@ SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Sou
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts a new track
 OVERHEAD = math.sin(math.radians(60.0))  # vertical part of a direction in the body, above which front and back do not matter
+LEAST_TARGET_PROBABILITY = 0.1  # a direction of arrival that is less likely the target's is a bystander's and not followed
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
 
 
@@ -45,6 +46,7 @@ class BayesTracker:
         planner: rotations of the rig that resolve the front-back ambiguity.
         looks: looks of a camera on a gimbal; None for a fixed camera.
         self_calibration: corrects directions of arrival by the camera.
+        bystander: newest direction of arrival of something else than a drone; None without one.
 
     Parameters:
         settings: see the attribute.
@@ -61,6 +63,7 @@ class BayesTracker:
         self._posterior = Posterior(self.settings, self.motion)
         self._sightings = SightingHistory()
         self._coasting = CoastingTrack(self.settings.coast, self.settings.model)
+        self.bystander: DoaMeasurement | None = None
         self._resolved = False
         self._visibility = math.nan
         self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
@@ -87,6 +90,10 @@ class BayesTracker:
         usable = usable_doa(measurement)
         if usable is None:
             return
+        if usable.target_probability < LEAST_TARGET_PROBABILITY:
+            self.bystander = usable
+            return
+        usable = usable._replace(confidence=usable.confidence * usable.target_probability)
         time = usable.time - self.settings.sound_delay
         corrected = self._calibrate(usable, time)
         self._reset_after_gap(time)
@@ -140,8 +147,12 @@ class BayesTracker:
 
     def diagnostics(self) -> dict[str, str]:
         """See `Tracker`."""
+        found = self.machine.diagnostics()
+        if self.bystander is not None:
+            azimuths = ' or '.join(f'{math.degrees(h.azimuth):.0f}' for h in self.bystander.hypotheses)
+            found['newest bystander'] = f'at {self.bystander.time:.1f} s, azimuth {azimuths} deg'
         learned = self.self_calibration.describe() if self.self_calibration.compared else {}
-        return {**self.machine.diagnostics(), **{f'array self-calibration: {name}': value for name, value in learned.items()}}
+        return {**found, **{f'array self-calibration: {name}': value for name, value in learned.items()}}
 
     def _reset_after_gap(self, time: float) -> None:
         if self._posterior.time is not None and abs(time - self._posterior.time) > MAX_GAP_S:

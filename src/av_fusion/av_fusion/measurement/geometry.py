@@ -30,7 +30,7 @@ LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as
 
 
 def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMeasurement]:
-    """One measurement for each ambiguity group of a message, most confident first.
+    """One measurement for each ambiguity group of a message, the most likely to be of the target first.
 
     A linear array (one with an axis) measures cones, other arrays directions. `rotation` (3, 3) turns vectors of the
     array's frame into the body frame.
@@ -57,8 +57,10 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         else:
             hypotheses = tuple(_hypothesis_of(rows, member) for member in members)
         confidence = max(member.confidence for member in members)
-        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone))
-    return sorted(measurements, key=lambda measurement: -measurement.confidence)
+        judged = members[0].drone_probability
+        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone,
+                                           judged if 0.0 < judged <= 1.0 else math.nan))
+    return sorted(measurements, key=lambda measurement: -measurement.confidence * measurement.target_probability)
 
 
 def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:

@@ -4,6 +4,7 @@ The models are described in docs/reference/simulated_sound.md.
 """
 
 from av_simulator.sound.attenuation import Attenuation
+from av_simulator.sound.bystander_signals import EngineSignal, HelicopterSignal, SirenSignal, VoiceSignal
 from av_simulator.sound.directivity import CardioidDirectivity, RotorDirectivity
 from av_simulator.sound.ego_rotors import EgoRotors
 from av_simulator.sound.ground import Ground
@@ -23,8 +24,10 @@ __all__ = [
     'Box',
     'CardioidDirectivity',
     'EgoRotors',
+    'EngineSignal',
     'FormulaSignal',
     'Ground',
+    'HelicopterSignal',
     'Medium',
     'Noise',
     'RecordedSignal',
@@ -32,6 +35,7 @@ __all__ = [
     'Room',
     'RotorDirectivity',
     'RotorSignal',
+    'SirenSignal',
     'Snr',
     'SoundWorld',
     'Source',
@@ -39,6 +43,7 @@ __all__ = [
     'Surroundings',
     'ToneSignal',
     'Trunk',
+    'VoiceSignal',
     'Wind',
     'load_profile',
 ]

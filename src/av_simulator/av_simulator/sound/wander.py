@@ -30,3 +30,7 @@ class Wander:
     def __call__(self, times: NDArray) -> NDArray:
         """Values (k, channels) at times (s, (k,))."""
         return np.sqrt(2.0 / _TERMS) * np.sin(self._rate * times[:, None] + self._phase).sum(axis=0)
+
+    def integral(self, times: NDArray) -> NDArray:
+        """Integrals (s, (k, channels)) from any fixed instant to times (s, (k,))."""
+        return -np.sqrt(2.0 / _TERMS) * (np.cos(self._rate * times[:, None] + self._phase) / self._rate).sum(axis=0)

@@ -1,0 +1,95 @@
+"""How likely the sound from each direction is that of a drone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.drone_features import HIGHEST_HZ, DroneFeatures
+from av_audio.drone_model import DroneModel
+from av_audio.ego_noise import NoiseRecording
+from av_audio.source_spectra import SourceSpectra
+from av_common.microphone_array import MicrophoneArray
+from av_common.shipped import shipped_file
+
+PERIOD_S = 0.25  # between two looks at the same direction
+# Looks at directions closer than this (in q, a cosine) are at one source; its log-odds are averaged over this time.
+SAME_SOURCE, MEMORY_S = 0.2, 2.0
+LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
+
+
+@dataclass
+class _Source:
+    """A direction that was judged: its q, the mean of the log-odds, their weight, and when (s) it was judged last."""
+
+    q: NDArray
+    log_odds: float
+    weight: float
+    time: float
+
+
+class DroneClassifier:
+    """Judges the sound from directions over the last seconds.
+
+    Parameters:
+        array: positions of the microphones.
+        sample_rate (Hz): sample rate; below twice the highest frequency of the features nothing is judged.
+        speed_of_sound (m/s): speed of sound.
+        model: see `DroneModel`.
+        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+    """
+
+    def __init__(self, array: MicrophoneArray, sample_rate: int, speed_of_sound: float, model: DroneModel,
+                 ego_noise: NoiseRecording | None = None) -> None:
+        self._model, self._features = model, DroneFeatures()
+        self.usable = sample_rate >= 2.0 * HIGHEST_HZ
+        self._spectra = SourceSpectra(array, sample_rate, speed_of_sound, ego_noise) if self.usable else None
+        self._sources: list[_Source] = []
+
+    def clear(self) -> None:
+        """Discard samples and judgements, after a gap."""
+        if self._spectra is not None:
+            self._spectra.clear()
+        self._sources.clear()
+
+    def add(self, samples: NDArray[np.float32]) -> None:
+        """Take the next samples (n, m) of the stream, full scale 1."""
+        if self._spectra is not None:
+            self._spectra.add(samples)
+
+    def probability(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None) -> float:
+        """Probability of a drone in a direction, if drones were as frequent as all else; NaN while unknown.
+
+        Parameters:
+            time (s): time of the newest sample.
+            q (rank,): measured projection of the direction on the array's basis.
+            blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors.
+        """
+        if self._spectra is None or not self._spectra.is_full:
+            return math.nan
+        self._sources = [source for source in self._sources if 0.0 <= time - source.time <= MEMORY_S]
+        known = min(self._sources, key=lambda source: _apart(source.q, q), default=None)
+        if known is None or _apart(known.q, q) > SAME_SOURCE:
+            known = _Source(q, 0.0, 0.0, -math.inf)
+            self._sources.append(known)
+        if time - known.time >= PERIOD_S or known.weight == 0.0:
+            found = float(self._model.log_odds(self._features(self._spectra.steered(q, blade_pass_hz))))
+            kept = known.weight * math.exp(-(time - known.time) / MEMORY_S) if known.weight else 0.0
+            known.log_odds = (kept * known.log_odds + found) / (kept + 1.0)
+            known.q, known.weight, known.time = q, kept + 1.0, time
+        return 1.0 / (1.0 + math.exp(-min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)))
+
+
+def load_model(name: str) -> DroneModel | None:
+    """The model of a file, or that which ships with the package for an empty name; None for `none`.
+
+    Raises OSError or ValueError for a file that is no model.
+    """
+    return None if name == 'none' else DroneModel.load(name or shipped_file('av_audio', 'models', 'drone_sound.npz'))
+
+
+def _apart(first: NDArray, second: NDArray) -> float:
+    return float(np.linalg.norm(first - second))

@@ -1,0 +1,159 @@
+"""Features of the sound from one direction, by which a multirotor is told from other sources.
+
+They do not depend on level and sample rate: powers count relative to their mean, and bins have a fixed width.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.ndimage import maximum_filter1d, median_filter
+
+FRAME_S, HOP_S = 0.256, 0.064  # length of a frame and time between frames; a bin is 1 / FRAME_S wide
+SEGMENT_FRAMES = 12  # of which features are computed: one second
+LOWEST_HZ, HIGHEST_HZ = 62.5, 7500.0
+BANDS = 24  # evenly spaced in mel
+# Spectral lines stand out from the median over this width.
+FLOOR_HZ, LARGEST_PROMINENCE = 200.0, 5.0
+# Powers of a direction below this share of the power at a microphone are other directions' remains.
+LEAST_SHARE = 0.05
+FUNDAMENTALS_HZ = (45.0, 900.0)  # of combs: blade passing frequencies, and those of voices and engines
+LOG_STEP = 0.01  # of the logarithmic frequency axis on which combs are searched
+ORDERS = 12  # harmonics of a comb
+NEIGHBOURS = (3, 6, 10, 16)  # steps from the best fundamental, at which the combs of other rotors may lie
+SHIFTS = 8  # largest change of the fundamental within a segment, in steps
+LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)
+SPACINGS_HZ = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0, 250.0, 350.0, 500.0, 700.0)  # distances between lines
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Spectra of one second of the sound from a direction.
+
+    Parameters:
+        power (t, k): estimated power from the direction by frame and bin; may be negative where other sources are stronger.
+        total (t, k): mean power at the microphones, positive.
+    """
+
+    power: NDArray
+    total: NDArray
+
+
+def bin_frequencies() -> NDArray:
+    """Frequencies (k,) in Hz of the bins of a `Segment`."""
+    return np.arange(round(LOWEST_HZ * FRAME_S), round(HIGHEST_HZ * FRAME_S) + 1) / FRAME_S
+
+
+class DroneFeatures:
+    """Computes the features of segments.
+
+    - *bands*: mean level of each mel band relative to all, its standard deviation and its mean change over time. Rotors are
+      steady and broad, voices and birds are not.
+    - *combs*: how much the harmonics of the best fundamental stand out, its frequency, the orders, and how wide it is:
+      several rotors have similar but different speeds. How much the lines move within the second, and how well they remain.
+    - *lines*: share and prominence of spectral lines in five bands.
+    - *spacings*: autocorrelation of the lines over frequency, by distance.
+    """
+
+    COUNT = 102  # features of a segment
+
+    def __init__(self) -> None:
+        self._frequencies = frequencies = bin_frequencies()
+        self._bands = _mel_filters(frequencies)
+        self._floor_bins = round(FLOOR_HZ * FRAME_S) | 1
+        count = int(np.log(frequencies[-1] / FUNDAMENTALS_HZ[0]) / LOG_STEP)
+        self._log_axis = FUNDAMENTALS_HZ[0] * np.exp(LOG_STEP * np.arange(count))
+        below = np.searchsorted(frequencies, self._log_axis * np.exp(-0.5 * LOG_STEP))
+        above = np.searchsorted(frequencies, self._log_axis * np.exp(0.5 * LOG_STEP))
+        self._cells = np.clip(np.stack([below, np.maximum(above, below + 1)]), 0, len(frequencies) - 1)
+        self._fundamentals = self._log_axis[self._log_axis <= FUNDAMENTALS_HZ[1]]
+        self._combs, self._gaps = _combs(len(self._fundamentals), count)
+        self._line_bands = np.searchsorted(frequencies, LINE_BANDS_HZ)
+        self._lags = np.unique(np.round(np.array(SPACINGS_HZ) * FRAME_S).astype(int))
+
+    def __call__(self, segment: Segment) -> NDArray[np.float32]:
+        """Features (n,) of a segment."""
+        bands = self._band_features(segment)
+        halves = np.array_split(np.arange(len(segment.power)), 2)
+        whole, first, second = (self._prominence(segment, frames) for frames in (slice(None), *halves))
+        combs = self._comb_features(whole, first, second)
+        return np.concatenate([bands, combs, self._line_features(whole), self._spacings(whole)]).astype(np.float32)
+
+    def _band_features(self, segment: Segment) -> NDArray:
+        power, total = segment.power @ self._bands.T, segment.total @ self._bands.T
+        level = np.log(np.maximum(power, LEAST_SHARE * total) + 1e-20)  # (t, bands)
+        mean = level.mean(axis=0)
+        change = np.abs(np.diff(level, axis=0)).mean(axis=0)
+        overall = np.log(np.maximum(power.sum(axis=1), LEAST_SHARE * total.sum(axis=1)) + 1e-20)
+        share = np.maximum(power.sum(), 0.0) / (total.sum() + 1e-20)
+        return np.concatenate([mean - mean.mean(), level.std(axis=0), change[::3], [overall.std(), np.ptp(overall), share]])
+
+    def _prominence(self, segment: Segment, frames: NDArray | slice) -> NDArray:
+        """How much each bin (k,) stands out from its surroundings, as the logarithm of a ratio of powers, from 0."""
+        power, total = segment.power[frames].mean(axis=0), segment.total[frames].mean(axis=0)
+        level = np.log(np.maximum(power, LEAST_SHARE * total) + 1e-20)
+        coarse = median_filter(level[::4], self._floor_bins // 4, mode='nearest')
+        floor = np.interp(np.arange(len(level)), np.arange(0, len(level), 4), coarse)
+        return np.clip(level - floor, 0.0, LARGEST_PROMINENCE)
+
+    def _on_log_axis(self, prominence: NDArray) -> NDArray:
+        """Largest prominence within each cell of the logarithmic axis."""
+        edges = self._cells.T.ravel()
+        return np.maximum.reduceat(prominence, edges)[::2]
+
+    def _comb_features(self, whole: NDArray, first: NDArray, second: NDArray) -> NDArray:
+        lines = self._on_log_axis(whole)
+        combs = self._combs @ lines
+        scores = combs - self._gaps @ lines
+        best = int(np.argmax(scores))
+        orders = np.round(np.log(np.arange(1, 9)) / LOG_STEP).astype(int) + best
+        near = maximum_filter1d(lines, 3)
+        harmonics = np.where(orders < len(lines), near[np.minimum(orders, len(lines) - 1)], 0.0)
+        around = [max(scores[max(best - step, 0)], scores[min(best + step, len(scores) - 1)]) for step in NEIGHBOURS]
+        apart = np.abs(np.arange(len(scores)) - best)
+        other = float(np.max(scores[apart > 2 * NEIGHBOURS[-1]]))
+        before, after = self._on_log_axis(first), self._on_log_axis(second)
+        shifted = [_correlation(before[SHIFTS:-SHIFTS], after[SHIFTS + s:len(after) - SHIFTS + s])
+                   for s in range(-SHIFTS, SHIFTS + 1)]
+        return np.concatenate([[scores[best], combs[best], np.log(self._fundamentals[best]), other], harmonics, around,
+                               [max(shifted), shifted[SHIFTS], float(np.argmax(shifted) - SHIFTS)]])
+
+    def _line_features(self, prominence: NDArray) -> NDArray:
+        parts = np.split(prominence, self._line_bands[1:-1])
+        return np.array([value for part in parts for value in ((part > 1.5).mean(), part.mean(), np.sort(part)[-5:].mean())])
+
+    def _spacings(self, prominence: NDArray) -> NDArray:
+        low = prominence[:len(prominence) // 2] - prominence[:len(prominence) // 2].mean()
+        size = fft.next_fast_len(2 * len(low), real=True)
+        correlation = fft.irfft(np.abs(fft.rfft(low, size)) ** 2, size)
+        correlation /= max(correlation[0], 1e-9)
+        return np.maximum.reduceat(correlation[:self._lags[-1]], self._lags[:-1])
+
+
+def _correlation(first: NDArray, second: NDArray) -> float:
+    first, second = first - first.mean(), second - second.mean()
+    return float(first @ second / max(np.sqrt((first @ first) * (second @ second)), 1e-9))
+
+
+def _combs(fundamentals: int, count: int) -> tuple[NDArray, NDArray]:
+    """Matrices (fundamentals, count): mean over the harmonics of each fundamental, and over the middles between them."""
+    combs, gaps = (np.zeros((fundamentals, count), np.float32) for _ in range(2))
+    for matrix, offset in ((combs, 0.0), (gaps, 0.5)):
+        steps = np.round(np.log(np.arange(1, ORDERS + 1) + offset) / LOG_STEP).astype(int)
+        for row in range(fundamentals):
+            inside = steps[row + steps < count] + row
+            matrix[row, inside] = 1.0 / len(inside)
+    return combs, gaps
+
+
+def _mel_filters(frequencies: NDArray) -> NDArray:
+    """Triangular filters (BANDS, k) of equal width in mel (O'Shaughnessy, 1987)."""
+    low, high = (2595.0 * np.log10(1.0 + f / 700.0) for f in (LOWEST_HZ, HIGHEST_HZ))
+    centres = 700.0 * (10.0 ** (np.linspace(low, high, BANDS + 2) / 2595.0) - 1.0)
+    rise = (frequencies - centres[:-2, None]) / np.diff(centres)[:-1, None]
+    fall = (centres[2:, None] - frequencies) / np.diff(centres)[1:, None]
+    filters = np.clip(np.minimum(rise, fall), 0.0, None)
+    return filters / np.maximum(filters.sum(axis=1, keepdims=True), 1e-9)

@@ -1,0 +1,108 @@
+"""Spectra of the last second of a stream, steered to directions."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.ndimage import minimum_filter1d
+
+from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, Segment, bin_frequencies
+from av_audio.ego_noise import EgoNoise, NoiseRecording
+from av_audio.ego_rotors import notch
+from av_common.microphone_array import MicrophoneArray
+
+MAIN_LOBE_BINS = 5  # of the taper, a Hann window
+
+
+class SourceSpectra:
+    """Keeps the spectra of the last `SEGMENT_FRAMES` frames and gives what of them came from a direction.
+
+    Parameters:
+        array: positions of the microphones.
+        sample_rate (Hz): sample rate, at least twice the highest frequency of the features.
+        speed_of_sound (m/s): speed of sound.
+        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+
+    Raises ValueError for a recording that does not fit the array or the sample rate.
+    """
+
+    def __init__(self, array: MicrophoneArray, sample_rate: int, speed_of_sound: float,
+                 ego_noise: NoiseRecording | None = None) -> None:
+        self.sample_rate = sample_rate
+        self._frame, self._hop = round(FRAME_S * sample_rate), round(HOP_S * sample_rate)
+        self._frequencies = bin_frequencies()
+        self._bins = slice(round(self._frequencies[0] * FRAME_S), round(self._frequencies[-1] * FRAME_S) + 1)
+        self._taper = np.hanning(self._frame).astype(np.float32)[:, None]
+        self._lead = (array.positions @ array.basis / speed_of_sound).astype(np.float32)  # (m, rank): s that each leads
+        self._omega = (2.0 * np.pi * self._frequencies).astype(np.float32)
+        self._samples = np.zeros((0, array.channels), np.float32)
+        self._spectra: deque[NDArray] = deque(maxlen=SEGMENT_FRAMES)
+        self._ego_noise = None
+        if ego_noise is not None:
+            ego_noise.check(array.channels, sample_rate)
+            starts = range(0, len(ego_noise.samples) - self._frame + 1, self._frame // 2)
+            windows = (self._spectrum(ego_noise.samples[start:start + self._frame]) for start in starts)
+            self._ego_noise = EgoNoise(windows, 1.0 / FRAME_S)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a whole segment is present."""
+        return len(self._spectra) == SEGMENT_FRAMES
+
+    def clear(self) -> None:
+        """Discard everything, after a gap."""
+        self._samples = self._samples[:0]
+        self._spectra.clear()
+
+    def add(self, samples: NDArray[np.float32]) -> None:
+        """Take the next samples (n, m) of the stream, full scale 1."""
+        self._samples = np.concatenate([self._samples, samples])
+        while len(self._samples) >= self._frame:
+            self._spectra.append(self._spectrum(self._samples[:self._frame]))
+            self._samples = self._samples[self._hop:]
+
+    def steered(self, q: NDArray, blade_pass_hz: NDArray | None = None) -> Segment:
+        """The sound from a direction: cross-powers of all pairs after removing the delays of the direction.
+
+        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance.
+
+        Parameters:
+            q (rank,): measured projection of the direction on the array's basis.
+            blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors, whose lines are removed.
+        """
+        spectra = np.stack(self._spectra)  # (t, m, k)
+        microphones = spectra.shape[1]
+        phases = (self._lead @ q).astype(np.float32)[:, None] * self._omega
+        towards = np.exp(-1j * phases).astype(np.complex64)
+        total = np.mean(np.abs(spectra) ** 2, axis=1)
+        power = _cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
+        if self._ego_noise is not None:
+            noise = np.mean([self._ego_noise.covariance_in(frame) for frame in self._spectra], axis=0)
+            seen = np.einsum('ik,ijk,jk->k', towards, noise, towards.conj()).real
+            own = np.einsum('iik->k', noise).real / microphones
+            power = power - _cross_power(seen, own, microphones)
+            total = np.maximum(total - own, 0.1 * total)
+        if blade_pass_hz is not None and len(blade_pass_hz):
+            free = minimum_filter1d(notch(self._frequencies, blade_pass_hz), MAIN_LOBE_BINS)
+            power, total = _bridged(power, free), _bridged(total, free)
+        return Segment(power, total)
+
+    def _spectrum(self, frame: NDArray) -> NDArray:
+        """Spectra (m, k) of a frame (n, m)."""
+        return np.ascontiguousarray(fft.rfft(frame * self._taper, axis=0)[self._bins].T)
+
+
+def _cross_power(beam: NDArray, total: NDArray, microphones: int) -> NDArray:
+    """Mean cross-power of all pairs, from the power of the sum of all microphones and the mean power of one."""
+    if microphones == 1:
+        return total
+    return (beam - microphones * total) / (microphones * (microphones - 1))
+
+
+def _bridged(values: NDArray, free: NDArray) -> NDArray:
+    """Values (t, k) with those of bins that are not free interpolated from their neighbours."""
+    bins = np.arange(len(free))
+    return np.stack([np.interp(bins, bins[free], row[free]) for row in values]) if free.any() else values

@@ -1,0 +1,151 @@
+"""Is it a drone: features, steering, the model, and the probability that the stage puts into messages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import resample_poly
+from test_doa_stage import feed
+
+from av_audio.drone_classifier import DroneClassifier, load_model
+from av_audio.drone_features import DroneFeatures, Segment, bin_frequencies
+from av_audio.drone_model import DroneModel
+from av_audio.source_spectra import SourceSpectra
+from av_audio.stage import DoaStage
+from av_common.acoustics import speed_of_sound
+from av_common.microphone_array import MicrophoneArray
+
+RATE, C = 16_000, speed_of_sound(20.0)
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair')
+SQUARE = MicrophoneArray(np.array([[x, y, 0.0] for x in (-0.04, 0.04) for y in (-0.04, 0.04)]), 'square')
+
+
+def multirotor(seconds, rng):
+    """Four rotors of similar, slowly changing speeds (n,): combs with falling harmonics, and blades that hiss."""
+    time = np.arange(round(seconds * RATE)) / RATE
+    sound = np.zeros(len(time))
+    for speed in 190.0 * (1.0 + 0.03 * rng.standard_normal(4)):
+        turns = speed * (time + 0.004 * np.sin(2 * np.pi * (0.7 * time + rng.random())))
+        sound += sum(0.7**order * np.cos(2 * np.pi * (order * turns + rng.random())) for order in range(1, 25))
+    return sound / sound.std() + 0.6 * rng.standard_normal(len(time))
+
+
+def arriving(array, q, sound):
+    """A periodic sound (n,) of a far source, as the microphones hear it (n, m)."""
+    turns = 2j * np.pi * np.fft.rfftfreq(len(sound), 1.0 / RATE)[:, None] * (array.positions @ array.basis @ q) / C
+    return np.fft.irfft(np.fft.rfft(sound)[:, None] * np.exp(turns), len(sound), axis=0)
+
+
+def steered(array, samples, q, rate=RATE, **options):
+    spectra = SourceSpectra(array, rate, C)
+    spectra.add(samples.astype(np.float32))
+    return spectra.steered(np.asarray(q), **options)
+
+
+@pytest.mark.parametrize(('array', 'here', 'there'), [(PAIR, [0.3], [-0.6]), (SQUARE, [0.3, 0.5], [-0.7, -0.2])])
+def test_the_power_from_a_direction_is_that_of_its_source(array, here, there):
+    """Noise that the microphones do not share, of three times the power, adds nothing on average."""
+    rng = np.random.default_rng(1)
+    source = 0.1 * rng.standard_normal(2 * RATE)
+    alone = steered(array, arriving(array, here, source), here)
+    noisy = steered(array, arriving(array, here, source) + 0.17 * rng.standard_normal((2 * RATE, array.channels)), here)
+    away = steered(array, arriving(array, there, source), here)
+    assert alone.power.sum() == pytest.approx(alone.total.sum(), rel=1e-3)
+    assert noisy.power.sum() == pytest.approx(alone.power.sum(), rel=0.1)
+    assert noisy.total.sum() > 3.5 * alone.power.sum()
+    assert abs(away.power.sum()) < 0.35 * away.total.sum()
+
+
+def test_lines_of_the_rigs_own_rotors_are_bridged():
+    rng = np.random.default_rng(2)
+    hiss = 0.01 * rng.standard_normal(2 * RATE)
+    hum = hiss + 0.5 * sum(np.sin(2 * np.pi * order * 180.0 * np.arange(2 * RATE) / RATE) for order in range(1, 20))
+    clean, loud = (steered(PAIR, np.stack([sound, sound], axis=1), [0.0], blade_pass_hz=np.array([180.0]))
+                   for sound in (hiss, hum))
+    assert np.median(loud.total) == pytest.approx(np.median(clean.total), rel=0.5)
+    assert np.log(loud.total.mean() / clean.total.mean()) < 1.0
+
+
+def test_features_depend_neither_on_level_nor_on_sample_rate():
+    sound = np.stack([multirotor(2.0, np.random.default_rng(3))] * 2, axis=1) * 0.01
+    features = DroneFeatures()
+    expected = features(steered(PAIR, sound, [0.0]))
+    assert len(expected) == DroneFeatures.COUNT
+    np.testing.assert_allclose(features(steered(PAIR, 30.0 * sound, [0.0])), expected, atol=0.02)
+    faster = features(steered(PAIR, resample_poly(sound, 3, 1), [0.0], rate=3 * RATE))
+    different = np.abs(faster - expected) > 0.3  # the resampler attenuates the highest band
+    assert different.sum() <= 6
+
+
+def test_features_of_silence_are_finite():
+    empty = np.zeros((12, len(bin_frequencies())))
+    assert np.isfinite(DroneFeatures()(Segment(empty, empty))).all()
+
+
+def test_the_model_is_a_perceptron_with_calibration(tmp_path):
+    rng = np.random.default_rng(4)
+    n = DroneFeatures.COUNT
+    first, second = rng.standard_normal((n, 3)).astype('f'), rng.standard_normal((3, 1)).astype('f')
+    model = DroneModel([(first, np.ones(3, 'f')), (second, np.array([0.5], 'f'))], np.full(n, 0.1), np.full(n, 2.0), 0.7, -0.2)
+    values = rng.standard_normal((5, n))
+    expected = 0.7 * (np.maximum((values - 0.1) / 2.0 @ first + 1.0, 0.0) @ second + 0.5)[:, 0] - 0.2
+    model.save(tmp_path / 'model.npz')
+    np.testing.assert_allclose(DroneModel.load(tmp_path / 'model.npz').log_odds(values), expected, rtol=1e-5)
+
+
+def test_files_that_are_no_model_are_named(tmp_path):
+    (tmp_path / 'text.npz').write_text('no model')
+    np.savez(tmp_path / 'other.npz', weights_0=np.zeros((3, 1)), biases_0=np.zeros(1), mean=np.zeros(3), scale=np.ones(3),
+             calibration=np.ones(2))
+    with pytest.raises(ValueError, match=r'text\.npz is no model of drone sounds'):
+        load_model(str(tmp_path / 'text.npz'))
+    with pytest.raises(ValueError, match=r'other\.npz is a model of 3 features, expected \d+'):
+        load_model(str(tmp_path / 'other.npz'))
+    with pytest.raises(OSError, match=r'absent\.npz'):
+        load_model(str(tmp_path / 'absent.npz'))
+    assert load_model('none') is None
+
+
+def test_a_drone_beside_a_hiss_is_told_from_it():
+    """Of two sources at once, each direction is judged by its own sound."""
+    rng = np.random.default_rng(5)
+    drone, hiss = multirotor(6.0, rng), np.cumsum(rng.standard_normal(6 * RATE)) * 0.03
+    classifier = DroneClassifier(SQUARE, RATE, C, load_model(''))
+    found = {}
+    for q, level in (([0.8, 0.2], 1.0), ([-0.5, -0.6], 0.0)):
+        classifier.clear()
+        sound = level * arriving(SQUARE, np.array(q), drone) + (1.0 - level) * arriving(SQUARE, np.array(q), hiss)
+        classifier.add(0.05 * sound.astype(np.float32))
+        found[level] = classifier.probability(6.0, np.array(q))
+    assert found[1.0] > 0.6 > 0.3 > found[0.0]
+
+
+def test_messages_say_how_likely_a_drone_is():
+    rng = np.random.default_rng(6)
+    sound = 0.05 * arriving(PAIR, np.array([0.5]), multirotor(4.0, rng))
+    messages = feed(DoaStage(PAIR, drone_model=load_model('')), sound.astype(np.float32), rate=RATE)
+    judged = [message.hypotheses[0].drone_probability for message in messages]
+    assert all(math.isnan(value) for value in judged[:4])   # a second of sound is needed
+    assert min(judged[10:]) > 0.6
+    for message in messages[10:]:
+        assert len({hypothesis.drone_probability for hypothesis in message.hypotheses}) == 1
+
+
+def test_without_a_model_or_below_its_sample_rate_it_stays_unknown():
+    sound = 0.05 * arriving(PAIR, np.array([0.5]), multirotor(2.0, np.random.default_rng(7))).astype(np.float32)
+    for stage, rate in ((DoaStage(PAIR), RATE), (DoaStage(PAIR, drone_model=load_model('')), 12_000)):
+        judged = [h.drone_probability for message in feed(stage, sound, rate=rate) for h in message.hypotheses]
+        assert judged
+        assert all(map(math.isnan, judged))
+
+
+def test_a_gap_makes_it_unknown_again():
+    sound = 0.05 * arriving(PAIR, np.array([0.5]), multirotor(4.0, np.random.default_rng(8))).astype(np.float32)
+    stage = DoaStage(PAIR, drone_model=load_model(''))
+    before = feed(stage, sound[:2 * RATE], rate=RATE)
+    after = feed(stage, sound[2 * RATE:], rate=RATE, first_sample=3 * RATE)
+    assert not math.isnan(before[-1].hypotheses[0].drone_probability)
+    assert math.isnan(after[0].hypotheses[0].drone_probability)
+    assert not math.isnan(after[-1].hypotheses[0].drone_probability)

@@ -1,0 +1,101 @@
+"""Sounds that are judged not to be a drone's are not followed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from simulated_sensors import SimulatedSensors
+from test_geometry import message
+from test_tracker import errors_deg, run
+
+from av_common.angles import angles_to_direction, wrap
+from av_common.track import Source
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.geometry import doa_in_body
+from av_fusion.measurement.measurements import DoaMeasurement
+
+DRONE, BYSTANDER = math.radians(40.0), math.radians(-60.0)
+
+
+class JudgedSensors(SimulatedSensors):
+    """Directions with a probability of a drone; every few of them stem from a bystander."""
+
+    def __init__(self, drone_probability: float = 0.95, bystander_probability: float = 0.01, period: int = 0,
+                 bystander: float = BYSTANDER) -> None:
+        super().__init__(3)
+        self._probabilities, self._period, self._bystander, self._count = (
+            (drone_probability, bystander_probability), period, bystander, 0)
+
+    def doa(self, time: float, azimuth: float, confidence: float = 0.9) -> DoaMeasurement:
+        self._count += 1
+        from_bystander = bool(self._period) and self._count % self._period != 0
+        found = super().doa(time, self._bystander if from_bystander else azimuth, confidence)
+        return found._replace(drone_probability=self._probabilities[from_bystander])
+
+
+def test_an_unknown_probability_changes_nothing():
+    expected = run(BayesTracker(), SimulatedSensors(3), lambda t: DRONE, 0.0, 3.0)[1]
+    tracks = run(BayesTracker(), JudgedSensors(math.nan), lambda t: DRONE, 0.0, 3.0)[1]
+    assert [(track.azimuth, track.azimuth_variance) for track in tracks] == pytest.approx(
+        [(track.azimuth, track.azimuth_variance) for track in expected], nan_ok=True)
+
+
+@pytest.mark.parametrize('value', [math.nan, 0.0, -1.0, 2.0, math.inf])
+def test_no_probability_is_unknown(value):
+    """Also the 0 of a sender that does not know the field: no judgement is that sure."""
+    sent = message(angles_to_direction([0.2, math.pi - 0.2]), (0.0, 1.0, 0.0))
+    for hypothesis in sent.hypotheses:
+        hypothesis.drone_probability = value
+    (found,) = doa_in_body(sent, np.eye(3))
+    assert math.isnan(found.drone_probability)
+    assert found.target_probability == 1.0
+
+
+def test_the_target_probability_follows_bayes():
+    """Three to one before, and a likelihood ratio of p to 1 - p."""
+    base = SimulatedSensors(1).doa(1.0, 0.3)
+    for p in (0.01, 0.2, 0.5, 0.99):
+        odds = 3.0 * p / (1.0 - p)
+        assert base._replace(drone_probability=p).target_probability == pytest.approx(odds / (1.0 + odds))
+
+
+def test_a_bystander_alone_starts_no_track():
+    tracker = BayesTracker()
+    tracks = run(tracker, JudgedSensors(0.01), lambda t: BYSTANDER, 0.0, 20.0)[1]
+    assert all(track.source == Source.NOTHING for track in tracks)
+    assert 'azimuth' in tracker.diagnostics()['newest bystander']
+
+
+def test_a_drone_is_followed_beside_a_bystander_that_is_heard_more_often():
+    """Four of five directions are those of the bystander, which the camera has not shown either."""
+    tracks = run(BayesTracker(), JudgedSensors(0.9, 0.02, period=5), lambda t: DRONE + 0.01 * t, 0.0, 20.0)
+    errors = [min(abs(wrap(track.azimuth - truth)), abs(wrap(math.pi - track.azimuth - truth)))  # front and back are open
+              for track, truth in zip(tracks[1][300:], tracks[2][300:], strict=True)]
+    assert max(errors) < math.radians(10.0)
+
+
+def test_the_track_stays_when_a_bystander_takes_over():
+    """The drone is not heard for 2 s, but a siren is."""
+    tracker = BayesTracker()
+    sensors = JudgedSensors(0.95)
+    _, tracks, truths = run(tracker, sensors, lambda t: DRONE, lambda t: 0.4 * math.sin(t), 6.0)
+    assert abs(errors_deg(tracks, truths, -1)[0]) < 5.0
+    for step in range(20):
+        tracker.add_doa(sensors.doa(106.0 + 0.1 * step, BYSTANDER)._replace(drone_probability=0.01))
+        track = tracker.estimate(106.0 + 0.1 * step)
+        if track.source != Source.NOTHING:
+            assert abs(wrap(track.azimuth - truths[-1])) < math.radians(10.0)
+
+
+def test_the_group_most_likely_a_drones_comes_first():
+    """Groups are numbered by strength; a weaker group counts before a louder bystander."""
+    loud = message(angles_to_direction([0.2, math.pi - 0.2]), (0.0, 1.0, 0.0), group=0)
+    weak = message(angles_to_direction([-0.7, math.pi + 0.7]), (0.0, 1.0, 0.0), group=1)
+    for hypothesis, p in [(h, 0.02) for h in loud.hypotheses] + [(h, 0.9) for h in weak.hypotheses]:
+        hypothesis.drone_probability = p
+        hypothesis.confidence = 0.9 if p < 0.5 else 0.5
+    loud.hypotheses += weak.hypotheses
+    found = doa_in_body(loud, np.eye(3))
+    assert [m.drone_probability for m in found] == pytest.approx([0.9, 0.02], rel=1e-6)

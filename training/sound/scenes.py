@@ -1,0 +1,118 @@
+"""Examples: one second of a scene as a pair or array hears it, and the features of the sound from one direction."""
+
+from __future__ import annotations
+
+import numpy as np
+from material import RATE
+from numpy.typing import NDArray
+
+from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, DroneFeatures
+from av_audio.source_spectra import SourceSpectra
+from av_common.microphone_array import MicrophoneArray
+
+SPEED_OF_SOUND = 343.0
+SAMPLES = round((FRAME_S + (SEGMENT_FRAMES - 1) * HOP_S) * RATE)
+REVERBERATION_S = 0.3
+
+
+class Scenes:
+    """Makes features of random scenes: spacing, direction, colour of microphone and air, echoes, noise, a second source.
+
+    Parameters:
+        rng: source of all random numbers.
+        as_recorded: whether sounds keep their colour, without added echoes.
+    """
+
+    def __init__(self, rng: np.random.Generator, as_recorded: bool = False) -> None:
+        self._rng, self._as_recorded = rng, as_recorded
+        self._features = DroneFeatures()
+        pairs = [MicrophoneArray(np.array([[0.0, d / 2, 0.0], [0.0, -d / 2, 0.0]]), f'pair_{k}')
+                 for k, d in enumerate((0.08, 0.12, 0.16, 0.2, 0.25, 0.3))]
+        square = MicrophoneArray(np.array([[x, y, 0.0] for x in (-0.033, 0.033) for y in (-0.033, 0.033)]), 'square')
+        self._arrays = [(array, SourceSpectra(array, RATE, SPEED_OF_SOUND)) for array in (*pairs, square)]
+
+    def example(self, source: NDArray, other: NDArray | None, snr_db: float, other_db: float) -> NDArray[np.float32]:
+        """Features of a source in a random scene.
+
+        Parameters:
+            source (SAMPLES,): the sound from the direction that is judged.
+            other (SAMPLES,): sound from another direction; None without.
+            snr_db (dB): source over noise at a microphone.
+            other_db (dB): the other sound over the source.
+        """
+        rng = self._rng
+        array, spectra = self._arrays[int(rng.integers(len(self._arrays)))]
+        q = self._direction(array.rank)
+        heard = self._arriving(source, array, q)
+        scale = np.std(heard) + 1e-12
+        if other is not None:
+            apart = self._direction(array.rank)
+            while np.linalg.norm(apart - q) < 0.25:
+                apart = self._direction(array.rank)
+            added = self._arriving(other, array, apart)
+            heard = heard + added * scale / (np.std(added) + 1e-12) * 10.0 ** (other_db / 20.0)
+        noise = self._noise(heard.shape)
+        heard = heard + noise * scale / np.std(noise) * 10.0 ** (-snr_db / 20.0)
+        spectra.clear()
+        spectra.add((heard / np.abs(heard).max() * 10.0 ** rng.uniform(-2.5, 0.0)).T.astype(np.float32))
+        return self._features(spectra.steered(q + 0.02 * rng.standard_normal(array.rank)))
+
+    def _direction(self, rank: int) -> NDArray:
+        vector = self._rng.standard_normal(3)
+        return (vector / np.linalg.norm(vector))[:rank]
+
+    def _arriving(self, sound: NDArray, array: MicrophoneArray, q: NDArray) -> NDArray:
+        """A sound (m, n) at the microphones: coloured, with an echo of the ground and sometimes a room."""
+        rng, size = self._rng, 2 * len(sound)
+        if rng.random() < 0.6 and not self._as_recorded:
+            sound = _with_echo(sound, rng)
+        frequency = np.fft.rfftfreq(size, 1.0 / RATE)
+        lead = array.positions @ array.basis @ q / SPEED_OF_SOUND
+        response = np.exp(2j * np.pi * frequency * lead[:, None])
+        if self._as_recorded:
+            return np.fft.irfft(np.fft.rfft(sound, size) * response, size)[:, :len(sound)]
+        response = response * self._colour(frequency)
+        if rng.random() < 0.3:
+            tail = rng.standard_normal((array.channels, int(REVERBERATION_S * RATE)))
+            tail *= np.exp(-6.9 * np.arange(tail.shape[1]) / RATE / rng.uniform(0.15, 0.7))
+            tail *= 10.0 ** (rng.uniform(-15.0, 3.0) / 20.0) / np.sqrt(np.sum(tail**2, axis=1, keepdims=True))
+            response = response + self._colour(frequency) * np.fft.rfft(tail, size)
+        return np.fft.irfft(np.fft.rfft(sound, size) * response, size)[:, :len(sound)]
+
+    def _colour(self, frequency: NDArray) -> NDArray:
+        """Gain by frequency of microphone, air and distance."""
+        rng = self._rng
+        octaves = np.log2(np.maximum(frequency, 30.0) / 1000.0)
+        gain_db = rng.normal(0.0, 2.5) * octaves + np.interp(octaves, np.arange(-5.0, 4.0), rng.normal(0.0, 3.0, 9))
+        if rng.random() < 0.5:  # air over a distance, a cover, a codec
+            gain_db = gain_db - 10.0 * np.log10(1.0 + (frequency / rng.uniform(1500.0, 8000.0)) ** rng.choice([2, 4, 16]))
+        if rng.random() < 0.5:
+            gain_db = gain_db - 10.0 * np.log10(1.0 + (rng.uniform(40.0, 250.0) / np.maximum(frequency, 5.0)) ** 4)
+        return 10.0 ** (gain_db / 20.0)
+
+    def _noise(self, shape: tuple[int, ...]) -> NDArray:
+        rng = self._rng
+        frequency = np.maximum(np.fft.rfftfreq(shape[1], 1.0 / RATE), 20.0)
+        spectrum = np.fft.rfft(rng.standard_normal(shape)) * frequency ** -rng.uniform(0.0, 1.6)
+        return np.fft.irfft(spectrum, shape[1])
+
+
+def crop(samples: NDArray, rng: np.random.Generator) -> NDArray:
+    """SAMPLES of a recording at a random place that is not much quieter than the rest; short ones are repeated."""
+    if len(samples) < SAMPLES + 1:
+        samples = np.tile(samples, SAMPLES // max(len(samples), 1) + 2)
+    loud = np.std(samples)
+    for _ in range(8):
+        start = int(rng.integers(0, len(samples) - SAMPLES))
+        part = samples[start:start + SAMPLES]
+        if np.std(part) > 0.25 * loud:
+            break
+    return part
+
+
+def _with_echo(sound: NDArray, rng: np.random.Generator) -> NDArray:
+    """A sound with its reflection from the ground, whose delay changes as the source moves."""
+    places = np.arange(len(sound))
+    first = rng.uniform(0.0002, 0.012)
+    delay = np.linspace(first, max(first + rng.uniform(-0.002, 0.002), 0.0), len(sound))
+    return sound + rng.uniform(-0.3, 0.9) * np.interp(places - delay * RATE, places, sound, left=0.0)

@@ -1,0 +1,152 @@
+"""Trains, calibrates and writes the model of drone sounds. See README.md."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rendered
+from material import Recording, recordings
+from numpy.typing import NDArray
+from scenes import Scenes, crop
+from sklearn.linear_model import LogisticRegression
+from sklearn.neural_network import MLPClassifier
+
+from av_audio.drone_model import LARGEST_FEATURE, DroneModel
+
+RENDERED_DRONES, RENDERED_OTHERS = 0.5, 0.25  # shares of all examples of their side
+HIDDEN = (32, 16)
+RENDERED = (500, 500)  # sounds of drones and of others
+EPOCHS = 15
+FOLDS = 4  # of recordings, for the calibration
+
+
+class Material:
+    """Draws sounds: a drone, or one of the other kinds, all alike often.
+
+    Parameters:
+        items: recordings of one side of the split.
+        rng: source of random numbers.
+    """
+
+    def __init__(self, items: Sequence[Recording], rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._by_kind: dict[str, dict[str, list[Recording]]] = {}
+        for item in items:
+            self._by_kind.setdefault(item.kind, {}).setdefault(item.group, []).append(item)
+        self._kinds = sorted(kind for kind in self._by_kind if not kind.endswith('drone'))
+
+    def drone(self) -> tuple[NDArray, str]:
+        """Sound of a drone and the group of recordings that it comes from."""
+        return self._of_kind('rendered drone' if self._rng.random() < RENDERED_DRONES else 'drone', 0.65, 1.5)
+
+    def other(self) -> tuple[NDArray, str]:
+        """Sound of something else, and its group."""
+        is_rendered = self._rng.random() < RENDERED_OTHERS
+        kinds = [kind for kind in self._kinds if kind.startswith('rendered') == is_rendered]
+        return self._of_kind(str(self._rng.choice(kinds)), 0.8, 1.25)
+
+    def _of_kind(self, kind: str, slowest: float, fastest: float) -> tuple[NDArray, str]:
+        groups = self._by_kind[kind]
+        group = str(self._rng.choice(sorted(groups)))
+        samples = groups[group][int(self._rng.integers(len(groups[group])))].samples
+        speed = np.exp(self._rng.uniform(np.log(slowest), np.log(fastest)))
+        part = crop(samples, self._rng)
+        places = np.arange(len(part)) * speed  # played faster or slower, as something of another size would sound
+        return np.interp(places % (len(part) - 1), np.arange(len(part)), part), group
+
+
+def examples(material: Material, scenes: Scenes, count: int, rng: np.random.Generator) -> tuple[NDArray, NDArray, NDArray]:
+    """Features (count, n), labels (count,) and groups (count,) of random scenes; in half of them one listens to a drone.
+
+    Parameters:
+        material: the sounds.
+        scenes: makes scenes of sounds.
+        count: number of scenes.
+        rng: source of random numbers.
+    """
+    features, labels, groups = [], [], []
+    for number in range(count):
+        is_drone = number % 2 == 0
+        source, group = material.drone() if is_drone else material.other()
+        beside = rng.random() < 0.25
+        other = None
+        if beside:
+            other = material.drone()[0] if not is_drone and rng.random() < 0.5 else material.other()[0]
+        features.append(scenes.example(source, other, rng.uniform(-3.0, 30.0), rng.uniform(-25.0, 3.0 if is_drone else -3.0)))
+        labels.append(is_drone)
+        groups.append(group)
+    return np.array(features), np.array(labels), np.array(groups)
+
+
+def fit(features: NDArray, labels: NDArray, seed: int, networks: int = 1) -> DroneModel:
+    """A model without calibration. Several networks are joined into one, whose output is their mean."""
+    mean, scale = features.mean(axis=0), features.std(axis=0) + 1e-3
+    values = np.clip((features - mean) / scale, -LARGEST_FEATURE, LARGEST_FEATURE)
+    fitted = [MLPClassifier(HIDDEN, alpha=5.0, batch_size=256, learning_rate_init=1e-3, max_iter=EPOCHS,
+                            random_state=seed + k).fit(values, labels) for k in range(networks)]
+    return DroneModel(_joined([list(zip(m.coefs_, m.intercepts_, strict=True)) for m in fitted]), mean, scale)
+
+
+def _joined(networks: list[list[tuple[NDArray, NDArray]]]) -> list[tuple[NDArray, NDArray]]:
+    """One network whose layers hold those of several side by side."""
+    layers = []
+    for number, parts in enumerate(zip(*networks, strict=True)):
+        biases = np.concatenate([bias for _, bias in parts])
+        if number == 0:
+            weights = np.concatenate([weight for weight, _ in parts], axis=1)
+        else:
+            weights = np.zeros((sum(len(w) for w, _ in parts), len(biases)))
+            row = column = 0
+            for weight, _ in parts:
+                weights[row:row + weight.shape[0], column:column + weight.shape[1]] = weight
+                row, column = row + weight.shape[0], column + weight.shape[1]
+        layers.append((weights, biases))
+    weights, biases = layers[-1]
+    layers[-1] = weights.mean(axis=1, keepdims=True), biases.mean(keepdims=True)
+    return layers
+
+
+def calibrated(features: NDArray, labels: NDArray, groups: NDArray, seed: int, networks: int) -> DroneModel:
+    """The model fitted to all, calibrated by the outputs of models that did not know the recording (Platt, 1999)."""
+    names = np.unique(groups)
+    fold_of = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % FOLDS, strict=True))
+    folds = np.array([fold_of[group] for group in groups])
+    outputs = np.zeros(len(labels))
+    for fold in range(FOLDS):
+        outputs[folds == fold] = fit(features[folds != fold], labels[folds != fold], seed).log_odds(features[folds == fold])
+    platt = LogisticRegression().fit(outputs[:, None], labels)
+    model = fit(features, labels, seed, networks)
+    return model.calibrated(float(platt.coef_[0, 0]), float(platt.intercept_[0]))
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('out', type=Path, help='the model, such as ../../src/av_audio/models/drone_sound.npz')
+    parser.add_argument('--data', type=Path, required=True, help='folder drone_detection of the shared data')
+    parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
+    parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
+    parser.add_argument('--count', type=int, default=24_000, help='number of examples')
+    parser.add_argument('--networks', type=int, default=3, help='networks whose mean is taken')
+    parser.add_argument('--features', type=Path, help='file that keeps the examples between runs')
+    parser.add_argument('--seed', type=int, default=0)
+    arguments = parser.parse_args()
+    if arguments.features and arguments.features.exists():
+        with np.load(arguments.features) as file:
+            features, labels, groups = file['features'], file['labels'], file['groups']
+    else:
+        rng = np.random.default_rng(arguments.seed)
+        train = [item for item in recordings(arguments.data / 'audio', arguments.packages, arguments.repository)
+                 if item.split == 'train']
+        train.extend(rendered.recordings(rng, *RENDERED))
+        features, labels, groups = examples(Material(train, rng), Scenes(rng), arguments.count, rng)
+        if arguments.features:
+            np.savez(arguments.features, features=features, labels=labels, groups=groups)
+    calibrated(features, labels, groups, arguments.seed, arguments.networks).save(arguments.out)
+
+
+if __name__ == '__main__':
+    main()
