@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -43,6 +44,7 @@ class Browser:
     def __init__(self, program: str, width: int = 1400, height: int = 900, dark: bool = True, scale: float = 1.0) -> None:
         self.requests: list[str] = []
         self._number = 0
+        self._connections = ExitStack()
         self._folder = tempfile.TemporaryDirectory(prefix='av_view_browser_', ignore_cleanup_errors=True)
         self._process = subprocess.Popen([program, *FLAGS, f'--user-data-dir={self._folder.name}', 'about:blank'],
                                          stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -62,7 +64,6 @@ class Browser:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._socket.close()
         self._end()
 
     def command(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -129,16 +130,18 @@ class Browser:
         port_file, deadline = Path(self._folder.name, 'DevToolsActivePort'), time.monotonic() + START_S
         while not (port_file.exists() and port_file.read_text().count('\n')):
             if time.monotonic() > deadline or self._process.poll() is not None:
-                raise TimeoutError(f'{self._process.args[0]} does not start')
+                raise TimeoutError('the browser does not start')
             time.sleep(0.1)
         port, path = port_file.read_text().splitlines()[:2]
         with connect(f'ws://127.0.0.1:{port}{path}', max_size=None, proxy=None) as browser:
             browser.send(json.dumps({'id': 1, 'method': 'Target.getTargets'}))
             targets = json.loads(browser.recv(timeout=ANSWER_S))['result']['targetInfos']
         tab = next(target['targetId'] for target in targets if target['type'] == 'page')
-        return connect(f'ws://127.0.0.1:{port}/devtools/page/{tab}', max_size=None, proxy=None)
+        page = connect(f'ws://127.0.0.1:{port}/devtools/page/{tab}', max_size=None, proxy=None)
+        return self._connections.enter_context(page)
 
     def _end(self) -> None:
+        self._connections.close()
         self._process.terminate()
         try:
             self._process.wait(10.0)

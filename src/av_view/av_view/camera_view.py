@@ -73,6 +73,8 @@ class CameraView:
 
     def _project(self, azimuths: ArrayLike, elevations: ArrayLike) -> list[list[float]]:
         azimuth, elevation = np.asarray(azimuths, float), np.asarray(elevations, float)
+        if not (np.isfinite(azimuth).all() and np.isfinite(elevation).all()):
+            return []
         level = np.cos(elevation)
         directions = np.column_stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
         optical = directions @ self.rotation

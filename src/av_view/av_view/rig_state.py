@@ -54,13 +54,14 @@ class RigState:
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
 
     def on_bearing(self, message: Any, arrival: float) -> None:
-        """Take a `Bearing`. Raises ValueError for a state that is not defined, or an impossible stamp.
+        """Take a `Bearing`. Raises ValueError for a state that is not defined, an impossible stamp, or no azimuth.
 
         Parameters:
             message: the message.
             arrival (s): time of its arrival.
         """
-        State(message.state)
+        if State(message.state) != State.NONE and not math.isfinite(message.azimuth):
+            raise ValueError(f'azimuth is {message.azimuth}, expected a number')
         measured = to_seconds(message.measured)
         self._bearing = message
         if message.state != State.NONE and measured > 0.0:
@@ -71,30 +72,34 @@ class RigState:
         self._fusion = message
 
     def on_doa(self, message: Any, measurements: Sequence[DoaMeasurement]) -> None:
-        """Take a `DoaArray`.
+        """Take a `DoaArray`. Raises ValueError for an impossible stamp.
 
         Parameters:
             message: the message.
             measurements: its directions in the body frame, the most confident first.
         """
+        to_seconds(message.header.stamp)
         self._doa, self._sound = message, measurements[:MOST_GROUPS]
 
     def on_detections(self, message: Any, measurement: CameraMeasurement | None) -> None:
-        """Take a `Detection2DArray`.
+        """Take a `Detection2DArray`. Raises ValueError for an impossible stamp.
 
         Parameters:
             message: the message.
             measurement: its detections as bearings, None where the camera is unknown.
         """
+        to_seconds(message.header.stamp)
         self._detections, self._sight = message, measurement
 
     def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `TrackArray`."""
+        """Take a `TrackArray`. Raises ValueError for an impossible stamp."""
+        to_seconds(message.header.stamp)
         self._tracks = message
 
     def on_command(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take a `PointingCommand`. Raises ValueError for a mode that is not defined."""
+        """Take a `PointingCommand`. Raises ValueError for a mode that is not defined, or an impossible stamp."""
         Mode(message.mode)
+        to_seconds(message.header.stamp)
         self._command = message
 
     def on_odometry(self, message: Any, _arrival: float = 0.0) -> None:
@@ -125,20 +130,6 @@ class RigState:
             'sight': self._sight_part(now), 'camera': self._camera_part(), 'tracks': self._tracks_part(now),
             'truth': self._truth_part(), 'command': self._command_part(now), 'spectrum': self._spectrum,
             'delay': self._delay()}
-
-    def row(self, now: float) -> list[float | str | None]:
-        """The values of COLUMNS at `now` (s), for diagrams against time."""
-        bearing, sound, sight = self._bearing_part(now), self._sound_part(now), self._sight_part(now)
-        images = [*(sound['groups'][0]['images'] if sound and sound['groups'] else []), None, None]
-        best = max((box for box in sight['boxes'] if box['azimuth'] is not None), key=lambda box: box['score'],
-                   default=None) if sight else None
-        truth = self._truth_part()
-        known = bearing is not None and bearing['state'] != 'none'
-        return [round(now, 2), images[0] and images[0]['azimuth'], images[1] and images[1]['azimuth'],
-                best and best['azimuth'], bearing['azimuth'] if known and bearing else None,
-                bearing['sigma'] if known and bearing else None, truth[0]['azimuth'] if truth else None,
-                sound['confidence'] if sound else None, best['score'] if best else 0.0,
-                bearing['state'] if bearing else 'none', sound['level'] if sound else None, self._delay()]
 
     def _bearing_part(self, now: float) -> dict[str, Any] | None:
         message = self._bearing
@@ -228,7 +219,7 @@ class RigState:
         return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
 
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
-        level = max(math.cos(track.elevation_world), 0.1)
+        level = max(math.cos(track.elevation_world), 0.1) if math.isfinite(track.elevation_world) else 1.0
         return {
             'id': int(track.id), 'name': track.class_id[:40], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
@@ -262,6 +253,18 @@ class RigState:
 
     def _delay(self) -> float | None:
         return number(float(np.median(self._delays)), 3) if self._delays else None
+
+
+def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:
+    """The values of COLUMNS in a snapshot, for diagrams against time."""
+    bearing, sound, sight, truth = (snapshot[name] for name in ('bearing', 'sound', 'sight', 'truth'))
+    azimuths = [image['azimuth'] for group in (sound['groups'][:1] if sound else ()) for image in group['images']]
+    boxes = [box for box in sight['boxes'] if None not in (box['azimuth'], box['score'])] if sight else []
+    best = max(boxes, key=lambda box: box['score'], default={'azimuth': None, 'score': 0.0})
+    known = bearing is not None and bearing['state'] != 'none'
+    return [snapshot['time'], *[*azimuths, None, None][:2], best['azimuth'], *([bearing['azimuth'], bearing['sigma']] if known
+            else [None, None]), truth[0]['azimuth'] if truth else None, sound and sound['confidence'], best['score'],
+            bearing['state'] if bearing else 'none', sound and sound['level'], snapshot['delay']]
 
 
 def number(value: float, digits: int = 2) -> float | None:

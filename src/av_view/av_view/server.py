@@ -1,7 +1,7 @@
 """The web server of the page and its viewers, in a thread of its own.
 
-Each viewer asks for the next message when it has shown the previous one: a slow one gets fewer, and nothing piles up for one that
-stalls. All viewers together are sent at most `most_updates` a second, so that many cost no more than some.
+Each viewer asks for the next message when it has shown the previous one: a slow one gets fewer, and nothing piles up for one
+that stalls. All viewers together are sent at most `most_updates` a second, so that many cost no more than some.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
 PING_S = 15.0  # a viewer that answers no ping for as long again is gone
 END = '{"type":"end"}'  # of what is sent at once; the viewer then asks for the next
+READ_ONLY = 'this page is read-only: start the rig with view_control:=true'
 WRONG_TOKEN_S = 1.0  # delay of the answer to a wrong token
 PAGE = {'/': ('index.html', 'text/html'), '/view.js': ('view.js', 'text/javascript'), '/view.css': ('view.css', 'text/css'),
         '/icon.svg': ('icon.svg', 'image/svg+xml')}
 SECURITY = {
-    'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
-                               "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
+                               "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     'X-Content-Type-Options': 'nosniff', 'Referrer-Policy': 'no-referrer', 'Cache-Control': 'no-store'}
 # From the name of an action, the rig and the values of the request to the answer; called in the thread of the server.
 Act = Callable[[str, str, dict[str, Any]], Awaitable[dict[str, Any]]]
@@ -72,6 +73,10 @@ class _Viewer:
 class ViewServer:
     """Serves the page, feeds of rigs to viewers, and requests of viewers to `act`. Used from one other thread.
 
+    Attributes:
+        port: TCP port, once started.
+        refused: number of requests that were refused.
+
     Parameters:
         settings: see `ServerSettings`.
         access: who may read and control.
@@ -90,12 +95,16 @@ class ViewServer:
         self._server: Server | None = None
         self._files = {path: (kind, (files('av_view') / 'page' / name).read_bytes()) for path, (name, kind) in PAGE.items()}
         self._thread = threading.Thread(target=self._run, name='view server', daemon=True)
-        self.refused = 0
+        self.port, self.refused = settings.port, 0
 
-    def start(self) -> int:
-        """Listen, and return the port."""
+    def start(self) -> None:
+        """Listen."""
         self._thread.start()
-        return asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result()
+        try:
+            asyncio.run_coroutine_threadsafe(self._listen(), self._loop).result()
+        except OSError:
+            self.stop()
+            raise
 
     def stop(self) -> None:
         """Close all connections and end the thread."""
@@ -140,14 +149,14 @@ class ViewServer:
         asyncio.set_event_loop(self._loop)
         self._loop.run_forever()
 
-    async def _listen(self) -> int:
+    async def _listen(self) -> None:
         quiet = logging.getLogger('av_view.websockets')  # malformed requests are counted instead
         quiet.setLevel(logging.CRITICAL)
         self._server = await serve(
             self._serve_viewer, self._settings.bind_address, self._settings.port, process_request=self._answer,
             compression=None, open_timeout=10.0, ping_interval=PING_S, ping_timeout=PING_S, close_timeout=1.0,
             max_size=LARGEST_REQUEST, max_queue=4, logger=quiet)
-        return int(next(iter(self._server.sockets)).getsockname()[1])
+        self.port = int(next(iter(self._server.sockets)).getsockname()[1])
 
     async def _close(self) -> None:
         if self._server is not None:
@@ -231,8 +240,7 @@ class ViewServer:
         if not self._access.may_control(request.get('token')):
             self.refused += 1
             await asyncio.sleep(WRONG_TOKEN_S)
-            why = 'the token is wrong' if self._access.token else 'this page is read-only: start the rig with view_control:=true'
-            return {'done': False, 'words': why}
+            return {'done': False, 'words': 'the token is wrong' if self._access.token else READ_ONLY}
         try:
             return await self._act(name, rig, request)
         except (ValueError, TypeError, KeyError, TimeoutError) as error:

@@ -24,7 +24,8 @@ def spectrum(samples: ArrayLike, rate: float) -> NDArray[np.float64]:
     if block.ndim != 2 or len(block) < 2 or not rate > 0.0:
         raise ValueError(f'{block.shape} samples at {rate} Hz have no spectrum')
     window = np.hanning(len(block))
-    power = np.square(np.abs(np.fft.rfft(block * window[:, None], axis=0))).mean(axis=1) * 2.0 / np.square(window).sum() / len(block)
+    lines = np.fft.rfft(block * window[:, None], axis=0)
+    power = np.square(np.abs(lines)).mean(axis=1) * 2.0 / (np.square(window).sum() * len(block))  # by Parseval, one-sided
     frequencies = np.fft.rfftfreq(len(block), 1.0 / rate)
     edges = np.geomspace(LOWEST_HZ, HIGHEST_HZ, BANDS + 1)
     # A narrow band between two lines has the power of the nearest line, by its share of the line's width.

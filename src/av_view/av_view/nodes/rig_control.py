@@ -136,9 +136,9 @@ class RigControl:
             if kind not in KINDS:
                 done({'done': False, 'words': f'{node} has no parameter {name[:80]} that can be set here'})
                 return
-            cast = {Parameter.Type.INTEGER: int, Parameter.Type.DOUBLE: float}.get(KINDS[kind], lambda same: same)
-            try:
-                parameter = Parameter(name, KINDS[kind], cast(value))
+            try:  # a page knows one kind of number
+                number = float(value) if KINDS[kind] == Parameter.Type.DOUBLE else value
+                parameter = Parameter(name, KINDS[kind], number)
             except (ValueError, TypeError, OverflowError) as error:
                 done({'done': False, 'words': f'{name}: {error}'})
                 return

@@ -32,7 +32,7 @@ from av_interfaces.msg import (
 from av_view.camera_view import CameraView
 from av_view.feed import Feed
 from av_view.picture import jpeg
-from av_view.rig_state import RigState
+from av_view.rig_state import RigState, row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
@@ -53,7 +53,7 @@ class _Waiting(NamedTuple):
 class RigWatch:
     """Subscribes to the topics of a namespace, and puts what viewers see into its feed.
 
-    Messages are decoded when they are shown, and those never that newer ones replace before: most come more often than pictures.
+    Messages are decoded when they are shown, those that newer ones replace before never: most come more often than pictures.
 
     Parameters:
         node: owns the subscriptions.
@@ -97,9 +97,8 @@ class RigWatch:
         """Put the present state into the feed."""
         for topic in [name for name in self._topics if name in self._waiting]:
             self._take(topic, self._waiting.pop(topic))
-        now = self._node.now()
-        state = json.dumps(self._state.snapshot(now), separators=(',', ':'), allow_nan=False)
-        row = json.dumps(self._state.row(now), separators=(',', ':'), allow_nan=False)
+        snapshot = self._state.snapshot(self._node.now())
+        state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
         self._put(lambda feed: feed.put_state(state, row))
 
     def close(self) -> None:

@@ -46,13 +46,15 @@ class ViewNode(RigNode):
         """Serve the page. Raises OSError where the address cannot be bound."""
         settings = self._settings
         self._control = RigControl(self)
-        self._server = ViewServer(
+        self.server = ViewServer(
             ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
                            self._own), self._access, self._control.act)
-        port = self._server.start()
-        host = '127.0.0.1' if settings.bind_address == '0.0.0.0' else settings.bind_address
-        token = f'#{self._access.token}' if self._access.token else ''
-        self.get_logger().info(f'the rig in your browser: http://{f"[{host}]" if ":" in host else host}:{port}/{token}')
+        try:
+            self.server.start()
+        except OSError as error:
+            raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
+                          'a second one choose another port') from error
+        self.get_logger().info(f'the rig in your browser: {self._address()}')
         self.while_active(self.create_subscription, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
         self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -60,19 +62,25 @@ class ViewNode(RigNode):
         """Close all connections."""
         for rig in list(self._watches):
             self._unwatch(rig)
-        self._server.stop()
+        self.server.stop()
+
+    def _address(self) -> str:
+        """Address of the page, with the token where there is one."""
+        host = self._settings.bind_address.replace('0.0.0.0', '127.0.0.1')
+        token = f'#{self._access.token}' if self._access.token else ''
+        return f'http://{f"[{host}]" if ":" in host else host}:{self.server.port}/{token}'
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self._health.on_diagnostics(message, time.monotonic())
 
     def _update(self) -> None:
-        now, wanted = time.monotonic(), self._server.watched()
+        now, wanted = time.monotonic(), self.server.watched()
         self._control.work()
         if not wanted and not self._watches:
             return
         for rig in wanted:
             if rig not in self._watches and rig in self._rigs():
-                self._watches[rig] = RigWatch(self, rig, partial(self._server.put, rig=rig))
+                self._watches[rig] = RigWatch(self, rig, partial(self.server.put, rig=rig))
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
             if now - watch.seen > self._settings.linger:
@@ -85,11 +93,11 @@ class ViewNode(RigNode):
 
     def _look(self, now: float) -> None:
         """What is done once a second: find rigs and true poses, and report health."""
-        self._server.set_rigs(self._rigs())
+        self.server.set_rigs(self._rigs())
         for rig, watch in self._watches.items():
             watch.find_truths()
             report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': self._control.offers(rig)}
-            self._server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
+            self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
 
     def _rigs(self) -> tuple[str, ...]:
         """Namespaces in which a bearing is published, and this node's own."""
@@ -98,13 +106,13 @@ class ViewNode(RigNode):
 
     def _unwatch(self, rig: str) -> None:
         self._watches.pop(rig).close()
-        self._server.drop(rig)
+        self.server.drop(rig)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report viewers and refused requests."""
-        status.add('viewers', str(self._server.viewers))
+        status.add('viewers', str(self.server.viewers))
         status.add('rigs that are looked at', ', '.join(rig or '/' for rig in self._watches))
-        status.add('requests refused', str(self._server.refused))
+        status.add('requests refused', str(self.server.refused))
 
 
 def main() -> None:

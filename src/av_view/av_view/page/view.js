@@ -9,7 +9,7 @@ const color = name => getComputedStyle(document.documentElement).getPropertyValu
 const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
 if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
 
-let socket, number = 0, rig = null, rows = [], state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
+let socket, number = 0, rig = null, rows = [], arrived = null, state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
 let pictureUrl = '';
 const answers = new Map(), tails = new Map();
 
@@ -30,10 +30,10 @@ function request(action, values) {
 
 function take(message) {
   if (message.type === 'state') {
-    if (message.rows.length > 1 || !rows.length || message.rows[0][TIME] < rows[rows.length - 1][TIME]) rows = [];
+    if (rows.length && message.rows[0][TIME] < rows[rows.length - 1][TIME]) rows = []; // a replay that began again
     rows.push(...message.rows);
     while (rows[0][TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
-    state = message.state;
+    arrived = message.state;
   } else if (message.type === 'health') {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
@@ -41,13 +41,13 @@ function take(message) {
   } else if (message.type === 'answer') {
     answers.get(message.number)?.(message); answers.delete(message.number);
   } else if (message.type === 'end') {
-    requestAnimationFrame(() => { if (state) show(); if (socket.readyState === 1) ask('next'); });
+    requestAnimationFrame(() => { state = arrived; if (state) show(); if (socket.readyState === 1) ask('next'); });
   }
 }
 
 function lost() {
   for (const resolve of answers.values()) resolve({ done: false, words: 'the connection was lost' });
-  answers.clear(); rows = []; state = null;
+  answers.clear(); rows = []; arrived = state = null;
   $('state').textContent = 'no connection'; $('state').className = 'chip lost'; $('bearing').value = '';
   $('reason').textContent = 'The rig does not answer; trying again.';
 }
@@ -92,7 +92,7 @@ function showOverlay() {
   if (bearing?.centre) element(svg, 'circle', { class: 'centre', cx: bearing.centre[0] * width, cy: bearing.centre[1] * height, r: 14 });
   for (const box of sight?.boxes ?? []) if (box.x !== undefined) {
     element(svg, 'rect', { class: 'box', x: box.x * width, y: box.y * height, width: box.width * width, height: box.height * height });
-    element(svg, 'text', { x: box.x * width, y: Math.max(box.y * height - 5, 14) }, `${box.name} ${box.score.toFixed(2)}`);
+    element(svg, 'text', { x: box.x * width, y: Math.max(box.y * height - 5, 14) }, `${box.name} ${(box.score ?? 0).toFixed(2)}`);
   }
   for (const track of tracks) if (track.point) element(svg, 'text', { x: track.point[0] * width + 8, y: track.point[1] * height + 16 }, `#${track.id} ${track.name}`);
   $('picture-note').textContent = sight ? `${sight.boxes.length} ${sight.boxes.length === 1 ? 'detection' : 'detections'}, ${Math.round(1000 * sight.age)} ms old` : 'no detections';
