@@ -28,6 +28,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'benchmark = av_view.cli.benchmark:main',
             'screenshot = av_view.cli.screenshot:main',
             'view_node = av_view.nodes.view_node:main',
         ],
