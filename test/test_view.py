@@ -20,9 +20,10 @@ pytestmark = [pytest.mark.system,
               pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]
 PORT = 8790
 SHOWN = 'typeof state === "object" && state !== null && state.bearing && state.bearing.state !== "none"'
-PIXELS = '''(() => { const canvas = document.createElement("canvas"), image = $("picture"); canvas.width = 64; canvas.height = 48;
-    const context = canvas.getContext("2d"); context.drawImage(image, 0, 0, 64, 48);
-    return Array.from(context.getImageData(0, 0, 64, 48).data).reduce((a, b, i) => (a * 31 + b * (i % 251)) % 1000003, 0); })()'''
+PIXELS = '''(() => { const canvas = document.createElement("canvas"), image = $("picture");
+    canvas.width = 64; canvas.height = 48; const context = canvas.getContext("2d"); context.drawImage(image, 0, 0, 64, 48);
+    return Array.from(context.getImageData(0, 0, 64, 48).data)
+        .reduce((a, b, i) => (a * 31 + b * (i % 251)) % 1000003, 0); })()'''
 
 
 def address_of(rig):

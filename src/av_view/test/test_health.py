@@ -9,15 +9,16 @@ from av_view.health import MOST_NODES, SILENT_S, Health, advise
 
 
 def array(*statuses):
-    return DiagnosticArray(status=[DiagnosticStatus(name=f'{name}: status', level=level, message=message,
-                                                    values=[KeyValue(key='rate (Hz)', value='10.0')])
+    values = [KeyValue(key='rate (Hz)', value='10.0')]
+    return DiagnosticArray(status=[DiagnosticStatus(name=f'{name}: status', level=level, message=message, values=values)
                                    for name, level, message in statuses])
 
 
 def test_the_worst_comes_first_and_each_rig_has_its_own():
     health = Health()
-    health.on_diagnostics(array(('doa_node', DiagnosticStatus.OK, 'active'), ('audio_node', DiagnosticStatus.ERROR, 'the device '
-                                'has disappeared'), ('left/doa_node', DiagnosticStatus.WARN, 'no audio frames')), 10.0)
+    health.on_diagnostics(array(('doa_node', DiagnosticStatus.OK, 'active'),
+                                ('audio_node', DiagnosticStatus.ERROR, 'the device has disappeared'),
+                                ('left/doa_node', DiagnosticStatus.WARN, 'no audio frames')), 10.0)
     report = health.report(11.0)
     assert [(entry['node'], entry['level']) for entry in report] == [('/audio_node', 'error'), ('/doa_node', 'ok')]
     assert report[0]['advice'] and not report[1]['advice'] and report[1]['values'] == [('rate (Hz)', '10.0')]

@@ -194,7 +194,8 @@ def test_without_control_nothing_is_carried_out():
         page.server.stop()
 
 
-@pytest.mark.parametrize('message', ['', '{', '[]', '7', '{"do": 7}', '{"no": "do"}', b'\xff\x00', '[' * 4000, '"' + 'x' * 4000])
+@pytest.mark.parametrize('message', ['', '{', '[]', '7', '{"do": 7}', '{"no": "do"}', b'\xff\x00', '[' * 4000,
+                                     '"' + 'x' * 4000])
 def test_what_is_no_request_closes_the_connection_of_its_sender_only(page, message):
     with page.viewer() as other, page.viewer() as viewer:
         viewer.send(message)
@@ -236,7 +237,8 @@ def test_there_is_nothing_but_the_page(page, path):
     assert page.get(path)[0].status == 404
 
 
-@pytest.mark.parametrize('data', [b'', b'\x00' * 100, b'GET\r\n\r\n', b'POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n',
+@pytest.mark.parametrize('data', [b'', b'\x00' * 100, b'GET\r\n\r\n',
+                                  b'POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999\r\n\r\n',
                                   b'GET / HTTP/1.1\r\nHost: localhost\r\n' + b'A: b\r\n' * 1000 + b'\r\n',
                                   b'GET /' + b'x' * 100_000, b'GET / HTTP/1.1\r\n' + b'y' * 100_000])
 def test_malformed_requests_harm_nobody(page, data):

@@ -19,8 +19,8 @@ from av_common.node import RigNode
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.refused_inputs import BAD_INPUT
 from av_common.stamps import to_seconds
+from av_common.tf_rotations import TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
-from av_fusion.nodes.tf_rotations import TfRotations
 from av_interfaces.msg import (
     AudioFrame,
     Bearing,
