@@ -1,7 +1,7 @@
 # Targets of this project. Each works in a clean shell, with or without an installed ROS 2.
 #
 #   make build      the ROS 2 environment and the workspace
-#   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario
+#   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario, VIEW=1 for a page
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
 #   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card, COCO's beside it (MODEL=file, CACHE=folder for 9 GB, DATA=folder)
@@ -14,7 +14,8 @@ SHELL := bash
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
-DEMO ?= duration:=40
+DEMO ?= duration:=$(if $(VIEW),300,40)
+VIEW ?=
 TESTS ?=
 QUICK ?=
 SEEDS ?= 0
@@ -26,7 +27,7 @@ build:
 	$(ENV) && colcon build --symlink-install
 
 demo: build
-	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO)
+	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO) $(if $(VIEW),view:=true view_control:=true)
 
 test: build
 	python3 tools/ros_env/prerequisites.py

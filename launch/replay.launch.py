@@ -23,6 +23,7 @@ from av_fusion.launching import (
     require,
     rig_node,
     security,
+    view_nodes,
 )
 
 BAG_TIME = {'use_sim_time': True}
@@ -75,7 +76,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', frames))
     receivers += recorder_nodes(arguments, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
-    processes = [*others, *receivers, player]
+    processes = [*others, *receivers, *view_nodes(arguments, BAG_TIME), player]
     return [*ends_with(player, processes), *processes]
 
 

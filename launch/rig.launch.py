@@ -6,6 +6,7 @@ ros2 launch av_fusion rig.launch.py source:=udp                                 
 ros2 launch av_fusion rig.launch.py source:=file audio:=X.wav video:=Y.mp4      recordings
 ros2 launch av_fusion rig.launch.py source:=hardware                            microphones and camera
 ros2 launch av_fusion rig.launch.py source:=hardware px4:=true                  ... on a vehicle with PX4
+ros2 launch av_fusion rig.launch.py view:=true                                  in a browser, too: prints an address
 ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          encrypted, among nodes with keys only
 """
 
@@ -33,6 +34,7 @@ from av_fusion.launching import (
     recorder_nodes,
     require,
     rig_node,
+    view_nodes,
 )
 from av_fusion.supervision import RESPAWN, Supervision
 
@@ -91,7 +93,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
-    recorder = recorder_nodes(arguments, {})
+    optional = [*recorder_nodes(arguments, {}), *view_nodes(arguments, {})]
     essential = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
@@ -103,8 +105,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     notes = []
     if not may_move(arguments):
         notes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
-    supervision = Supervision(essential, recorder, monitor[0] if monitor else None, duration, bool(arguments['out']))
-    return [*supervision.entities(), *essential, *monitor, *recorder, *notes]
+    supervision = Supervision(essential, optional, monitor[0] if monitor else None, duration, bool(arguments['out']))
+    return [*supervision.entities(), *essential, *monitor, *optional, *notes]
 
 
 def described_rig(arguments: Arguments) -> str:

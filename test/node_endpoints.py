@@ -24,6 +24,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rosidl_runtime_py.utilities import get_message
 from std_msgs.msg import String
+from websockets.sync.client import connect
 
 from av_bags.topics import KINDS
 from av_bags.writer import BagWriter
@@ -45,6 +46,7 @@ VARIANTS: dict[str, list[dict]] = {
     'px4_node': [{'external_mode': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],
     'rig_frames_node': [{'rig_file': RIG_GIMBAL}],
+    'view_node': [{'port': 0}],
 }
 
 
@@ -122,6 +124,16 @@ def wait_for_recording(node: RigNode) -> None:
         rclpy.spin_once(node, timeout_sec=0.1)
 
 
+def wait_for_a_watch(node: RigNode) -> None:
+    """Look at the page's rig, and spin until the node has subscribed to its true poses."""
+    with connect(f'ws://127.0.0.1:{node.server.port}/feed', proxy=None) as viewer:
+        viewer.send('{"do": "watch"}')
+        deadline = time.monotonic() + 60.0
+        while not any('truth/rig' in subscription.topic_name for subscription in node.subscriptions):
+            assert time.monotonic() < deadline
+            rclpy.spin_once(node, timeout_sec=0.1)
+
+
 def main(name: str, variant: str, folder: str) -> None:
     """Print the endpoints of a node.
 
@@ -153,6 +165,8 @@ def run(node: RigNode) -> dict[str, set[str]]:
         node.trigger_activate()
         if node.get_name() == 'recorder_node':
             wait_for_recording(node)
+        if node.get_name() == 'view_node':
+            wait_for_a_watch(node)
         node._time_source.ros_time_is_active = True  # as with use_sim_time from the start
         active = endpoints(node)
     node.close()

@@ -32,7 +32,7 @@ class RigListener:
     """Subscriptions in a ROS domain of their own; `close` after use.
 
     Attributes:
-        commands: the newest commands, the newest one last.
+        commands, bearings: the newest commands and bearings, the newest one last.
         arrivals: time.monotonic() of the newest message of each process of TOPICS.
         tracked: time.monotonic() of the newest bearing with a target.
         tracked_since: the same of the first one after a gap of GAP_S.
@@ -47,6 +47,7 @@ class RigListener:
         self._executor.add_node(self._node)
         self.arrivals = dict.fromkeys(TOPICS, 0.0)
         self.commands: list[PointingCommand] = []
+        self.bearings: list[Bearing] = []
         self.tracked = self.tracked_since = 0.0
         self.values: dict[str, dict[str, str]] = {}
         for name, (topic, kind, qos) in TOPICS.items():
@@ -62,6 +63,7 @@ class RigListener:
         self.commands = [*self.commands[-99:], message]
 
     def _on_bearing(self, message: Bearing) -> None:
+        self.bearings = [*self.bearings[-199:], message]
         now = time.monotonic()
         if message.state != State.NONE:
             self.tracked_since = now if now - self.tracked > GAP_S else self.tracked_since

@@ -25,8 +25,8 @@ from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 pytestmark = pytest.mark.system
 
 ROBOT = {'av_interfaces', 'av_common', 'av_audio', 'av_vision', 'av_fusion', 'av_pointing', 'av_px4'}
-DESK = {'av_bags', 'av_evaluation', 'av_sim_bridge', 'av_simulator'}
-LIBRARIES = {'dask', 'distributed', 'matplotlib', 'mcap', 'mcap_ros2', 'mujoco', 'rosbags'}
+DESK = {'av_bags', 'av_evaluation', 'av_sim_bridge', 'av_simulator', 'av_view'}
+LIBRARIES = {'dask', 'distributed', 'matplotlib', 'mcap', 'mcap_ros2', 'mujoco', 'rosbags', 'websockets'}
 TOPICS = {'doa': DoaArray, 'target/bearing': Bearing, 'fusion/state': FusionState, 'pointing/command': PointingCommand}
 NODES = ('rig_frames_node', 'audio_node', 'camera_node', 'doa_node', 'detector_node', 'fusion_node', 'pointing_node')
 
@@ -171,7 +171,8 @@ def test_without_a_monitor_the_launch_ends_the_run(robot):
 
 def test_a_missing_package_is_named_with_the_argument_that_needs_it(robot):
     wanted = {'source:=sim': 'av_simulator', 'source:=udp': 'av_sim_bridge', 'record:=flight.mcap': 'av_bags',
-              'out:=results': 'av_evaluation', 'monitor:=true': 'av_evaluation', 'px4:=true': 'px4_msgs'}
+              'out:=results': 'av_evaluation', 'monitor:=true': 'av_evaluation',
+              'view:=true': 'av_view', 'px4:=true': 'px4_msgs'}
     found = complaints('rig.launch.py', *wanted)
     for argument, package in wanted.items():
         assert found[argument].startswith(

@@ -17,13 +17,13 @@ KEYS = {
     'cv2': 'python3-opencv', 'h5py': 'python3-h5py', 'hypothesis': 'python3-hypothesis', 'jsonschema': 'python3-jsonschema',
     'matplotlib': 'python3-matplotlib', 'mcap': 'mcap-ros2-support', 'mcap_ros2': 'mcap-ros2-support',
     'mujoco': 'python3-mujoco-pip', 'numpy': 'python3-numpy', 'onnxruntime': 'python3-onnxruntime-pip',
-    'pyrealsense2': 'python3-pyrealsense2-pip', 'pytest': 'python3-pytest', 'rosbags': 'python3-rosbags-pip',
-    'scipy': 'python3-scipy', 'sounddevice': 'python3-sounddevice-pip', 'soundfile': 'python3-soundfile',
-    'transforms3d': 'python3-transforms3d', 'yaml': 'python3-yaml',
+    'psutil': 'python3-psutil', 'pyrealsense2': 'python3-pyrealsense2-pip', 'pytest': 'python3-pytest',
+    'rosbags': 'python3-rosbags-pip', 'scipy': 'python3-scipy', 'sounddevice': 'python3-sounddevice-pip',
+    'soundfile': 'python3-soundfile', 'transforms3d': 'python3-transforms3d', 'yaml': 'python3-yaml',
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'lz4', 'onnx', 'pyroadacoustics', 'pyroomacoustics', 'px4_msgs',
-            'stonesoup', 'zstandard', 'setuptools'}
+            'stonesoup', 'zstandard', 'setuptools', 'websockets'}
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},

@@ -15,7 +15,8 @@ from pathlib import Path
 # Pairs of a Debian or Ubuntu package, and the program or library (as the linker calls it) by which it is found.
 BUILD_TOOLS = [('gcc', 'cc'), ('g++', 'c++'), ('cmake', 'cmake'), ('make', 'make')]
 TEST_TOOLS = [('pulseaudio', 'pulseaudio'), ('pulseaudio-utils', 'pactl'),  # microphones without hardware
-              ('openssl', 'openssl')]  # keys of secured rigs
+              ('openssl', 'openssl'),  # keys of secured rigs
+              ('chromium', 'chromium')]  # the page of the rig
 LIBRARIES = [
     ('libportaudio2', 'portaudio'),  # sounddevice
     ('libusb-1.0-0', 'usb-1.0'),  # pyrealsense2

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from av_common.refused_inputs import RefusedInputs
 from av_common.stamps import to_seconds
 
-__all__ = ('GuardedNode',)
+__all__ = ('GuardedNode', 'decode')
 
 # Largest serialised message in bytes. A message that claims more elements than it holds makes the middleware allocate
 # a multiple of its size before it fails.
@@ -87,11 +87,11 @@ class GuardedNode(LifecycleNode):
             raw: pass serialised messages to the callback.
             kwargs: passed to rclpy.
         """
-        decode = bytes if raw else functools.partial(_decode, msg_type, _largest(msg_type))
+        decoded = bytes if raw else functools.partial(decode, msg_type)
 
         def take(data: bytes) -> None:
             if subscription in self.subscriptions:
-                self._call(topic, lambda: callback(decode(data)))
+                self._call(topic, lambda: callback(decoded(data)))
 
         subscription = super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **kwargs)
         return subscription
@@ -171,6 +171,7 @@ def _split(kinds: Iterable[type]) -> tuple[list[type], list[type]]:
     return bases, [kind for kind in kinds if kind not in bases]
 
 
+@functools.cache
 def _largest(msg_type: Any) -> int:
     """Bytes that a message may have: more for bulk data, which are arrays of numbers named data or samples."""
     fields = msg_type.get_fields_and_field_types()
@@ -178,10 +179,15 @@ def _largest(msg_type: Any) -> int:
     return LARGEST_BULK_MESSAGE if bulk else LARGEST_MESSAGE
 
 
-def _decode(msg_type: Any, largest: int, data: bytes) -> Any:
-    """The message. Raises ValueError for malformed ones, RMWError for truncated ones."""
-    if not SMALLEST_MESSAGE <= len(data) <= largest:
-        raise ValueError(f'a message of {len(data)} bytes, expected {SMALLEST_MESSAGE} to {largest}')
+def decode(msg_type: Any, data: bytes) -> Any:
+    """The message of a serialised one. Raises ValueError for malformed ones, RMWError for truncated ones.
+
+    Parameters:
+        msg_type: type of the message.
+        data: as a subscription with `raw` gives it.
+    """
+    if not SMALLEST_MESSAGE <= len(data) <= _largest(msg_type):
+        raise ValueError(f'a message of {len(data)} bytes, expected {SMALLEST_MESSAGE} to {_largest(msg_type)}')
     message = deserialize_message(data, msg_type)
     if msg_type is Clock:
         to_seconds(message.clock)  # raises ValueError for times that no clock of a node can take

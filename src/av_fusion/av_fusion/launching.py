@@ -38,7 +38,7 @@ from av_fusion.security.keystore import check_enclave
 from av_fusion.supervision import RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
-MONITOR_PACKAGE = 'av_evaluation'
+MONITOR_PACKAGE, VIEW_PACKAGE = 'av_evaluation', 'av_view'
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
 Declarations = Mapping[str, tuple[str | None, str, list[str] | None]]
@@ -52,6 +52,8 @@ RIG_ARGUMENTS: Declarations = {
                 ['auto', 'true', 'false']),
     'out': ('', 'folder for the table, the plot and the data of the run, needs the monitor; empty: none', None),
     'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
+    'view': ('false', f'show the rig in browsers: print the address of a page, needs {VIEW_PACKAGE}', ['true', 'false']),
+    'view_control': ('false', 'the page may also control the rig, with the token in the printed address', ['true', 'false']),
     'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
 }
 
@@ -225,6 +227,20 @@ def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
         return []
     require(f'record:={arguments["record"]}', 'av_bags')
     return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters})]
+
+
+def view_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+    """The page for browsers, or an empty list without `view`. Raises MissingPackageError.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
+    if arguments['view'] != 'true':
+        return []
+    require('view:=true', VIEW_PACKAGE)
+    control = {'view_control': arguments['view_control'] == 'true'}
+    return [rig_node(arguments, VIEW_PACKAGE, 'view_node', {**control, **parameters}, output='screen')]
 
 
 def ends_with(last: Node, processes: Sequence[Node]) -> list[LaunchDescriptionEntity]:

@@ -1,0 +1,62 @@
+"""Who may read and who may control: names of hosts, origins of pages, and a token."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Iterable
+from urllib.parse import urlsplit
+
+
+class Access:
+    """Rules for requests to a server of this machine.
+
+    A page of another site reaches a server of this machine by a name that its owner points there (DNS rebinding), or directly.
+    The first shows in the header Host, the second in Origin.
+
+    Attributes:
+        token: opens control; empty where nothing is to be controlled.
+
+    Parameters:
+        control: whether anything may be controlled.
+        hosts: further names by which this machine is called.
+    """
+
+    def __init__(self, control: bool, hosts: Iterable[str] = ()) -> None:
+        self.token = secrets.token_urlsafe(24) if control else ''
+        self._names = {'localhost', socket.gethostname().lower(), *(host.lower() for host in hosts if host)}
+
+    def refusal(self, hosts: Iterable[str], origins: Iterable[str]) -> str:
+        """Why a request is refused; empty where it is not.
+
+        Parameters:
+            hosts: values of its header Host, of which there must be one.
+            origins: values of its header Origin, of which there may be one.
+        """
+        host, origin = list(hosts), list(origins)
+        if len(host) != 1 or not self._is_known(_name(f'http://{host[0]}')):
+            return f'Host is {", ".join(host)[:80]!r}, expected an address, localhost or a name of allowed_hosts'
+        if len(origin) > 1 or any(one.lower() != f'http://{host[0].lower()}' for one in origin):
+            return f'Origin is {", ".join(origin)[:80]!r}, expected the page of this server'
+        return ''
+
+    def may_control(self, token: object) -> bool:
+        """Whether a token is the right one; compared in constant time."""
+        return bool(self.token) and isinstance(token, str) and hmac.compare_digest(token.encode(), self.token.encode())
+
+    def _is_known(self, name: str) -> bool:
+        """An address cannot be pointed elsewhere, other names must be known."""
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name in self._names
+        return True
+
+
+def _name(url: str) -> str:
+    try:
+        return urlsplit(url).hostname or ''
+    except ValueError:
+        return ''

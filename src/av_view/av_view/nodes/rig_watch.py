@@ -1,0 +1,137 @@
+"""The subscriptions to one rig that somebody looks at."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from vision_msgs.msg import Detection2DArray
+
+from av_common.guarded_node import decode
+from av_common.node import RigNode
+from av_common.qos import IMAGE, RESULT, STREAM
+from av_common.refused_inputs import BAD_INPUT
+from av_common.stamps import to_seconds
+from av_common.tf_rotations import TfRotations
+from av_fusion.measurement.converter import MeasurementConverter
+from av_interfaces.msg import (
+    AudioFrame,
+    Bearing,
+    DoaArray,
+    FusionState,
+    PointingCommand,
+    TrackArray,
+)
+from av_view.camera_view import CameraView
+from av_view.feed import Feed
+from av_view.picture import jpeg
+from av_view.rig_state import RigState, row_of
+from av_view.spectrum import spectrum
+from av_vision.messages import image_from_message
+
+TRUTH = 'truth/'
+SPECTRUM_PERIOD_S = 0.25
+Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
+
+
+class _Waiting(NamedTuple):
+    """The newest message of a topic, serialised, until it is shown."""
+
+    kind: Any
+    take: Take
+    data: bytes
+    arrival: float
+
+
+class RigWatch:
+    """Subscribes to the topics of a namespace, and puts what viewers see into its feed.
+
+    Messages are decoded when they are shown, those that newer ones replace before never: most come more often than pictures.
+
+    Parameters:
+        node: owns the subscriptions.
+        rig: namespace of the rig, such as '/left', or ''.
+        put: changes the feed.
+    """
+
+    def __init__(self, node: RigNode, rig: str, put: Callable[[Callable[[Feed], None]], None]) -> None:
+        self.seen = time.monotonic()  # when somebody last looked
+        self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
+        self._state = state = RigState()
+        self._spectrum_time = 0.0
+        self._waiting: dict[str, _Waiting] = {}
+        self._topics: list[str] = []
+        before = set(node.entities())
+        self._rotations = TfRotations(node, self._settings.base_frame)
+        self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
+        # In the order in which they are taken: the camera before what is seen through it.
+        self._subscribe(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message), STREAM)
+        self._subscribe(Image, 'camera/image_raw', self._on_image, IMAGE)
+        self._subscribe(Bearing, 'target/bearing', state.on_bearing, RESULT)
+        self._subscribe(FusionState, 'fusion/state', state.on_fusion, RESULT)
+        self._subscribe(TrackArray, 'targets', state.on_tracks, RESULT)
+        self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
+        self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
+        self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
+        self._subscribe(Odometry, 'odometry', state.on_odometry, STREAM)
+        self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM)
+        self._entities = [entity for entity in node.entities() if entity not in before]
+
+    def find_truths(self) -> None:
+        """Subscribe to the true poses of a simulation as they appear."""
+        beginning, before = f'{self._rig}/{TRUTH}', set(self._node.entities())
+        for topic, kinds in self._node.get_topic_names_and_types():
+            name = topic.removeprefix(beginning)
+            if topic.startswith(beginning) and 'nav_msgs/msg/Odometry' in kinds and f'{TRUTH}{name}' not in self._topics:
+                self._subscribe(Odometry, f'{TRUTH}{name}', partial(self._state.on_truth, name), STREAM)
+        self._entities += [entity for entity in self._node.entities() if entity not in before]
+
+    def update(self) -> None:
+        """Put the present state into the feed."""
+        for topic in [name for name in self._topics if name in self._waiting]:
+            self._take(topic, self._waiting.pop(topic))
+        snapshot = self._state.snapshot(self._node.now())
+        state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
+        self._put(lambda feed: feed.put_state(state, row))
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self._node.destroy_entities(self._entities)
+
+    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile) -> None:
+        def wait(data: bytes) -> None:
+            self._waiting[topic] = _Waiting(kind, take, data, self._node.now())
+
+        self._topics.append(topic)
+        self._node.create_subscription(kind, f'{self._rig}/{topic}', wait, qos, raw=True)
+
+    def _take(self, topic: str, waiting: _Waiting) -> None:
+        """Decode a message and take it; one that cannot be used is counted."""
+        try:
+            waiting.take(decode(waiting.kind, waiting.data), waiting.arrival)
+        except BAD_INPUT as error:
+            self._node.refused.refuse(topic, error)
+
+    def _on_detections(self, message: Detection2DArray, _arrival: float) -> None:
+        self._state.on_detections(message, self._converter.detections(message))
+
+    def _on_image(self, message: Image, _arrival: float) -> None:
+        if self._converter.camera is not None:
+            rotation = self._rotations.rotation(message.header.frame_id, to_seconds(message.header.stamp))
+            self._state.camera = None if rotation is None else CameraView(self._converter.camera, rotation)
+        picture = jpeg(image_from_message(message), self._settings.picture_width, self._settings.jpeg_quality)
+        self._put(lambda feed: feed.put_picture(picture))
+
+    def _on_audio(self, message: AudioFrame, arrival: float) -> None:
+        if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
+            self._spectrum_time = arrival
+            samples = np.asarray(message.samples, np.float32)
+            whole = len(samples) - len(samples) % message.channels
+            self._state.on_spectrum(spectrum(samples[:whole].reshape(-1, message.channels), message.sample_rate).tolist())

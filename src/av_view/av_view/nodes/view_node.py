@@ -1,0 +1,121 @@
+"""Serves the page that shows the rig, and subscribes to a rig while somebody looks at it."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_updater import DiagnosticStatusWrapper
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
+from av_common.node import RigNode, run
+from av_common.qos import RESULT
+from av_view.access import Access
+from av_view.feed import Feed
+from av_view.health import Health
+from av_view.nodes.rig_control import RigControl
+from av_view.nodes.rig_watch import RigWatch
+from av_view.nodes.view_node_parameters import view_node as parameters
+from av_view.server import ServerSettings, ViewServer
+
+NICENESS = 10  # the rig's own nodes go before
+HEALTH_PERIOD_S = 1.0
+BEARING = '/target/bearing'  # by which a rig is found
+
+
+class ViewNode(RigNode):
+    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at."""
+
+    def __init__(self) -> None:
+        super().__init__('view_node', parameters)
+
+    def configure(self) -> None:
+        """Start with no rig and no viewer."""
+        self._settings = settings = self.settings
+        self._access = Access(settings.view_control, settings.allowed_hosts)
+        self._health = Health()
+        self._watches: dict[str, RigWatch] = {}
+        self._looked = 0.0
+        self._own = self.get_namespace().rstrip('/')
+
+    def activate(self) -> None:
+        """Serve the page. Raises OSError where the address cannot be bound."""
+        settings = self._settings
+        self._control = RigControl(self)
+        self.server = ViewServer(
+            ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
+                           self._own), self._access, self._control.act)
+        try:
+            self.server.start()
+        except OSError as error:
+            raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
+                          'a second one choose another port') from error
+        self.get_logger().info(f'the rig in your browser: {self._address()}')
+        self.while_active(self.create_subscription, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
+        self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def deactivate(self) -> None:
+        """Close all connections."""
+        for rig in list(self._watches):
+            self._unwatch(rig)
+        self.server.stop()
+
+    def _address(self) -> str:
+        """Address of the page, with the token where there is one."""
+        host = self._settings.bind_address.replace('0.0.0.0', '127.0.0.1')
+        token = f'#{self._access.token}' if self._access.token else ''
+        return f'http://{f"[{host}]" if ":" in host else host}:{self.server.port}/{token}'
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self._health.on_diagnostics(message, time.monotonic())
+
+    def _update(self) -> None:
+        now, wanted = time.monotonic(), self.server.watched()
+        self._control.work()
+        if not wanted and not self._watches:
+            return
+        for rig in wanted:
+            if rig not in self._watches and rig in self._rigs():
+                self._watches[rig] = RigWatch(self, rig, partial(self.server.put, rig=rig))
+        for rig, watch in list(self._watches.items()):
+            watch.seen = now if rig in wanted else watch.seen
+            if now - watch.seen > self._settings.linger:
+                self._unwatch(rig)
+            else:
+                watch.update()
+        if now - self._looked >= HEALTH_PERIOD_S:
+            self._looked = now
+            self._look(now)
+
+    def _look(self, now: float) -> None:
+        """What is done once a second: find rigs and true poses, and report health."""
+        self.server.set_rigs(self._rigs())
+        for rig, watch in self._watches.items():
+            watch.find_truths()
+            report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': self._control.offers(rig)}
+            self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
+
+    def _rigs(self) -> tuple[str, ...]:
+        """Namespaces in which a bearing is published, and this node's own."""
+        found = {topic.removesuffix(BEARING) for topic, _ in self.get_topic_names_and_types() if topic.endswith(BEARING)}
+        return tuple(sorted(found | {self._own}))
+
+    def _unwatch(self, rig: str) -> None:
+        self._watches.pop(rig).close()
+        self.server.drop(rig)
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Report viewers and refused requests."""
+        status.add('viewers', str(self.server.viewers))
+        status.add('rigs that are looked at', ', '.join(rig or '/' for rig in self._watches))
+        status.add('requests refused', str(self.server.refused))
+
+
+def main() -> None:
+    """Run the node behind those of the rig."""
+    os.nice(NICENESS)
+    run(ViewNode)

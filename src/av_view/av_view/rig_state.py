@@ -1,0 +1,304 @@
+"""What is known of one rig at the moment, as plain data for viewers: messages in, one snapshot out.
+
+All angles of a snapshot are in degrees in the rig's body frame (azimuth counter-clockwise from ahead), unless a name says
+`world`; ages and delays in s. Numbers are rounded, and None where they are unknown: JSON has no other numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from transforms3d.quaternions import quat2mat
+
+from av_common.angles import wrap
+from av_common.frames import attitude_of, heading_of
+from av_common.stamps import to_seconds
+from av_common.track import Source, State
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.vectors import angles
+from av_pointing.controller import Mode
+from av_view.camera_view import CameraView
+from av_view.posterior_ring import posterior_ring
+
+LONGEST_TEXT = 300  # characters of a text that comes from a message
+MOST_BOXES, MOST_TRACKS, MOST_GROUPS = 50, 50, 8
+STALE_S = 1.0  # age from which a measurement is no longer shown
+MOST_DELAYS = 100  # of which the median is shown
+STATES = {State.NONE: 'none', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
+# What the columns of a row are; azimuths in degrees, confidences 0..1, delay in s.
+COLUMNS = ('time', 'sound', 'mirror', 'sight', 'fused', 'sigma', 'truth', 'sound_confidence', 'sight_confidence', 'state',
+           'level', 'delay')
+
+
+class RigState:
+    """The newest message of each topic of a rig, and what follows from them for people who watch."""
+
+    def __init__(self) -> None:
+        self.camera: CameraView | None = None
+        self._bearing: Any = None
+        self._fusion: Any = None
+        self._doa: Any = None
+        self._sound: Sequence[DoaMeasurement] = ()
+        self._detections: Any = None
+        self._sight: CameraMeasurement | None = None
+        self._tracks: Any = None
+        self._command: Any = None
+        self._heading: float | None = None
+        self._rig_truth: Any = None
+        self._truths: dict[str, Any] = {}
+        self._spectrum: list[float] = []
+        self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
+
+    def on_bearing(self, message: Any, arrival: float) -> None:
+        """Take a `Bearing`. Raises ValueError for a state that is not defined, an impossible stamp, or no azimuth.
+
+        Parameters:
+            message: the message.
+            arrival (s): time of its arrival.
+        """
+        if State(message.state) != State.NONE and not math.isfinite(message.azimuth):
+            raise ValueError(f'azimuth is {message.azimuth}, expected a number')
+        measured = to_seconds(message.measured)
+        self._bearing = message
+        if message.state != State.NONE and measured > 0.0:
+            self._delays.append(arrival - measured)
+
+    def on_fusion(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take a `FusionState`."""
+        self._fusion = message
+
+    def on_doa(self, message: Any, measurements: Sequence[DoaMeasurement]) -> None:
+        """Take a `DoaArray`. Raises ValueError for an impossible stamp.
+
+        Parameters:
+            message: the message.
+            measurements: its directions in the body frame, the most confident first.
+        """
+        to_seconds(message.header.stamp)
+        self._doa, self._sound = message, measurements[:MOST_GROUPS]
+
+    def on_detections(self, message: Any, measurement: CameraMeasurement | None) -> None:
+        """Take a `Detection2DArray`. Raises ValueError for an impossible stamp.
+
+        Parameters:
+            message: the message.
+            measurement: its detections as bearings, None where the camera is unknown.
+        """
+        to_seconds(message.header.stamp)
+        self._detections, self._sight = message, measurement
+
+    def on_tracks(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take a `TrackArray`. Raises ValueError for an impossible stamp."""
+        to_seconds(message.header.stamp)
+        self._tracks = message
+
+    def on_command(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take a `PointingCommand`. Raises ValueError for a mode that is not defined, or an impossible stamp."""
+        Mode(message.mode)
+        to_seconds(message.header.stamp)
+        self._command = message
+
+    def on_odometry(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take the rig's `Odometry`."""
+        self._heading = math.atan2(*heading_of(attitude_of(message.pose.pose.orientation)))
+
+    def on_truth(self, name: str, message: Any, _arrival: float = 0.0) -> None:
+        """Take a true pose of a simulation, an `Odometry`.
+
+        Parameters:
+            name: `rig`, or the name of a target.
+            message: the message.
+        """
+        if name == 'rig':
+            self._rig_truth = message
+        elif name in self._truths or len(self._truths) < MOST_TRACKS:
+            self._truths[name] = message
+
+    def on_spectrum(self, levels: Sequence[float]) -> None:
+        """Take the levels (dB) of the sound in the bands of `av_view.spectrum`."""
+        self._spectrum = [round(float(level), 1) for level in levels]
+
+    def snapshot(self, now: float) -> dict[str, Any]:
+        """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
+        return {
+            'time': round(now, 3), 'heading': None if self._heading is None else degrees(self._heading),
+            'bearing': self._bearing_part(now), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
+            'sight': self._sight_part(now), 'camera': self._camera_part(), 'tracks': self._tracks_part(now),
+            'truth': self._truth_part(), 'command': self._command_part(now), 'spectrum': self._spectrum,
+            'delay': self._delay()}
+
+    def _bearing_part(self, now: float) -> dict[str, Any] | None:
+        message = self._bearing
+        if message is None:
+            return None
+        measured = to_seconds(message.measured)
+        sigma = _sigma(message.azimuth_variance)
+        mirror = self._mirror(message.azimuth)
+        return {
+            'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': sigma,
+            'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
+            'elevation_sigma': _sigma(message.elevation_variance),
+            'azimuth_world': degrees(message.azimuth_world) if message.attitude_known else None,
+            'rate_world': degrees(message.azimuth_world_rate), 'range': number(message.range),
+            'range_sigma': number(math.sqrt(max(message.range_variance, 0.0))), 'source': _sources(message.source),
+            'probability': number(message.hemisphere_probability, 3), 'resolved': bool(message.resolved),
+            'mirror': None if mirror is None else degrees(mirror), 'turn': degrees(message.requested_rotation),
+            'look': degrees(message.look_azimuth) if message.look_requested else None,
+            'age': number(now - measured, 2) if measured > 0.0 else None,
+            'ring': posterior_ring(message.azimuth, message.azimuth_variance, mirror, message.hemisphere_probability)
+            if message.state != State.NONE else [],
+            'line': self._line(message), 'band': self._band(message), 'centre': self._centre(message)}
+
+    def _mirror(self, azimuth: float) -> float | None:
+        """The mirror image (rad) of the bearing in what is heard: that hypothesis which is farthest from it."""
+        images = self._sound[0].hypotheses if self._sound else ()
+        if len(images) < 2:
+            return None
+        return max((image.azimuth for image in images), key=lambda image: abs(wrap(image - azimuth)))
+
+    def _line(self, message: Any) -> list[list[float]]:
+        return self.camera.meridian(message.azimuth) if self.camera and message.state != State.NONE else []
+
+    def _band(self, message: Any) -> list[list[float]]:
+        if self.camera is None or message.state == State.NONE or not 0.0 <= message.azimuth_variance < math.inf:
+            return []
+        return self.camera.band(message.azimuth, math.sqrt(message.azimuth_variance))
+
+    def _centre(self, message: Any) -> list[float] | None:
+        """Where the bearing is in the picture; None while its elevation is unknown."""
+        if self.camera is None or message.state == State.NONE or _sigma(message.elevation_variance) is None:
+            return None
+        return self.camera.point(message.azimuth, message.elevation)
+
+    def _fusion_part(self) -> dict[str, Any] | None:
+        message = self._fusion
+        if message is None:
+            return None
+        return {
+            'reason': message.reason[:LONGEST_TEXT], 'missing': [name[:LONGEST_TEXT] for name in message.missing[:10]],
+            'sound_confidence': number(message.sound_confidence), 'sight_confidence': number(message.sight_confidence),
+            'sound_weight': number(message.sound_weight), 'sight_weight': number(message.sight_weight),
+            'visibility': number(message.visibility), 'front': number(message.front_probability, 3)}
+
+    def _sound_part(self, now: float) -> dict[str, Any] | None:
+        if self._doa is None or now - to_seconds(self._doa.header.stamp) > STALE_S:
+            return None
+        groups = [{'confidence': number(doa.confidence), 'images': [self._image(image) for image in doa.hypotheses]}
+                  for doa in self._sound]
+        return {'level': number(self._doa.level, 1), 'method': self._doa.method[:LONGEST_TEXT], 'groups': groups,
+                'confidence': groups[0]['confidence'] if groups else 0.0,
+                'age': number(now - to_seconds(self._doa.header.stamp))}
+
+    def _image(self, image: Any) -> dict[str, Any]:
+        return {'azimuth': degrees(image.azimuth), 'sigma': _sigma(image.across_variance),
+                'line': self.camera.meridian(image.azimuth) if self.camera else []}
+
+    def _sight_part(self, now: float) -> dict[str, Any] | None:
+        message = self._detections
+        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+            return None
+        boxes = [_box(detection, self.camera) for detection in message.detections[:MOST_BOXES] if detection.results]
+        return {'boxes': boxes, 'age': number(now - to_seconds(message.header.stamp)),
+                'visibility': number(self._sight.visibility) if self._sight else None}
+
+    def _camera_part(self) -> dict[str, Any] | None:
+        if self.camera is None:
+            return None
+        azimuth, elevation = self.camera.axis
+        return {'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
+                'view': degrees(self.camera.model.horizontal_fov_rad)}
+
+    def _tracks_part(self, now: float) -> list[dict[str, Any]]:
+        message = self._tracks
+        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+            return []
+        return [self._track(track, track.id == message.selected) for track in message.tracks[:MOST_TRACKS]]
+
+    def _track(self, track: Any, selected: bool) -> dict[str, Any]:
+        level = max(math.cos(track.elevation_world), 0.1) if math.isfinite(track.elevation_world) else 1.0
+        return {
+            'id': int(track.id), 'name': track.class_id[:40], 'azimuth': degrees(track.azimuth),
+            'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
+            'sigma': _sigma(track.covariance_world[0] / level**2), 'existence': number(track.existence),
+            'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
+            'resolved': bool(track.resolved), 'selected': selected,
+            'point': self.camera.point(track.azimuth, track.elevation) if self.camera else None}
+
+    def _truth_part(self) -> list[dict[str, Any]]:
+        if self._rig_truth is None:
+            return []
+        rig = self._rig_truth.pose.pose
+        rotation = quat2mat(attitude_of(rig.orientation))
+        targets = []
+        for name, message in sorted(self._truths.items()):
+            target = message.pose.pose.position
+            offset = np.array([target.x - rig.position.x, target.y - rig.position.y, target.z - rig.position.z])
+            azimuth, elevation = angles(tuple(rotation.T @ offset))
+            targets.append({'name': name, 'azimuth': degrees(azimuth), 'elevation': degrees(elevation),
+                            'range': number(float(np.linalg.norm(offset)), 1)})
+        return targets
+
+    def _command_part(self, now: float) -> dict[str, Any] | None:
+        message = self._command
+        if message is None or now - to_seconds(message.header.stamp) > STALE_S:
+            return None
+        return {'mode': Mode(message.mode).name.lower(), 'reason': message.reason[:LONGEST_TEXT],
+                'pan': degrees(message.pan) if message.move_gimbal else None,
+                'tilt': degrees(message.tilt) if message.move_gimbal else None,
+                'yaw_rate': degrees(message.yaw_rate) if message.move_body else None}
+
+    def _delay(self) -> float | None:
+        return number(float(np.median(self._delays)), 3) if self._delays else None
+
+
+def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:
+    """The values of COLUMNS in a snapshot, for diagrams against time."""
+    bearing, sound, sight, truth = (snapshot[name] for name in ('bearing', 'sound', 'sight', 'truth'))
+    azimuths = [image['azimuth'] for group in (sound['groups'][:1] if sound else ()) for image in group['images']]
+    boxes = [box for box in sight['boxes'] if None not in (box['azimuth'], box['score'])] if sight else []
+    best = max(boxes, key=lambda box: box['score'], default={'azimuth': None, 'score': 0.0})
+    known = bearing is not None and bearing['state'] != 'none'
+    return [snapshot['time'], *[*azimuths, None, None][:2], best['azimuth'], *([bearing['azimuth'], bearing['sigma']] if known
+            else [None, None]), truth[0]['azimuth'] if truth else None, sound and sound['confidence'], best['score'],
+            bearing['state'] if bearing else 'none', sound and sound['level'], snapshot['delay']]
+
+
+def number(value: float, digits: int = 2) -> float | None:
+    """A rounded number; None for one that is not finite.
+
+    Parameters:
+        value: the number.
+        digits: after the point.
+    """
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def degrees(angle: float) -> float | None:
+    """An angle (rad) in degrees; None where it is not finite."""
+    return number(math.degrees(angle), 1)
+
+
+def _sigma(variance: float) -> float | None:
+    """Standard deviation in degrees of a variance (rad^2); None where it says nothing."""
+    return degrees(math.sqrt(variance)) if 0.0 <= variance <= math.pi**2 else None
+
+
+def _sources(bits: int) -> list[str]:
+    return [name for name, bit in (('sound', Source.SOUND), ('sight', Source.SIGHT)) if bits & bit]
+
+
+def _box(detection: Any, camera: CameraView | None) -> dict[str, Any]:
+    """A detection: its box as shares of the picture's sides, where the camera is known."""
+    best = max((result.hypothesis for result in detection.results), key=lambda one: one.score)
+    box = detection.bbox
+    x, y, width, height = box.center.position.x, box.center.position.y, box.size_x, box.size_y
+    azimuth = camera.azimuth_of(x, y) if camera else math.nan
+    share: Mapping[str, float | None] = {} if camera is None else {
+        'x': number((x - 0.5 * width) / camera.model.width, 4), 'y': number((y - 0.5 * height) / camera.model.height, 4),
+        'width': number(width / camera.model.width, 4), 'height': number(height / camera.model.height, 4)}
+    return {**share, 'name': best.class_id[:40], 'score': number(best.score), 'azimuth': degrees(azimuth),
+            'track': detection.id[:40]}

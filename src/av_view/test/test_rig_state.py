@@ -1,0 +1,166 @@
+"""Messages in, a snapshot out, held against geometry."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import Odometry
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+
+from av_common.camera import PinholeCamera
+from av_common.frames import FLU_TO_OPTICAL
+from av_common.stamps import to_stamp
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
+from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
+from av_view.camera_view import CameraView
+from av_view.rig_state import COLUMNS, RigState, row_of
+
+CAMERA = CameraView(PinholeCamera.from_fov(640, 480, math.radians(70.0)), FLU_TO_OPTICAL.T)
+NOW = 100.0
+
+
+def bearing(**values):
+    message = Bearing(state=Bearing.STATE_ACOUSTIC_ACTIVE, source=Bearing.SOURCE_SOUND, azimuth=0.1, azimuth_variance=0.0004,
+                      elevation_variance=math.inf, range=math.nan, range_variance=math.inf, hemisphere_probability=0.7,
+                      measured=to_stamp(NOW - 0.2), attitude_known=True, azimuth_world=0.5)
+    for name, value in values.items():
+        setattr(message, name, value)
+    return message
+
+
+def heard(azimuths=(0.1, math.pi - 0.1)):
+    message = DoaArray(level=-40.0, method='gcc_phat')
+    message.header.stamp = to_stamp(NOW - 0.1)
+    return message, [DoaMeasurement(NOW - 0.1, tuple(Hypothesis(a, 0.001) for a in azimuths), 0.9)]
+
+
+def seen(x, y, width=40.0, height=20.0, score=0.8):
+    hypothesis = ObjectHypothesisWithPose()
+    hypothesis.hypothesis.class_id, hypothesis.hypothesis.score = 'drone', score
+    detection = Detection2D(results=[hypothesis], id='3')
+    detection.bbox.center.position.x, detection.bbox.center.position.y = x, y
+    detection.bbox.size_x, detection.bbox.size_y = width, height
+    message = Detection2DArray(detections=[detection])
+    message.header.stamp = to_stamp(NOW - 0.1)
+    return message
+
+
+def pose(x, y, z, yaw=0.0):
+    message = Odometry()
+    message.pose.pose.position.x, message.pose.pose.position.y, message.pose.pose.position.z = x, y, z
+    message.pose.pose.orientation = Quaternion(w=math.cos(yaw / 2), z=math.sin(yaw / 2))
+    return message
+
+
+def test_without_messages_everything_is_unknown():
+    snapshot = RigState().snapshot(NOW)
+    assert snapshot['bearing'] is None and snapshot['sound'] is None and snapshot['tracks'] == []
+    assert len(row_of(snapshot)) == len(COLUMNS)
+    json.dumps(snapshot, allow_nan=False)
+
+
+def test_a_bearing_in_degrees_with_its_mirror_image():
+    state = RigState()
+    state.camera = CAMERA
+    state.on_doa(*heard())
+    state.on_bearing(bearing(), NOW)
+    part = state.snapshot(NOW)['bearing']
+    assert (part['azimuth'], part['sigma'], part['mirror']) == pytest.approx((5.7, 1.1, 174.3), abs=0.06)
+    assert part['state'] == 'sound' and part['elevation'] is None and part['range'] is None and part['age'] == 0.2
+    assert part['band'] and part['line'] and part['centre'] is None
+    assert state.snapshot(NOW)['delay'] == pytest.approx(0.2)
+
+
+def test_a_bearing_without_a_target_shows_nothing():
+    state = RigState()
+    state.camera = CAMERA
+    state.on_bearing(bearing(state=Bearing.STATE_NONE, azimuth=math.nan, azimuth_variance=math.inf), NOW)
+    part = state.snapshot(NOW)['bearing']
+    assert part['state'] == 'none' and part['ring'] == part['band'] == part['line'] == [] and part['azimuth'] is None
+    assert row_of(state.snapshot(NOW))[COLUMNS.index('fused')] is None
+
+
+def test_boxes_are_shares_of_the_picture_with_their_azimuths():
+    state = RigState()
+    state.camera = CAMERA
+    state.on_detections(seen(319.5, 239.5), CameraMeasurement(NOW, ()))
+    (box,) = state.snapshot(NOW)['sight']['boxes']
+    assert (box['x'], box['width'], box['azimuth']) == pytest.approx((0.468, 0.0625, 0.0), abs=1e-3)
+    assert box['name'] == 'drone' and box['score'] == 0.8
+    assert state.snapshot(NOW + 5.0)['sight'] is None
+
+
+def test_truth_is_seen_from_the_rig():
+    state = RigState()
+    state.on_truth('target', pose(10.0, 10.0, 5.0))
+    assert state.snapshot(NOW)['truth'] == []
+    state.on_truth('rig', pose(10.0, 0.0, 5.0, yaw=math.pi / 2))
+    assert state.snapshot(NOW)['truth'] == [{'name': 'target', 'azimuth': 0.0, 'elevation': 0.0, 'range': 10.0}]
+
+
+def test_rows_hold_what_diagrams_show():
+    state = RigState()
+    state.camera = CAMERA
+    state.on_doa(*heard())
+    state.on_bearing(bearing(), NOW)
+    state.on_detections(seen(319.5, 239.5), None)
+    row = dict(zip(COLUMNS, row_of(state.snapshot(NOW)), strict=True))
+    assert (row['sound'], row['mirror'], row['sight']) == pytest.approx((5.7, 174.3, 0.0), abs=0.06)
+    assert row['state'] == 'sound' and row['sight_confidence'] == 0.8 and row['truth'] is None
+
+
+def test_tracks_with_their_names():
+    state = RigState()
+    track = Track(id=7, class_id='bird', azimuth=0.2, covariance_world=[0.01, 0.0, 0.0, 0.01], range=42.0, existence=0.9)
+    message = TrackArray(tracks=[track], selected=7)
+    message.header.stamp = to_stamp(NOW)
+    state.on_tracks(message)
+    (part,) = state.snapshot(NOW)['tracks']
+    assert part['name'] == 'bird' and part['selected'] and part['range'] == 42.0
+    assert part['sigma'] == pytest.approx(math.degrees(0.1), abs=0.1)
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e38])
+def test_numbers_that_json_cannot_hold_are_unknown(value):
+    state = RigState()
+    state.camera = CAMERA
+    fields = {name: value for name in Bearing.get_fields_and_field_types() if isinstance(getattr(Bearing(), name), float)}
+    state.on_bearing(bearing(**{**fields, 'azimuth': 0.0}), NOW)
+    with pytest.raises(ValueError, match='azimuth'):
+        state.on_bearing(bearing(azimuth=math.nan), NOW)
+    state.on_doa(DoaArray(level=value, header=heard()[0].header),
+                 [DoaMeasurement(NOW, (Hypothesis(value, value),) * 2, value)])
+    state.on_fusion(FusionState(sound_confidence=value, visibility=value, front_probability=value))
+    state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
+    state.on_detections(seen(value, value, value, value, value), None)
+    state.on_truth('rig', pose(0.0, 0.0, 0.0))
+    state.on_truth('target', pose(value, value, 0.0))
+    message = TrackArray(tracks=[Track(azimuth=value, elevation_world=value, range=value, covariance_world=[value] * 4)])
+    message.header.stamp = to_stamp(NOW)
+    state.on_tracks(message)
+    snapshot = state.snapshot(NOW)
+    json.dumps([snapshot, row_of(snapshot)], allow_nan=False)
+
+
+@pytest.mark.parametrize('name', ['on_doa', 'on_detections', 'on_tracks', 'on_command'])
+def test_impossible_stamps_are_refused(name):
+    kind, more = {'on_doa': (DoaArray, [()]), 'on_detections': (Detection2DArray, [None]), 'on_tracks': (TrackArray, []),
+                  'on_command': (PointingCommand, [])}[name]
+    message = kind()
+    message.header.stamp.sec = -5
+    state = RigState()
+    with pytest.raises(ValueError, match='stamp'):
+        getattr(state, name)(message, *more)
+    state.snapshot(NOW)
+
+
+def test_undefined_states_and_modes_are_refused():
+    state = RigState()
+    with pytest.raises(ValueError, match='99'):
+        state.on_bearing(bearing(state=99), NOW)
+    with pytest.raises(ValueError, match='99'):
+        state.on_command(PointingCommand(mode=99))
+    assert state.snapshot(NOW)['bearing'] is None

@@ -1,0 +1,180 @@
+"""The node between a rig and its viewers: what it subscribes to and when, and what it asks the rig for."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from contextlib import contextmanager
+
+import cv2
+import numpy as np
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool
+
+pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
+from websockets.sync.client import connect
+
+from av_common.node import Executor
+from av_common.qos import RESULT
+from av_common.stamps import to_stamp
+from av_interfaces.msg import Bearing
+from av_view.nodes.view_node import ViewNode
+from av_vision.messages import image_message
+
+pytestmark = pytest.mark.system
+LONG_S = 60.0
+
+
+class Rig:
+    """A rig that publishes pictures and bearings, offers ~/enable, and is looked at by a view_node of the same process."""
+
+    def __init__(self, *parameters):
+        rclpy.init(args=['--ros-args', *(word for one in ('port:=0', 'linger:=0.5', *parameters) for word in ('-p', one))])
+        self.node = rclpy.create_node('pointing_node')
+        self.enabled = []
+        self.node.create_service(SetBool, '~/enable', self.on_enable)
+        self.bearings = self.node.create_publisher(Bearing, 'target/bearing', RESULT)
+        self.images = self.node.create_publisher(type(image_message(Header(), np.zeros((2, 2, 3), np.uint8))),
+                                                 'camera/image_raw', RESULT)
+        self.diagnostics = self.node.create_publisher(DiagnosticArray, '/diagnostics', RESULT)
+        self.node.create_timer(0.05, self.publish)
+        self.view = ViewNode()
+        self.executor = Executor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.view)
+        self.azimuth = 0.5
+        self.ending = threading.Event()
+        self.thread = threading.Thread(target=self.spin)
+        self.thread.start()
+        assert wait_for(lambda: self.view.is_active)
+
+    def spin(self):
+        while not self.ending.is_set():
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def on_enable(self, request, response):
+        self.enabled.append(request.data)
+        response.success, response.message = True, 'commands move the rig'
+        return response
+
+    def publish(self):
+        now = self.view.now()
+        self.bearings.publish(Bearing(state=Bearing.STATE_VISUAL_ACTIVE, azimuth=self.azimuth, azimuth_variance=0.01,
+                                      measured=to_stamp(now)))
+        self.images.publish(image_message(Header(stamp=to_stamp(now)), np.full((480, 960, 3), 90, np.uint8)))
+        self.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name='pointing_node: status', message='active')]))
+
+    @contextmanager
+    def viewer(self):
+        with connect(f'ws://127.0.0.1:{self.view.server.port}/feed', max_size=None, proxy=None) as viewer:
+            viewer.send('{"do": "watch"}')
+            yield viewer
+
+    def topics(self):
+        return {subscription.topic_name for subscription in self.view.subscriptions} - {'/clock'}
+
+    def close(self):
+        self.ending.set()
+        self.thread.join()
+        self.view.close()
+        self.view.destroy_node()
+        self.node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def rig(request):
+    rig = Rig(*getattr(request, 'param', ('view_control:=true',)))
+    yield rig
+    rig.close()
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + LONG_S
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return condition()
+
+
+def receive(viewer, wanted):
+    """The next message for which `wanted` is true, while asking for more."""
+    deadline = time.monotonic() + LONG_S
+    while time.monotonic() < deadline:
+        message = viewer.recv(timeout=LONG_S)
+        content = message if isinstance(message, bytes) else json.loads(message)
+        if isinstance(content, dict) and content['type'] == 'end':
+            viewer.send('{"do": "next"}')
+        if wanted(content):
+            return content
+    raise AssertionError('no such message')
+
+
+def ask(viewer, rig, **request):
+    viewer.send(json.dumps({'token': rig.view._access.token, **request}))
+    return receive(viewer, lambda content: isinstance(content, dict) and content['type'] == 'answer')
+
+
+def is_state(content):
+    return isinstance(content, dict) and content['type'] == 'state' and content['state']['bearing']
+
+
+def test_it_subscribes_only_while_somebody_looks(rig):
+    assert rig.topics() == {'/diagnostics'}
+    with rig.viewer() as viewer:
+        state = receive(viewer, is_state)
+        assert state['state']['bearing']['azimuth'] == pytest.approx(np.degrees(0.5), abs=0.1)
+        picture = receive(viewer, lambda content: isinstance(content, bytes))
+        image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+        assert image.shape == (320, 640, 3)  # reduced to picture_width
+        health = receive(viewer, lambda content: isinstance(content, dict) and content['type'] == 'health')
+        assert '/pointing_node' in [entry['node'] for entry in health['nodes']] and 'enable' in health['offers']
+    assert wait_for(lambda: rig.topics() == {'/diagnostics'})
+    with rig.viewer() as viewer:
+        assert receive(viewer, is_state)
+
+
+def test_the_page_follows_the_topics(rig):
+    with rig.viewer() as viewer:
+        for azimuth in (-1.0, 2.0):
+            rig.azimuth = azimuth
+            receive(viewer, lambda content, azimuth=azimuth: is_state(content) and content['state']['bearing']['azimuth']
+                    == pytest.approx(np.degrees(azimuth), abs=0.1))
+
+
+def test_enable_reaches_the_rig_with_the_token_only(rig):
+    with rig.viewer() as viewer:
+        assert ask(viewer, rig, do='enable', value=True, token='wrong')['done'] is False and rig.enabled == []
+        given = ask(viewer, rig, do='enable', value=True)
+        assert given['done'] and given['words'] == 'commands move the rig' and rig.enabled == [True]
+        assert not ask(viewer, rig, do='enable', value='yes')['done'] and rig.enabled == [True]
+        assert 'not offered' in ask(viewer, rig, do='record', value=True)['words']
+        assert 'expected' in ask(viewer, rig, do='arm')['words']
+
+
+def test_parameters_are_described_and_set_within_their_bounds(rig):
+    rig.node.declare_parameter('gain', 1.0, rclpy.node.ParameterDescriptor(
+        description='how much', floating_point_range=[rclpy.node.FloatingPointRange(from_value=0.0, to_value=2.0)]))
+    rig.node.declare_parameter('fixed', 1, rclpy.node.ParameterDescriptor(read_only=True))
+    with rig.viewer() as viewer:
+        assert wait_for(lambda: ask(viewer, rig, do='parameters', node='/pointing_node')['done'])
+        found = {one['name']: one for one in ask(viewer, rig, do='parameters', node='/pointing_node')['parameters']}
+        assert found['gain'] == {'name': 'gain', 'value': 1.0, 'bounds': [0.0, 2.0], 'words': 'how much', 'constraints': ''}
+        assert 'fixed' not in found
+        assert ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=2)['done']
+        assert rig.node.get_parameter('gain').value == 2.0
+        for value in (3.0, 'much', None, [1.0], 10**400):
+            assert not ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=value)['done']
+        assert not ask(viewer, rig, do='set', node='/pointing_node', name='none', value=1)['done']
+        for node in ('/other/node', 'pointing_node', '/pointing_node; rm', '', 7):
+            assert 'expected' in ask(viewer, rig, do='parameters', node=node)['words']
+        assert rig.node.get_parameter('gain').value == 2.0
+
+
+@pytest.mark.parametrize('rig', [()], indirect=True)
+def test_by_default_it_is_read_only(rig):
+    with rig.viewer() as viewer:
+        assert 'read-only' in ask(viewer, rig, do='enable', value=True)['words'] and rig.enabled == []

@@ -1,0 +1,121 @@
+"""The page of a live rig in a real browser: it shows what the topics say, and controls only with the token."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from urllib.parse import urlsplit
+
+import pytest
+from rig_listener import RigListener
+from rig_process import RigProcess
+
+pytest.importorskip('websockets.sync.client', reason='needs websockets 13')
+from websockets.sync.client import connect
+
+from av_view.browser import Browser, find_browser
+
+pytestmark = [pytest.mark.system,
+              pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]
+PORT = 8790
+SHOWN = 'typeof state === "object" && state !== null && state.bearing && state.bearing.state !== "none"'
+PIXELS = '''(() => { const canvas = document.createElement("canvas"), image = $("picture");
+    canvas.width = 64; canvas.height = 48; const context = canvas.getContext("2d"); context.drawImage(image, 0, 0, 64, 48);
+    return Array.from(context.getImageData(0, 0, 64, 48).data)
+        .reduce((a, b, i) => (a * 31 + b * (i % 251)) % 1000003, 0); })()'''
+
+
+def address_of(rig):
+    rig.wait_for(r'the rig in your browser: http://\S+')
+    return re.search(r'the rig in your browser: (http://\S+)', rig.output).group(1)
+
+
+def start(tmp_path, *arguments):
+    parameters = tmp_path / 'view.yaml'
+    parameters.write_text(f'/**/view_node:\n  ros__parameters:\n    port: {PORT}\n')
+    rig = RigProcess('view:=true', 'view_control:=true', 'monitor:=false', f'params:={parameters}', *arguments)
+    return rig, address_of(rig)
+
+
+def test_the_page_shows_and_controls_a_live_rig(tmp_path):
+    rig, address = start(tmp_path, 'enable_pointing:=false')
+    listener = RigListener(rig.domain)
+    try:
+        with Browser(find_browser()) as browser:
+            browser.open(address)
+            assert browser.wait_for(SHOWN, 90.0), rig.output
+            it_moves(browser)
+            it_agrees_with_the_topics(browser, listener)
+            it_controls_with_the_token(browser, listener)
+            a_stalled_viewer_does_no_harm(browser)
+            asked = {urlsplit(request.removeprefix('blob:')).netloc for request in browser.requests}
+            assert asked == {f'127.0.0.1:{PORT}'}, browser.requests
+            assert browser.value('$("health").children.length') >= 5
+            it_comes_back_after_a_restart(browser, rig, tmp_path)
+    finally:
+        listener.close()
+
+
+def test_without_the_token_the_page_is_read_only(tmp_path):
+    rig, address = start(tmp_path, 'enable_pointing:=false')
+    listener = RigListener(rig.domain)
+    try:
+        with Browser(find_browser(), width=390) as browser:  # a phone
+            browser.open(address.partition('#')[0])
+            assert browser.wait_for(SHOWN, 90.0), rig.output
+            assert browser.wait_for('nodes.length >= 5') and browser.value('$("enable").disabled')
+            assert browser.value('document.documentElement.scrollWidth') <= 390
+            assert 'token' in browser.value('request("enable", { value: true }).then(answer => answer.words)')
+            assert listener.wait_for(lambda: listener.values.get('pointing_node', {}).get('enabled') == 'False')
+    finally:
+        listener.close()
+
+
+def it_moves(browser):
+    """Picture, ring and strips are others after a while."""
+    seen = [PIXELS, '$("polar").innerHTML', '$("azimuths").toDataURL()', '$("confidences").toDataURL()', 'rows.length']
+    before = [browser.value(expression) for expression in seen]
+    for expression, value in zip(seen, before, strict=True):
+        assert browser.wait_for(f'{expression} !== {json.dumps(value)}'), expression
+
+
+def it_agrees_with_the_topics(browser, listener):
+    """What is drawn is one of the bearings of the last seconds, in the headline and on the ring."""
+    assert browser.wait_for('state.truth.length && state.camera && state.sound')
+    assert listener.wait_for(lambda: len(listener.bearings) >= 20)
+    age, azimuth, headline = browser.value('[Date.now() / 1000 - state.time, state.bearing.azimuth, $("bearing").value]')
+    assert listener.wait_for(lambda: any(abs(math.degrees(bearing.azimuth) - azimuth) < 0.06 for bearing in listener.bearings))
+    assert age < 10.0 and float(headline.partition('°')[0]) == azimuth, (age, azimuth, headline)
+    line = 'Number($("polar").querySelector(".stroke-fused").getAttribute'
+    x, y, drawn = browser.value(f'[{line}("x2")), {line}("y2")), state.bearing.azimuth]')
+    assert math.degrees(math.atan2(-x, -y)) == pytest.approx(drawn, abs=0.1)  # counter-clockwise from the top
+    assert browser.value('$("polar").querySelector(".true") !== null')
+
+
+def it_controls_with_the_token(browser, listener):
+    enabled = lambda: listener.values.get('pointing_node', {}).get('enabled')  # noqa: E731
+    assert listener.wait_for(lambda: enabled() == 'False')
+    assert browser.wait_for('!$("enable").disabled')
+    browser.value('$("enable").click()')
+    assert 'will move' in browser.value('$("ask-words").textContent')
+    browser.value('$("ask").querySelector("[value=yes]").click()')
+    assert listener.wait_for(lambda: enabled() == 'True'), browser.value('$("answer").textContent')
+    assert browser.wait_for('$("enable").textContent.startsWith("Stop")')
+    browser.value('$("enable").click()')
+    assert listener.wait_for(lambda: enabled() == 'False')
+
+
+def a_stalled_viewer_does_no_harm(browser):
+    with connect(f'ws://127.0.0.1:{PORT}/feed', max_size=None, proxy=None) as stalled:
+        stalled.send('{"do": "watch"}')
+        before = browser.value('state.time')
+        assert browser.wait_for(f'state.time > {before} + 2')
+
+
+def it_comes_back_after_a_restart(browser, rig, tmp_path):
+    rig.interrupt()
+    rig.finish()
+    assert browser.wait_for('$("state").textContent === "no connection"')
+    start(tmp_path)
+    assert browser.wait_for(SHOWN, 90.0)
