@@ -11,7 +11,7 @@ from transforms3d.quaternions import quat2mat
 
 from av_common.frames import attitude_of
 from av_common.gimbal_history import NEAREST_S, NotYetKnownError
-from av_fusion.nodes.tf_listener import GuardedTransformListener
+from av_common.tf_listener import GuardedTransformListener
 
 LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from tf2_msgs.msg import TFMessage
 
 from av_common.stamps import to_stamp
-from av_fusion.nodes.tf_rotations import TfRotations
+from av_common.tf_rotations import TfRotations
 
 BASE, ARRAY, GIMBAL = 'base_link', 'microphones', 'gimbal_link'
 
