@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.time import Time
-from tf2_ros import Buffer, TransformException, TransformListener
+from tf2_ros import Buffer, TransformException
 from transforms3d.quaternions import quat2mat
 
 from av_common.frames import attitude_of
 from av_common.gimbal_history import NEAREST_S, NotYetKnownError
+from av_common.tf_listener import GuardedTransformListener
 
 LATEST_S = 1.0  # how long before a capture time the newest transform may be for its successor to be waited for
 
@@ -30,7 +31,7 @@ class TfRotations:
         self.problem = ''
         self._base_frame = base_frame
         self._buffer = Buffer()
-        self._listener = TransformListener(self._buffer, node)
+        self._listener = GuardedTransformListener(self._buffer, node)
 
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
         """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.

@@ -14,6 +14,7 @@ from av_common.angles import wrap
 from av_evaluation.cli.evaluate import main
 from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
+from av_evaluation.metrics.sigma import SigmaFigures, sigma_by_sensor
 from av_evaluation.report.page import Page
 from av_evaluation.runs import schedule
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
@@ -54,6 +55,7 @@ def test_bags_and_scenarios_in_folders_are_evaluated_and_kept(tmp_path, monkeypa
     assert main(command) == 1
     printed = capsys.readouterr()
     assert 'broken' in printed.err and 'gcc_phat' in printed.err and 'fused (ours)' in printed.out
+    assert re.search(r'while sight leads: \d+ % of the errors of the fused bearing within 1.64 sigma', printed.out)
     metrics = json.loads((out / 'metrics.json').read_text())
     assert FIGURES.issubset(metrics['fused']) and {'fused', 'sound', 'sight'}.issubset(metrics)
     assert metrics['fused']['coverage'] == 1.0 and metrics['fused']['rmse_deg'] < 3.0
@@ -178,3 +180,14 @@ def test_a_dask_cluster_of_two_workers_gives_the_same(tmp_path):
         assert RunResult.load(tmp_path / 'there', one.name, one.key) is not None
     with pytest.raises(OSError, match='127.0.0.1'):
         schedule.run_cases(cases[:1], tmp_path / 'gone', scheduler='tcp://127.0.0.1:1')
+
+
+def test_errors_are_compared_with_the_sigma_of_the_sensor_that_leads():
+    """Four bearings led by sight, one of them too far off, one by sound, and one without a truth."""
+    time, state = np.arange(6.0), np.array([1, 1, 1, 1, 2, 1])
+    errors = np.array([0.1, -1.0, 1.6, 1.7, -3.0])
+    fused = MethodResult(time, np.zeros(6), time[:5], errors, np.zeros(5, bool), np.zeros(0), 1.0)
+    track = {'time': time, 'state': state, 'sigma': np.radians([1.0, 1.0, 1.0, 1.0, 2.0, 1.0])}
+    figures = sigma_by_sensor([RunResult('one', '', {}, 5.0, {'fused': fused}, state=track)])
+    assert figures['sight'].within == 0.75 and figures['sight'].sigma_deg == pytest.approx(1.0)
+    assert figures['sound'] == SigmaFigures(1.0, pytest.approx(3.0), pytest.approx(2.0))

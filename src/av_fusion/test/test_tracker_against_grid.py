@@ -10,7 +10,7 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter import process_noise
+from av_fusion.filter import consistency, process_noise
 from av_fusion.filter.gaussian_component import PASSING_S
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.tracker import BayesTracker
@@ -63,6 +63,7 @@ class Histogram:
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
     monkeypatch.setattr(process_noise, 'LARGEST', 1.0)  # the histogram knows one acceleration only
+    monkeypatch.setattr(consistency, 'LEAST', 1.0)  # and expects the innovations that its models state
     tracker, histogram, sensors = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):

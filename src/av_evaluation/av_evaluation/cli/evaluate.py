@@ -11,6 +11,7 @@ from pathlib import Path
 from av_evaluation.experiments.methods import METHODS
 from av_evaluation.metrics.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
 from av_evaluation.metrics.results import RunResult
+from av_evaluation.metrics.sigma import INTERVAL, sigma_by_sensor
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
 
@@ -53,6 +54,9 @@ def show(runs: Sequence[RunResult]) -> None:
     for tau, methods in taus_of(runs).items():
         print(f'tau {tau:g}: RMSE' + ','.join(f' {name} {figures["rmse_deg"]:.2f}°' for name, figures in methods.items()
                                               if figures['rmse_deg'] is not None))
+    for name, figures in sigma_by_sensor(runs).items():
+        print(f'while {name} leads: {100.0 * figures.within:.0f} % of the errors of the fused bearing within {INTERVAL} sigma, '
+              f'RMSE {figures.rmse_deg:.2f}°, sigma {figures.sigma_deg:.2f}°')
     kept = [run.in_picture for run in runs if math.isfinite(run.in_picture)]
     if kept:
         low, high = 100.0 * min(kept), 100.0 * max(kept)

@@ -157,7 +157,10 @@ class Replay:
         if name == names.AUDIO and self._comparison is not None:
             self._comparison.on_audio(message, arrival)
         if name in TRUTHS:
-            self._recorder.on_truth(name, message)
+            try:
+                self._recorder.on_truth(name, message)
+            except ValueError as error:
+                self.log.notes[name] = f'poses left out, such as this: {error}'
         elif name not in READ_AHEAD:
             self._pipeline.advance(arrival)
             self._pipeline.take(name, message, arrival)

@@ -13,7 +13,7 @@ from av_common.stamps import to_seconds
 from av_common.track import State, Track
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import UNIT_TOLERANCE, CameraMeasurement, DoaMeasurement
 
 
 class RunRecorder:
@@ -54,9 +54,21 @@ class RunRecorder:
                            time - track.measured if known else math.nan)
 
     def on_truth(self, name: str, odometry: Any) -> None:
-        """Log a true pose, `name` being that of its topic: TRUE_TARGET or TRUE_RIG of `av_bags.topics`."""
-        time, position, q = to_seconds(odometry.header.stamp), odometry.pose.pose.position, odometry.pose.pose.orientation
+        """Log a true pose.
+
+        Parameters:
+            name: of its topic: TRUE_TARGET or TRUE_RIG of `av_bags.topics`.
+            odometry: the message.
+
+        Raises ValueError for a pose that is none.
+        """
+        time, position = to_seconds(odometry.header.stamp), odometry.pose.pose.position
+        place, attitude = (position.x, position.y, position.z), attitude_of(odometry.pose.pose.orientation)
+        if not all(map(math.isfinite, place)):
+            raise ValueError(f'the position is {place}, expected finite numbers')
         if name == names.TRUE_TARGET:
-            self.log.target.add(time, position.x, position.y, position.z)
+            self.log.target.add(time, *place)
+        elif abs(math.hypot(*attitude) - 1.0) < UNIT_TOLERANCE:
+            self.log.rig.add(time, *place, *attitude)
         else:
-            self.log.rig.add(time, position.x, position.y, position.z, *attitude_of(q))
+            raise ValueError(f'the orientation (w, x, y, z) is {attitude}, expected a unit quaternion')

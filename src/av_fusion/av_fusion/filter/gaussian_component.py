@@ -187,6 +187,23 @@ class GaussianComponent:
         copy.predict(ahead, model, noise_scale, moved)
         return copy
 
+    def with_variance(self, scale: float, axis: Vector | None = None) -> GaussianComponent:
+        """A copy whose direction and rates have variances smaller by a factor.
+
+        Parameters:
+            scale: the factor, up to 1.
+            axis: of the cone that is measured, in the world: the variance of the cosine is scaled, and what that leaves open is
+                kept. None where the whole direction is measured.
+        """
+        if axis is None:
+            shrink = np.array([scale, scale, scale, scale, 1.0]) ** 0.5
+            return replace(self, covariance=self.covariance * np.outer(shrink, shrink))
+        left, above = tangents(self.azimuth, self.elevation)
+        row = np.array([dot(axis, left), dot(axis, above), 0.0, 0.0, 0.0])
+        cross = self.covariance @ row
+        variance = max(float(row @ cross), 1e-12)
+        return replace(self, covariance=self.covariance - (1.0 - scale) / variance * np.outer(cross, cross))
+
     def at(self, lag: float, moved: Vector = ZERO) -> PastState:
         """The direction `lag` s before the component's time, since when the rig moved by `moved` (m, world)."""
         across, up = -lag * self.across_rate, -lag * self.up_rate

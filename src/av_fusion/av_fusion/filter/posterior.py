@@ -54,13 +54,13 @@ class Posterior(TargetDensity):
         """Weigh the components by a direction of arrival, and update each as far as it explains it."""
         compared, clutter, peak = self.compare_sound([heard], lag, moved), heard.clutter, heard.peak
         self.mixture.predict_outlier(since, outlier_rate, heard.width)
-        self.note_innovations(compared)
+        self.note_innovations(compared, fraction)
         direct = [clutter**fraction + fit * peak**fraction for ((*_, fit, _),) in compared]
         self.mixture.update_outlier(direct, clutter**fraction + peak**fraction * heard.width / math.sqrt(fraction))
         for comparisons in compared:
             (component, _, _, fit, _), = comparisons
             self.update_by_sound(time, comparisons, [(1.0 - component.p_outlier) * fit * peak / (clutter + fit * peak)])
-        self.process_noise.adapt(fraction)
+        self.adapt_to_sound(fraction)
 
     def update_camera(self, time: float, measurement: CameraMeasurement) -> float:
         """Update by an image.
@@ -87,7 +87,7 @@ class Posterior(TargetDensity):
         best = measurement.best
         if best is not None:
             self.newest_sighting = max(self.newest_sighting, time)
-            self.process_noise.adapt(fraction)
+            self.adapt_to_sight(fraction)
             # A calibrated score is the probability that this is the target, independent of the predicted direction.
             self.mixture.add_births(lag, self.process_noise.value, moved, [
                 birth_of(direction, odds_of(d) * fraction, self._settings)._replace(least=odds_of(d), newest_sighting=time)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from av_fusion.filter.consistency import SensorConsistency
 from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_component import ASSOCIATED, GaussianComponent, gaussian, share_within
 from av_fusion.filter.gaussian_mixture import GaussianMixture
@@ -79,6 +80,7 @@ class TargetDensity:
     Attributes:
         mixture: the density.
         process_noise: scale of the target's acceleration.
+        consistency: of the innovations.
         time: instant in s for which the mixture is valid, None before the first measurement.
         newest_sighting: newest capture time (s) of an image with detections.
 
@@ -91,6 +93,7 @@ class TargetDensity:
         self._settings, self._motion = settings, motion
         self.mixture = GaussianMixture(settings.model, settings.rate_sigma**2, settings.lost_sigma**2)
         self.process_noise = AdaptiveProcessNoise()
+        self.consistency = SensorConsistency()
         self.time: float | None = None
         self.newest_sighting = -math.inf
 
@@ -111,11 +114,28 @@ class TargetDensity:
 
     def noise_scale(self, time: float) -> float:
         """Factor of the acceleration density for a prediction to `time` (s)."""
-        scale, primary = self.process_noise.value, self.mixture.primary()
-        if time - self.newest_sighting < IN_VIEW_S:
-            scale = max(scale, LEAST_IN_VIEW)
+        scale = self.process_noise.value
+        return self._while_supported(max(scale, LEAST_IN_VIEW) if time - self.newest_sighting < IN_VIEW_S else scale, time)
+
+    def variance_scale(self, time: float, seen: bool) -> float:
+        """Ratio of the variance of the track's errors at `time` (s) to that of the filter; `seen` where sight leads."""
+        return self._while_supported(self.consistency.scale(seen), time)
+
+    def _while_supported(self, scale: float, time: float) -> float:
+        """A scale that returns to 1 where measurements do not support the track at `time` (s)."""
+        primary = self.mixture.primary()
         unsupported = 0.0 if primary is None else time - primary.measured - STEADY_S
         return scale if unsupported <= 0.0 else 1.0 + (scale - 1.0) * math.exp(-unsupported / STEADY_DECAY_S)
+
+    def adapt_to_sound(self, fraction: float) -> None:
+        """Adapt to the innovations of a window of the effective sample fraction `fraction`."""
+        self.process_noise.adapt(fraction)
+        self.consistency.sound.adapt(fraction)
+
+    def adapt_to_sight(self, fraction: float) -> None:
+        """Adapt to the innovations of an image with detections, of the effective sample fraction `fraction`."""
+        self.process_noise.adapt(fraction)
+        self.consistency.adapt_to_sight(fraction)
 
     def compare_sound(self, heard: Sequence[Hearing], lag: float, moved: Vector) -> list[list[Comparison]]:
         """Each component compared with each direction of arrival of one window; components at end-fire are split first.
@@ -132,12 +152,19 @@ class TargetDensity:
             compared.append([hearing.likelihood.compare(component, past) for hearing in heard])
         return compared
 
-    def note_innovations(self, compared: Sequence[Sequence[Comparison]]) -> None:
-        """Note the innovation of the nearest direction of arrival for each component, for the process noise."""
+    def note_innovations(self, compared: Sequence[Sequence[Comparison]], fraction: float) -> None:
+        """Note the innovation of the nearest direction of arrival for each component.
+
+        Parameters:
+            compared: each component with each direction.
+            fraction: effective sample fraction, by which the directions' variances have been divided.
+        """
         for comparisons in compared:
             component, _, (deviation, *_), _, _ = min(comparisons, key=lambda comparison: comparison.deviations[0].distance)
-            self.process_noise.note(component.weight * (1.0 - component.p_outlier), component.across_rate,
-                                    deviation.innovation, deviation.total)
+            weight = component.weight * (1.0 - component.p_outlier)
+            self.process_noise.note(weight, component.across_rate, deviation.innovation, deviation.total)
+            own = deviation.total - (1.0 - fraction) * deviation.noise    # with the variance of the direction itself
+            self.consistency.sound.note(weight, deviation.innovation, own)
 
     @staticmethod
     def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: Sequence[float]) -> None:
@@ -207,6 +234,7 @@ class TargetDensity:
         # The nearest detection counts for the process noise even if it is not associated: the target may be turning away.
         nearest, *others = min(deviations, key=distance)
         self.process_noise.note(component.weight, component.across_rate, nearest.innovation, nearest.total)
+        self.consistency.sight.note(component.weight, nearest.innovation, nearest.total)
         level = math.cos(component.elevation) ** 2
         for part in others:  # overhead both axes are alike
             self.process_noise.note((1.0 - level) * component.weight, component.up_rate, part.innovation, part.total)

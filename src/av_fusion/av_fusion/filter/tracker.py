@@ -141,7 +141,8 @@ class BayesTracker:
             requested_rotation=self._plan_rotation(time, attitude, share), look=self._plan_look(time, state),
             sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, sound_weight=sound * (1.0 - 0.5 * sight),
-            sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility), later, self.motion)
+            sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility), later.with_variance(
+                posterior.variance_scale(time, sight > 0.0), self._heard_axis(attitude) if sight == 0.0 else None), self.motion)
         self._coasting.keep(track, later)
         return track
 
@@ -186,9 +187,13 @@ class BayesTracker:
             state=state, reason=machine.reason, changed=machine.changed, sound_confidence=machine.sound_confidence,
             sight_confidence=machine.sight_confidence, visibility=self._visibility)
 
+    def _heard_axis(self, attitude: Rows) -> Vector | None:
+        """Axis in the world of the cone that the array measures; None for other arrays."""
+        return None if self._mirror_axis is None else turned(attitude, self._mirror_axis)
+
     def _resolve(self, primary: GaussianComponent, front: float, attitude: Rows) -> float:
         """Decide whether the ambiguity is resolved; the probability of the primary component's direction."""
-        axis = None if self._mirror_axis is None else turned(attitude, self._mirror_axis)
+        axis = self._heard_axis(attitude)
         share = self._posterior.mixture.share_of(primary, axis)
         overhead = abs(dot(primary.direction, (attitude[0][2], attitude[1][2], attitude[2][2]))) > OVERHEAD
         hemisphere = 1.0 if overhead else max(front, 1.0 - front)

@@ -103,7 +103,7 @@ class BernoulliTrack(TargetDensity):
         """
         missed = 1.0 - self._multi.sound_detection_probability
         gains = _gains(heard, 1.0 - missed) * free
-        self.note_innovations(compared)
+        self.note_innovations(compared, fraction)
         for comparisons in compared:
             component = comparisons[0].component
             fits = np.array([comparison.fit for comparison in comparisons])
@@ -114,7 +114,7 @@ class BernoulliTrack(TargetDensity):
             shares = likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))
             self.update_by_sound(time, comparisons, shares.tolist())
             component.weight *= total
-        self.process_noise.adapt(fraction)
+        self.adapt_to_sound(fraction)
         self.mixture.reduce()
 
     def miss_sound(self, fraction: float) -> None:
@@ -153,7 +153,7 @@ class BernoulliTrack(TargetDensity):
             supporting = self.update_by_image(image, comparison, factors)
             self.score = supporting if comparison.component is primary else self.score
         if image.directions:
-            self.process_noise.adapt(image.fraction)
+            self.adapt_to_sight(image.fraction)
         if self.score > 0.0:
             self.newest_sighting = max(self.newest_sighting, image.time)
         self.mixture.reduce()

@@ -22,6 +22,7 @@ from av_fusion.settings import joint_names
 from av_interfaces.msg import GimbalState, PointingCommand
 
 PERIOD_S = 0.05  # of the model's orientations where no odometry comes
+REPEAT_S = 0.5  # of the fixed frames, which another publisher may have moved
 
 
 class RigFramesNode(RigNode):
@@ -39,7 +40,8 @@ class RigFramesNode(RigNode):
             raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
         rig = load_rig(self.settings.rig_file)
         self._fixed = StaticTransformBroadcaster(self)
-        self._fixed.sendTransform(static_transforms(rig, self.get_clock().now().to_msg()))
+        self._frames = static_transforms(rig, self.get_clock().now().to_msg())
+        self._fixed.sendTransform(self._frames)
         self._stage = GimbalStage(rig, joint_names(self.settings), self.settings.model) if rig.gimbal else None
         if self._stage:
             self._meter = RateMeter()
@@ -47,7 +49,8 @@ class RigFramesNode(RigNode):
             self._publisher = self.create_publisher(GimbalState, 'gimbal/state', STREAM)
 
     def activate(self) -> None:
-        """Subscribe to what tells where the gimbal points."""
+        """Repeat the fixed frames, and subscribe to what tells where the gimbal points."""
+        self.while_active(self.create_timer, REPEAT_S, self._send_fixed)
         if self._stage is None:
             return
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_state, STREAM)
@@ -56,6 +59,9 @@ class RigFramesNode(RigNode):
                                   (Odometry, 'odometry', self._stage.on_odometry)):
             self.while_active(self.create_subscription, kind, topic, partial(self._publish, take), STREAM)
         self.while_active(self.create_timer, PERIOD_S, self._on_time)
+
+    def _send_fixed(self) -> None:
+        self._fixed.sendTransform(self._frames)
 
     def _on_state(self, message: GimbalState) -> None:
         transform = self._stage.on_state(message, self.now()) if self._stage else None
