@@ -36,6 +36,7 @@ setup(
             'multi_target = av_evaluation.cli.multi_target:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',
+            'sight_truth = av_evaluation.cli.sight_truth:main',
             'soak = av_evaluation.cli.soak:main',
             'sweep = av_evaluation.cli.sweep:main',
         ],

@@ -1,4 +1,7 @@
-"""Calibration of a pair of microphones, with a body between them, from a source at known azimuths."""
+"""Calibration of a pair of microphones, with a body between them, from a source at known azimuths.
+
+Consensus finds the curve that most estimates agree with; an M-estimator refines it among curves that rise by construction.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +9,32 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import lsq_linear
+from scipy.stats import binom
 
 from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
 from av_common.microphone_array import DelayCurve, MicrophoneArray
 
-# Degree of the polynomial in the cosine of the angle. One further term is the angle itself, as a sphere requires
-# (Woodworth, 1938).
-DEGREE = 3
-STIFFNESS = 0.02  # regularises terms that the data do not determine
 MIN_ANGLES = 10
+MIN_SPREAD = 1.0    # of the cosines of the angles, of 2 between both ends of the axis
 # A body may lengthen the delay beyond that of the straight line; the search covers this factor.
 SEARCH_STRETCH = 1.5
 MIN_CONFIDENCE = 0.9
+# Consensus: trials of two estimates for each rotation of the axis, and the largest misfit in baselines that agrees.
+ROTATIONS = np.radians(np.arange(-30.0, 30.1, 2.0))
+TRIALS = 150
+AGREEMENT = 0.06
+# Degree of the Bernstein polynomial in the angle to the axis; it falls where its coefficients fall (Farouki, 2012).
+DEGREE = 10
+LEAST_STEP = 1e-3    # between two coefficients, in baselines
+STIFFNESS = 0.1    # holds terms that the data do not determine
+BALANCE = 3.0    # likewise, of what differs between both ends of the axis
+FITS = 12
+# Tukey's biweight: estimates beyond this many standard deviations are outliers; and the least standard deviation in baselines.
+BIWEIGHT = 4.685
+LEAST_SCALE = 0.008
 
 
 @dataclass(frozen=True)
@@ -30,23 +43,35 @@ class Calibration:
 
     Parameters:
         array: array with fitted positions and delay curve.
-        baseline (m): fitted distance of the microphones.
+        nominal: distance of the microphones before, in m.
         axis_offset (rad): rotation of the axis, counter-clockwise.
+        angles (n,) (rad): true angles to the fitted axis.
+        paths (n,) (m): measured path differences.
         residuals (n,) (rad): errors of the angle to the axis.
+        outliers (n,): which estimates contradict the fit.
     """
 
     array: MicrophoneArray
-    baseline: float
+    nominal: float
     axis_offset: float
+    angles: NDArray
+    paths: NDArray
     residuals: NDArray
+    outliers: NDArray[np.bool_]
+
+    @property
+    def baseline(self) -> float:
+        """Fitted distance of the microphones in m."""
+        return self.array.aperture
 
     def report(self) -> str:
-        """Summary in three lines."""
-        residuals = np.degrees(np.abs(self.residuals))
+        """Summary in four lines."""
+        residuals = np.degrees(np.abs(self.residuals[~self.outliers]))
         return (f'baseline      {1e3 * self.baseline:.1f} mm\n'
                 f'axis offset   {np.degrees(self.axis_offset):+.2f} deg\n'
                 f'residuals     {residuals.size} angles, median {np.median(residuals):.2f} deg, '
-                f'RMS {np.sqrt(np.mean(residuals**2)):.2f} deg, largest {residuals.max():.2f} deg')
+                f'RMS {np.sqrt(np.mean(residuals**2)):.2f} deg, largest {residuals.max():.2f} deg\n'
+                f'outliers      {np.count_nonzero(self.outliers)} of {self.outliers.size}')
 
 
 def search_array(array: MicrophoneArray) -> MicrophoneArray:
@@ -72,47 +97,139 @@ def measured_path(array: MicrophoneArray, estimates: Iterable[DoaEstimate]) -> t
 
 
 def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> Calibration:
-    """Fit baseline, axis and delay curve of a pair.
+    """Fit baseline, axis and delay curve of a pair. Up to half of the estimates may be outliers.
 
     Parameters:
         array: the pair with its nominal positions.
         azimuths (n,) (rad): true azimuths of the source in the array's frame.
         paths (n,) (m): measured path differences c tau, see `measured_path`.
 
-    Raises ValueError when the array is not a pair or the azimuths do not determine the fit.
+    Raises ValueError when the array is not a pair, or the azimuths do not determine the fit, or hardly two paths agree.
     """
     if array.channels != 2:
         raise ValueError(f'calibration needs two microphones, {array.name} has {array.channels}')
     azimuths, paths = np.asarray(azimuths, dtype=float), np.asarray(paths, dtype=float)
     axis = np.arctan2(array.basis[1, 0], array.basis[0, 0])
-    spread = np.ptp(np.cos(azimuths - axis))
-    if azimuths.size < MIN_ANGLES or spread < 1.2:
+    spread = np.ptp(np.cos(azimuths - axis)) if azimuths.size else 0.0
+    if azimuths.size < MIN_ANGLES or spread < MIN_SPREAD:
         raise ValueError(f'{azimuths.size} angles that span {spread:.1f} of the 2.0 between both ends of the axis; '
-                         f'at least {MIN_ANGLES} that span 1.2 are needed')
-
-    def misfit(parameters: NDArray) -> NDArray:
-        offset, *coefficients = parameters
-        curve = _terms(np.cos(azimuths - axis - offset)) @ coefficients
-        return np.concatenate([curve - paths / array.aperture, STIFFNESS * np.array(coefficients[2:])])
-
-    start = np.zeros(DEGREE + 3)
-    start[2] = 1.0
-    # a robust loss, as recordings contain single wrong peaks
-    offset, *coefficients = least_squares(misfit, start, loss='soft_l1', f_scale=0.02).x
-    grid = -np.cos(np.linspace(0.0, np.pi, 61))
-    grid[[0, -1]] = -1.0, 1.0
-    measured = _terms(grid) @ coefficients
+                         f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed')
+    relative = paths / array.aperture
+    offset, weights = _consensus(azimuths - axis, relative)
+    coefficients, offset, outliers = _refine(azimuths - axis, relative, offset, weights)
+    grid = np.linspace(np.pi, 0.0, 61)
+    measured = _bernstein(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
-    delay_curve = DelayCurve(grid, measured / stretch)
-    fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, delay_curve)
-    angles = np.arccos(np.clip(delay_curve.true_cosine(paths / fitted.aperture), -1.0, 1.0))
-    residuals = angles - np.abs(wrap(azimuths - axis - offset))
-    return Calibration(fitted, fitted.aperture, float(offset), residuals)
+    cosines = np.cos(grid)
+    cosines[[0, -1]] = -1.0, 1.0
+    curve = DelayCurve(cosines, measured / stretch)
+    fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
+    angles = np.abs(wrap(azimuths - axis - offset))
+    residuals = np.arccos(np.clip(curve.true_cosine(paths / fitted.aperture), -1.0, 1.0)) - angles
+    return Calibration(fitted, array.aperture, offset, angles, paths, residuals, outliers)
 
 
-def _terms(cosines: NDArray) -> NDArray:
-    """Terms (n, DEGREE + 2) of the delay curve at cosines (n,) of the angle to the axis."""
-    return np.column_stack([chebyshev.chebvander(cosines, DEGREE), np.arcsin(cosines)])
+def _consensus(azimuths: NDArray, paths: NDArray) -> tuple[float, NDArray]:
+    """Rotation of the axis in rad and weights (2,) of cosine and angle of the curve that most estimates agree with.
+
+    The curve is that of a sphere (Woodworth, 1938) with any ratio of both terms. Two estimates determine it, as in RANSAC
+    (Fischler and Bolles, 1981); the score limits each misfit (MSAC, Torr and Zisserman, 2000).
+
+    Parameters:
+        azimuths (n,) (rad): true azimuths from the nominal axis.
+        paths (n,): path differences in nominal baselines.
+    """
+    rng = np.random.default_rng(0)
+    best = np.inf, 0.0, np.array([1.0, 0.0])
+    picked = rng.integers(len(paths), size=(TRIALS, 2))
+    for rotation in ROTATIONS:
+        terms = _terms(np.abs(wrap(azimuths - rotation)))
+        chosen = terms[picked]
+        solvable = np.abs(np.linalg.det(chosen)) > 1e-6
+        candidates = np.linalg.solve(chosen[solvable], paths[picked[solvable], None])[..., 0]
+        # with the angle alone or the cosine alone, two estimates that do not fit together still give a candidate
+        candidates = np.concatenate([candidates, _single_terms(terms, paths, picked)])
+        candidates = candidates[(candidates >= -1e-9).all(axis=1) & (candidates.sum(axis=1) > 0.1)]
+        if not len(candidates):
+            continue
+        misfits = np.minimum((candidates @ terms.T - paths) ** 2, AGREEMENT**2).mean(axis=1)
+        least = int(np.argmin(misfits))
+        # between equal fits, the smaller rotation
+        score = float(misfits[least]) + 1e-3 * AGREEMENT**2 * abs(rotation)
+        if score < best[0]:
+            best = score, float(rotation), candidates[least]
+    return best[1], best[2]
+
+
+def _single_terms(terms: NDArray, paths: NDArray, picked: NDArray) -> NDArray:
+    """Weights (t, 2) of curves with one term only that pass through single estimates."""
+    rows = []
+    for term in range(2):
+        values = terms[picked[:, 0], term]
+        usable = np.abs(values) > 0.1
+        weights = np.zeros((np.count_nonzero(usable), 2))
+        weights[:, term] = paths[picked[usable, 0]] / values[usable]
+        rows.append(weights)
+    return np.concatenate(rows)
+
+
+def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
+    """Bernstein coefficients (DEGREE + 1,) of the path by the angle to the axis, rotation of the axis, and outliers (n,).
+
+    Iteratively reweighted least squares with Tukey's biweight. The coefficients fall by at least LEAST_STEP.
+
+    Parameters:
+        azimuths (n,) (rad): true azimuths from the nominal axis.
+        paths (n,): path differences in nominal baselines.
+        offset (rad), weights (2,): from `_consensus`.
+    """
+    grid = np.linspace(0.0, np.pi, 61)
+    model = np.linalg.lstsq(_bernstein(grid), _terms(grid) @ weights, rcond=None)[0]
+    to_coefficients = np.tril(np.ones((DEGREE + 1, DEGREE + 1)))    # of the first one and the (negative) steps
+    to_coefficients[:, 1:] *= -1.0
+    curvature = np.diff(np.eye(DEGREE + 1), 2, axis=0)
+    balance = np.eye(DEGREE + 1) + np.eye(DEGREE + 1)[::-1]    # both ends are alike
+    coefficients = model
+    scale = AGREEMENT / 2.0
+    for _ in range(FITS):
+        signed = wrap(azimuths - offset)
+        basis = _bernstein(np.abs(signed))
+        residuals = basis @ coefficients - paths
+        kept = np.abs(residuals) < BIWEIGHT * scale
+        if np.count_nonzero(kept) < MIN_ANGLES:
+            raise ValueError(f'{np.count_nonzero(kept)} of {len(paths)} estimates agree, at least {MIN_ANGLES} are needed')
+        root = np.where(kept, 1.0 - (residuals / (BIWEIGHT * scale)) ** 2, 0.0)    # of the biweight
+        turn = -np.sign(signed) * (_bernstein_slope(np.abs(signed)) @ coefficients)
+        stiffness = STIFFNESS * np.sqrt(np.sum(root**2)) * 0.1
+        matrix = np.block([
+            [root[:, None] * basis @ to_coefficients, (root * turn)[:, None]],
+            [stiffness * curvature @ to_coefficients, np.zeros((len(curvature), 1))],
+            [BALANCE * stiffness * balance @ to_coefficients, np.zeros((len(balance), 1))],
+            [np.zeros((1, DEGREE + 1)), np.array([[stiffness]])]])
+        target = np.concatenate([root * paths, stiffness * curvature @ model, np.zeros(len(balance)), [0.0]])
+        low = np.concatenate([[-np.inf], np.full(DEGREE, LEAST_STEP), [-0.05]])
+        high = np.concatenate([np.full(DEGREE + 1, np.inf), [0.05]])
+        solution = lsq_linear(matrix, target, (low, high)).x
+        coefficients = to_coefficients @ solution[:-1]
+        offset += float(solution[-1])
+        misfits = np.abs(_bernstein(np.abs(wrap(azimuths - offset))) @ coefficients - paths)
+        scale = max(LEAST_SCALE, 1.4826 * float(np.median(misfits[misfits < 2.0 * AGREEMENT])))
+    return coefficients, offset, misfits > BIWEIGHT * scale
+
+
+def _terms(angles: NDArray) -> NDArray:
+    """Cosine (..., 0) and angle from broadside (..., 1) of angles to the axis in rad."""
+    return np.stack([np.cos(angles), 0.5 * np.pi - angles], axis=-1)
+
+
+def _bernstein(angles: NDArray, degree: int = DEGREE) -> NDArray:
+    """Bernstein polynomials (n, degree + 1) at angles (n,) from 0 to pi."""
+    return binom.pmf(np.arange(degree + 1), degree, np.clip(np.asarray(angles)[:, None] / np.pi, 0.0, 1.0))
+
+
+def _bernstein_slope(angles: NDArray) -> NDArray:
+    """Derivatives (n, DEGREE + 1) of the Bernstein polynomials by the angle in rad."""
+    return -DEGREE / np.pi * _bernstein(angles, DEGREE - 1) @ np.diff(-np.eye(DEGREE + 1), axis=0)
 
 
 def _stretched_and_rotated(array: MicrophoneArray, stretch: float, rotation: float) -> NDArray:

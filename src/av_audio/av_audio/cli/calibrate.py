@@ -2,13 +2,18 @@
 
 The source moves through known azimuths while FILE is recorded. TRUTH.csv has the header `time,azimuth_deg` and one row per
 instant: s since the beginning of the file, degrees counter-clockwise from x of the array's frame. Azimuths are interpolated
-between the rows, along the shorter arc.
+between the rows, along the shorter arc, but not to a row without one. With `--guided` FILE and TRUTH.csv are recorded first:
+the program says where to carry a loudspeaker. With `--from-bag BAG` they are extracted from a bag, in which the camera saw
+the source.
+
+Exit codes: 0 good, 3 usable beyond 20 degrees from end-fire, 4 do not use (no array file is written), 1 an error.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,18 +22,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.calibration import Calibration, calibrate, measured_path, search_array
+from av_audio.calibration_report import Verdict, judge, outlier_lines, save_plot
+from av_audio.cli.guided_recording import record
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
+from av_audio.device_source import DeviceSource
 from av_common.files import MEGABYTE, one_line, read_text
 from av_common.microphone_array import MicrophoneArray
 
 MOST_BYTES = 10 * MEGABYTE
+# Places of the loudspeaker in guided mode, in degrees: both ends of the axis, in front and behind.
+PLACES_DEG = (*range(-90, 91, 15), 120, 150, 180, -150, -120)
 
 
 def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
-    """Times (n,) in s and azimuths (n,) in rad, unwrapped. Raises OSError or ValueError that names the file."""
+    """Times (n,) in s and azimuths (n,) in rad, unwrapped, NaN if empty. Raises OSError or ValueError that names the file."""
     lines = read_text(path, MOST_BYTES).splitlines()
     try:
-        rows = [(float(row['time']), float(row['azimuth_deg'])) for row in csv.DictReader(lines)]
+        rows = [(float(row['time']), float(row['azimuth_deg'] or 'nan')) for row in csv.DictReader(lines)]
     except (csv.Error, KeyError, TypeError, ValueError) as error:
         raise ValueError(f'{path}: expected columns time and azimuth_deg, numbers in each row ({one_line(error)})') from error
     if not rows:
@@ -36,33 +46,75 @@ def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
     times, azimuths = np.array(rows).T
     if np.any(np.diff(times) <= 0.0):
         raise ValueError(f'{path}: times must rise')
-    return times, np.unwrap(np.radians(azimuths))
+    known = np.isfinite(azimuths)
+    azimuths[known] = np.unwrap(np.radians(azimuths[known]))
+    return times, azimuths
 
 
-def calibrate_file(options: argparse.Namespace) -> Calibration:
-    """Fit the array to a recording. Raises OSError or ValueError that name what does not fit."""
+def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
+    """Fit the array to a recording; also the times (n,) in s of the estimates. Raises OSError or ValueError."""
     array = MicrophoneArray.load(options.array)
     times, azimuths = read_truth(options.truth)
     estimates = localize_file(options.file, search_array(array), settings_from(options), options.channels, sys.stderr.isatty(),
                               options.ego_noise)
     measured_times, paths = measured_path(array, estimates)
-    known = (measured_times >= times[0]) & (measured_times <= times[-1])
-    return calibrate(array, np.interp(measured_times[known], times, azimuths), paths[known])
+    true_azimuths = np.interp(measured_times, times, azimuths, np.nan, np.nan)
+    known = np.isfinite(true_azimuths)
+    return calibrate(array, true_azimuths[known], paths[known]), measured_times[known]
+
+
+def obtain_recording(options: argparse.Namespace) -> None:
+    """Record FILE and the truth, or extract them from a bag, if asked for. Raises OSError or ValueError."""
+    if options.guided:
+        source = DeviceSource(options.device, options.sample_rate, options.channels)
+        record(source, options.places, options.dwell, options.file, options.truth)
+        options.channels = []    # chosen already
+    elif options.from_bag:
+        # a program of its own, as a robot need not have what reads bags
+        command = ['ros2', 'run', 'av_evaluation', 'sight_truth', options.from_bag, '--sound', options.file, '--truth',
+                   options.truth, '--array', options.array]
+        if subprocess.run(command, check=False).returncode:
+            raise ValueError(f'{options.from_bag}: no recording with known azimuths could be extracted (needs av_evaluation)')
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point."""
-    parser = argparse.ArgumentParser(prog='calibrate', description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('file', help='sound file of two microphones')
-    parser.add_argument('--truth', required=True, metavar='CSV', help='azimuths of the source: time, azimuth_deg')
-    parser.add_argument('--output', required=True, metavar='YAML', help='array file to write')
-    add_localizer_arguments(parser)
-    options = parser.parse_args(arguments)
+    """Entry point. Exits with the code of the verdict, or returns if it is good."""
+    options = make_parser().parse_args(arguments)
     try:
-        calibration = calibrate_file(options)
-        calibration.array.save(options.output, f'Fitted by calibrate to {Path(options.file).name}:\n{calibration.report()}')
+        obtain_recording(options)
+        calibration, times = calibrate_file(options)
+        judgement = judge(calibration)
+        for line in outlier_lines(calibration, times):
+            print(f'outlier {line}')
+        print(f'{calibration.report()}\nverdict       {judgement.words}')
+        if options.plot:
+            save_plot(calibration, options.plot)
+        if judgement.verdict != Verdict.DO_NOT_USE:
+            calibration.array.save(options.output, f'Fitted by calibrate to {Path(options.file).name}:\n'
+                                                   f'{calibration.report()}\nverdict       {judgement.words}')
+            print(f'written to {options.output}')
     except (OSError, ValueError) as error:
         sys.exit(f'calibrate: {error}')
-    print(calibration.report())
-    print(f'written to {options.output}')
+    if judgement.verdict != Verdict.GOOD:
+        sys.exit(int(judgement.verdict))
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The options."""
+    parser = argparse.ArgumentParser(prog='calibrate', description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('file', help='sound file of two microphones; written with --guided and --from-bag')
+    parser.add_argument('--truth', required=True, metavar='CSV', help='azimuths of the source: time, azimuth_deg; likewise')
+    parser.add_argument('--output', required=True, metavar='YAML', help='array file to write')
+    parser.add_argument('--plot', metavar='SVG', help='image of the estimates, the curve and the outliers to write')
+    origin = parser.add_mutually_exclusive_group()
+    origin.add_argument('--guided', action='store_true', help='record first: says where to carry a loudspeaker')
+    origin.add_argument('--from-bag', metavar='BAG', help='extract the sound, and what the camera saw, from a bag first')
+    parser.add_argument('--device', default='', help='guided: name, part of it or index of the device')
+    parser.add_argument('--sample-rate', type=int, default=48_000, metavar='HZ',
+                        help='guided: sample rate (default: %(default)s)')
+    parser.add_argument('--dwell', type=float, default=4.0, metavar='S',
+                        help='guided: time at each place (default: %(default)s)')
+    parser.add_argument('--places', type=float, nargs='+', default=PLACES_DEG, metavar='DEG', help='guided: the azimuths')
+    add_localizer_arguments(parser)
+    return parser

@@ -1,0 +1,79 @@
+"""A recording for `calibrate`: a person carries a loudspeaker from place to place and is told where to."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.ring_buffer import RingBuffer
+
+BUFFER_BYTES = 4_000_000
+SILENT_S = 5.0    # without samples, after which the device counts as lost
+
+
+class Source(Protocol):
+    """What DeviceSource offers."""
+
+    sample_rate: int
+    channels: int
+
+    def start(self, buffer: RingBuffer) -> None:
+        """Open the device. Raises ValueError with the reason."""
+
+    def stop(self) -> None:
+        """Close the device."""
+
+
+def record(source: Source, azimuths_deg: Sequence[float], dwell_s: float, sound: str | Path, truth: str | Path,
+           ask: Callable[[str], object] = input) -> None:
+    """Record a loudspeaker at each azimuth, and write the sound and a table of times and azimuths.
+
+    Parameters:
+        source: the device.
+        azimuths_deg (deg): places, counter-clockwise from x of the array's frame.
+        dwell_s (s): time at each.
+        sound: sound file to write.
+        truth: CSV file to write, as `calibrate --truth` reads it.
+        ask: shows a text and returns when the person is there.
+
+    Raises ValueError when the device cannot be opened or is lost, OSError when a file cannot be written.
+    """
+    import soundfile
+    buffer = RingBuffer(source.channels, BUFFER_BYTES)
+    pieces: list[NDArray] = []
+    source.start(buffer)
+    try:
+        for number, azimuth in enumerate(azimuths_deg, start=1):
+            ask(f'{number} of {len(azimuths_deg)}: loudspeaker to {azimuth:+g} deg ({_in_words(azimuth)}), as high as the '
+                'microphones and 2 m or more away; let it hiss and press Enter')
+            pieces.append(_next(buffer, round(dwell_s * source.sample_rate)))
+    finally:
+        source.stop()
+    soundfile.write(str(sound), np.concatenate(pieces), source.sample_rate)
+    with Path(truth).open('w', newline='', encoding='utf-8') as file:
+        table = csv.writer(file)
+        table.writerow(['time', 'azimuth_deg'])
+        for k, azimuth in enumerate(azimuths_deg):
+            table.writerows([[k * dwell_s, azimuth], [(k + 1) * dwell_s - 1e-3, azimuth]])
+
+
+def _next(buffer: RingBuffer, count: int) -> NDArray:
+    """The next `count` samples (count, channels) that arrive. Raises ValueError when none arrive."""
+    while buffer.available:
+        buffer.read()
+    blocks: list[NDArray] = []
+    while sum(map(len, blocks)) < count:
+        if not buffer.wait(SILENT_S):
+            raise ValueError(f'the device has sent nothing for {SILENT_S:g} s')
+        blocks.append(buffer.read()[1])
+    return np.concatenate(blocks)[:count]
+
+
+def _in_words(azimuth_deg: float) -> str:
+    names = ('in front', 'front left', 'left', 'back left', 'behind', 'back right', 'right', 'front right')
+    return names[round(azimuth_deg / 45.0) % 8]
