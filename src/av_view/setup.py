@@ -29,7 +29,9 @@ setup(
     entry_points={
         'console_scripts': [
             'benchmark = av_view.cli.benchmark:main',
+            'doctor = av_view.cli.doctor:main',
             'screenshot = av_view.cli.screenshot:main',
+            'setup = av_view.cli.setup:main',
             'view_node = av_view.nodes.view_node:main',
         ],
     },

@@ -36,7 +36,9 @@ class CameraView:
         return angles(tuple(self.rotation[:, 2].tolist()))
 
     def azimuth_of(self, x: float, y: float) -> float:
-        """Azimuth (rad) in the body frame of the pixel (x, y)."""
+        """Azimuth (rad) in the body frame of the pixel (x, y); nan for no pixel."""
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return math.nan
         return angles(tuple((self.rotation @ self.model.rays([[x, y]])[0]).tolist()))[0]
 
     def point(self, azimuth: float, elevation: float) -> list[float] | None:

@@ -35,14 +35,19 @@ COLUMNS = ('time', 'sound', 'mirror', 'sight', 'fused', 'sigma', 'truth', 'sound
 
 
 class RigState:
-    """The newest message of each topic of a rig, and what follows from them for people who watch."""
+    """The newest message of each topic of a rig, and what follows from them for people who watch.
+
+    Attributes:
+        camera: the camera as it is turned; None while it is unknown.
+        sound: the newest directions of arrival in the body frame, the most confident first.
+    """
 
     def __init__(self) -> None:
         self.camera: CameraView | None = None
+        self.sound: Sequence[DoaMeasurement] = ()
         self._bearing: Any = None
         self._fusion: Any = None
         self._doa: Any = None
-        self._sound: Sequence[DoaMeasurement] = ()
         self._detections: Any = None
         self._sight: CameraMeasurement | None = None
         self._tracks: Any = None
@@ -79,7 +84,7 @@ class RigState:
             measurements: its directions in the body frame, the most confident first.
         """
         to_seconds(message.header.stamp)
-        self._doa, self._sound = message, measurements[:MOST_GROUPS]
+        self._doa, self.sound = message, measurements[:MOST_GROUPS]
 
     def on_detections(self, message: Any, measurement: CameraMeasurement | None) -> None:
         """Take a `Detection2DArray`. Raises ValueError for an impossible stamp.
@@ -155,7 +160,7 @@ class RigState:
 
     def _mirror(self, azimuth: float) -> float | None:
         """The mirror image (rad) of the bearing in what is heard: that hypothesis which is farthest from it."""
-        images = self._sound[0].hypotheses if self._sound else ()
+        images = self.sound[0].hypotheses if self.sound else ()
         if len(images) < 2:
             return None
         return max((image.azimuth for image in images), key=lambda image: abs(wrap(image - azimuth)))
@@ -188,7 +193,7 @@ class RigState:
         if self._doa is None or now - to_seconds(self._doa.header.stamp) > STALE_S:
             return None
         groups = [{'confidence': number(doa.confidence), 'images': [self._image(image) for image in doa.hypotheses]}
-                  for doa in self._sound]
+                  for doa in self.sound]
         return {'level': number(self._doa.level, 1), 'method': self._doa.method[:LONGEST_TEXT], 'groups': groups,
                 'confidence': groups[0]['confidence'] if groups else 0.0,
                 'age': number(now - to_seconds(self._doa.header.stamp))}

@@ -14,6 +14,7 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool
+from visualization_msgs.msg import MarkerArray
 
 pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from websockets.sync.client import connect
@@ -143,6 +144,14 @@ def test_the_page_follows_the_topics(rig):
             rig.azimuth = azimuth
             receive(viewer, lambda content, azimuth=azimuth: is_state(content) and content['state']['bearing']['azimuth']
                     == pytest.approx(np.degrees(azimuth), abs=0.1))
+
+
+def test_markers_are_made_while_somebody_subscribes(rig):
+    received = []
+    subscription = rig.node.create_subscription(MarkerArray, 'view/markers', received.append, RESULT)
+    assert wait_for(lambda: any(marker.ns == 'bearing' for array in received for marker in array.markers))
+    rig.node.destroy_subscription(subscription)
+    assert wait_for(lambda: rig.topics() == {'/diagnostics'})
 
 
 def test_enable_reaches_the_rig_with_the_token_only(rig):

@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from vision_msgs.msg import Detection2DArray
+from visualization_msgs.msg import MarkerArray
 
 from av_common.guarded_node import decode
 from av_common.node import RigNode
@@ -31,6 +32,7 @@ from av_interfaces.msg import (
 )
 from av_view.camera_view import CameraView
 from av_view.feed import Feed
+from av_view.markers import markers
 from av_view.picture import jpeg
 from av_view.rig_state import RigState, row_of
 from av_view.spectrum import spectrum
@@ -97,9 +99,13 @@ class RigWatch:
         """Put the present state into the feed."""
         for topic in [name for name in self._topics if name in self._waiting]:
             self._take(topic, self._waiting.pop(topic))
-        snapshot = self._state.snapshot(self._node.now())
+        self._snapshot = snapshot = self._state.snapshot(self._node.now())
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
         self._put(lambda feed: feed.put_state(state, row))
+
+    def markers(self) -> MarkerArray:
+        """The state of the newest update, for RViz and Foxglove."""
+        return markers(self._snapshot, self._state.sound, self._settings.base_frame)
 
     def close(self) -> None:
         """End the subscriptions."""

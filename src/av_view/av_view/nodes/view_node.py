@@ -1,4 +1,4 @@
-"""Serves the page that shows the rig, and subscribes to a rig while somebody looks at it."""
+"""Serves the page that shows the rig, and subscribes to a rig while somebody looks at it, or at its markers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from visualization_msgs.msg import MarkerArray
 
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
@@ -40,6 +41,7 @@ class ViewNode(RigNode):
         self._health = Health()
         self._watches: dict[str, RigWatch] = {}
         self._looked = 0.0
+        self._markers = self.create_publisher(MarkerArray, 'view/markers', RESULT)
         self._own = self.get_namespace().rstrip('/')
 
     def activate(self) -> None:
@@ -75,6 +77,9 @@ class ViewNode(RigNode):
 
     def _update(self) -> None:
         now, wanted = time.monotonic(), self.server.watched()
+        shown_elsewhere = self._markers.get_subscription_count() > 0
+        if shown_elsewhere:
+            wanted.add(self._own)
         self._control.work()
         if not wanted and not self._watches:
             return
@@ -87,6 +92,8 @@ class ViewNode(RigNode):
                 self._unwatch(rig)
             else:
                 watch.update()
+        if shown_elsewhere and self._own in self._watches:
+            self._markers.publish(self._watches[self._own].markers())
         if now - self._looked >= HEALTH_PERIOD_S:
             self._looked = now
             self._look(now)

@@ -1,0 +1,80 @@
+"""Look at this machine before the first launch: `ros2 run av_view doctor`.
+
+Says what is wrong, and the command that mends it. Exits with 0 where the rig can start, with 1 where something is an error, and
+with 2 for arguments that cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+
+from av_common.rig import Rig
+from av_fusion.launching import CONFIG
+from av_view.doctor import program
+from av_view.doctor.files import judge_files
+from av_view.doctor.finding import Finding
+from av_view.doctor.microphones import DIRECTIONS
+
+AREAS = ('files', 'devices', 'microphones', 'camera', 'machine', 'px4')
+DEFAULT = AREAS[:-1]
+
+
+def arguments_of(words: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments of the command line."""
+    parser = argparse.ArgumentParser(prog='doctor', description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--rig', default=str(CONFIG / 'rig.yaml'), help='description of the rig')
+    parser.add_argument('--params', action='append', default=[], metavar='FILE', help='parameter file, as params:=')
+    parser.add_argument('--only', nargs='+', choices=AREAS, default=DEFAULT, help='areas to look at (default: all but px4)')
+    parser.add_argument('--seconds', type=float, default=3.0, help='to listen and to look')
+    parser.add_argument('--clap', metavar='WHERE', help=f'clap once while it listens: {", ".join(DIRECTIONS)}, or degrees')
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    options = parser.parse_args(words)
+    if options.clap is not None:
+        try:
+            options.clap = math.radians(DIRECTIONS[options.clap] if options.clap in DIRECTIONS else float(options.clap))
+        except ValueError:
+            parser.error(f'--clap is {options.clap!r}, expected {", ".join(DIRECTIONS)}, or degrees')
+    return options
+
+
+def look(options: argparse.Namespace) -> list[Finding]:
+    """All findings, in the order of AREAS."""
+    parameter_files = [str(CONFIG / 'rig_params.yaml'), *options.params]
+    found, rig = judge_files(options.rig, parameter_files)
+    if rig is None:  # whatever cannot be read has no settings for the rest
+        return found
+    checks: dict[str, Callable[[], list[Finding]]] = {
+        'files': lambda: found, 'devices': program.devices,
+        'microphones': lambda: listen(options, rig, parameter_files),
+        'camera': lambda: program.camera(parameter_files, options.seconds),
+        'machine': lambda: program.machine(parameter_files), 'px4': program.px4}
+    findings: list[Finding] = []
+    for area in AREAS:
+        if area in options.only and not any(one.area == area and one.level == 'error' for one in findings):
+            findings += checks[area]()
+    return findings
+
+
+def listen(options: argparse.Namespace, rig: Rig, parameter_files: list[str]) -> list[Finding]:
+    """The microphones, with a word before the clap."""
+    if options.clap is not None:
+        print(f'clap once from {math.degrees(options.clap):.0f} degrees, now', file=sys.stderr, flush=True)
+    return program.microphones(rig, parameter_files, options.seconds, options.clap)
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Entry point."""
+    options = arguments_of(words)
+    found = look(options)
+    errors = sum(finding.level == 'error' for finding in found)
+    if options.json:
+        print(json.dumps({'errors': errors, 'findings': [finding.as_dict() for finding in found]}, indent=1))
+    else:
+        print(*(finding.lines() for finding in found), sep='\n')
+        print(f'{errors} of {len(found)} findings keep the rig from working' if errors else 'the rig can start')
+    sys.exit(1 if errors else 0)

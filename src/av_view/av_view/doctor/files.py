@@ -1,0 +1,61 @@
+"""The rig's files against each other: array, camera, and the parameters of the nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from av_common.parameters import check_parameter_file, node_parameters
+from av_common.rig import Rig, load_rig
+from av_view.doctor.finding import Finding
+
+AREA = 'files'
+SPACINGS = (0.03, 0.6)  # m, between the outermost microphones
+FOV_TOLERANCE_DEG = 3.0
+
+
+def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> tuple[list[Finding], Rig | None]:
+    """Judge the rig's description and the parameters; also the rig, where it can be read.
+
+    Parameters:
+        rig_file: description of the rig.
+        parameter_files: those of the nodes, later ones win.
+    """
+    try:
+        rig = load_rig(rig_file)
+        array = rig.array.geometry
+        for file in parameter_files:
+            check_parameter_file(file)
+        audio = node_parameters('av_audio', 'audio_node', parameter_files)
+        camera = node_parameters('av_vision', 'camera_node', parameter_files)
+    except (OSError, ValueError) as error:
+        return [Finding(AREA, 'error', str(error), 'correct the file, or write another: ros2 run av_view setup')], None
+    found = [*_array_findings(array, list(audio.channels)), *_camera_findings(rig, camera)]
+    return found or [Finding(AREA, 'ok', f'{Path(rig_file).name}: {array.channels} microphones ({array.name}), camera '
+                             f'{rig.camera.width}x{rig.camera.height}, {rig.camera.horizontal_fov_deg:.0f} degrees')], rig
+
+
+def _array_findings(array: Any, channels: list[int]) -> list[Finding]:
+    found = []
+    captured = 2 if channels == [-1] else len(channels)  # of a device: 0 and 1
+    if captured != array.channels:
+        found.append(Finding(AREA, 'error', f'{array.name} has {array.channels} microphones, audio_node captures {captured}',
+                             f'set channels of audio_node to {array.channels} channels, in the order of the array file'))
+    if not SPACINGS[0] <= array.aperture <= SPACINGS[1]:
+        found.append(Finding(AREA, 'warning', f'the microphones of {array.name} are {array.aperture:.3f} m apart; 0.1 to 0.2 m '
+                             'suit drones', 'measure again; positions are in metres'))
+    return found
+
+
+def _camera_findings(rig: Rig, camera: Any) -> list[Finding]:
+    found = []
+    described = rig.camera.width, rig.camera.height
+    if (camera.width, camera.height) != described:
+        found.append(Finding(AREA, 'warning', f"camera_node asks for {camera.width}x{camera.height} pixels, the rig's camera "
+                             f'has {described[0]}x{described[1]}', 'make width and height agree in both files'))
+    if not camera.calibration_file and abs(camera.horizontal_fov_deg - rig.camera.horizontal_fov_deg) > FOV_TOLERANCE_DEG:
+        found.append(Finding(AREA, 'error', f'camera_node has a view of {camera.horizontal_fov_deg:.0f} degrees, the '
+                             f"rig's camera one of {rig.camera.horizontal_fov_deg:.0f}", 'make horizontal_fov_deg agree in '
+                             'both files, or calibrate: docs/guides/camera_and_detector.md'))
+    return found

@@ -1,0 +1,120 @@
+"""The microphones: whether all channels are alive, and in the order of the array file."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate, correlation_lags
+
+from av_audio.health import ChannelHealth
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction
+from av_common.microphone_array import MicrophoneArray
+from av_view.doctor.finding import Finding
+
+AREA = 'microphones'
+RATE_TOLERANCE = 1e-3
+QUIET_DBFS, LOUD_DBFS = -75.0, -6.0
+CLAP_S = 0.02  # around the loudest moment
+CLAP_DB = 15.0  # above the rest of the recording
+MOST_PERMUTED = 7  # microphones, whose orders are all tried
+MISFIT = 0.25  # of the array's aperture, up to which arrivals fit an order
+TIE = 0.1  # of the aperture, by which another order must fit better
+DIRECTIONS = {'ahead': 0.0, 'left': 90.0, 'behind': 180.0, 'right': -90.0}
+
+
+def judge_sound(samples: NDArray, rate: float, delivered: float) -> list[Finding]:
+    """Judge a recording of the surroundings.
+
+    Parameters:
+        samples (n, channels): as captured, full scale is 1.
+        rate (Hz): the rate that was asked for.
+        delivered (Hz): the rate at which samples came.
+    """
+    health = ChannelHealth(samples.shape[1])
+    health.update(samples)
+    levels = health.levels_dbfs()
+    found = [Finding(AREA, 'error', problem, _remedy(problem)) for problem in health.problems()]
+    if abs(delivered / rate - 1.0) > RATE_TOLERANCE:
+        found.append(Finding(AREA, 'error', f'{delivered:.0f} samples a second come instead of {rate:.0f}',
+                             'set sample_rate of audio_node to what the device supports; connect it without a hub'))
+    if QUIET_DBFS > levels.max() > -np.inf:
+        found.append(Finding(AREA, 'warning', f'it is quiet: {levels.max():.0f} dB of full scale', 'raise the gain: alsamixer'))
+    if levels.max() > LOUD_DBFS:
+        found.append(Finding(AREA, 'warning', f'the level is {levels.max():.0f} dB of full scale: a near drone will clip',
+                             'lower the gain: alsamixer'))
+    if not found:
+        listed = ', '.join(f'{level:.0f}' for level in levels)
+        found.append(Finding(AREA, 'ok', f'{samples.shape[1]} channels are alive at {rate:.0f} Hz, levels {listed} dBFS'))
+    return found
+
+
+def judge_clap(samples: NDArray, rate: float, array: MicrophoneArray, azimuth: float) -> Finding:
+    """Judge the order of the channels by a clap from a known direction.
+
+    Parameters:
+        samples (n, channels): a recording with one clap.
+        rate (Hz): of the samples.
+        array: the array that the channels should be of.
+        azimuth (rad): of the clap, counter-clockwise from ahead in the array's frame.
+    """
+    clap = _loudest(samples, rate)
+    if clap is None:
+        return Finding(AREA, 'unknown', 'no clap was heard', 'clap louder or closer: --clap left')
+    arrivals = _arrivals(clap, rate)
+    expected = -(array.positions @ angles_to_direction(np.array([azimuth]), np.zeros(1))[0]) / speed_of_sound(20.0)
+    aperture = array.aperture / speed_of_sound(20.0)
+    where = f'{math.degrees(azimuth):.0f} degrees'
+    if np.ptp(expected) < 2.0 * MISFIT * aperture:
+        return Finding(AREA, 'unknown', f'a clap from {where} reaches all microphones at once', 'clap along the array')
+    straight = tuple(range(array.channels))
+    orders = permutations(straight) if array.channels <= MOST_PERMUTED else [straight]
+    misfit, order = min((_misfit(arrivals[list(one)], expected), one) for one in orders)
+    if misfit > MISFIT * aperture:
+        return Finding(AREA, 'error', f'the clap from {where} fits no order of the channels of {array.name}',
+                       'is it the right array file, in metres, and does no wall reflect? Clap again from 2 m')
+    if _misfit(arrivals, expected) <= misfit + TIE * aperture:
+        return Finding(AREA, 'ok', f'the channels are in the order of {array.name}, by a clap from {where}')
+    return Finding(AREA, 'error', f'the channels are not in the order of {array.name}: the clap from {where} fits the order '
+                   f'{list(order)}', f'set channels of audio_node to {list(order)} of those chosen now, or turn the array')
+
+
+def _loudest(samples: NDArray, rate: float) -> NDArray | None:
+    """The samples around the beginning of the loudest sound; None where nothing is louder than the rest."""
+    power = np.square(samples).sum(axis=1)
+    length = max(int(CLAP_S * rate), 8)
+    smooth = np.convolve(power, np.full(length, 1.0 / length), 'same')
+    peak = int(smooth.argmax())
+    if smooth[peak] <= np.median(smooth) * 10.0 ** (0.1 * CLAP_DB):
+        return None
+    return samples[max(peak - length, 0):peak + length]
+
+
+def _arrivals(clap: NDArray, rate: float) -> NDArray:
+    """Time (channels,) in s at which each channel hears the clap, relative to the first; by interpolated cross-correlation."""
+    lags = correlation_lags(len(clap), len(clap))
+    times = [0.0]
+    for channel in clap.T[1:]:
+        likeness = correlate(channel, clap[:, 0])
+        best = int(np.clip(likeness.argmax(), 1, len(likeness) - 2))
+        before, at, after = likeness[best - 1:best + 2]
+        bend = before - 2.0 * at + after
+        times.append((lags[best] + (0.5 * (before - after) / bend if bend else 0.0)) / rate)
+    return np.array(times)
+
+
+def _misfit(arrivals: NDArray, expected: NDArray) -> float:
+    """Root mean square difference in s, whenever the clap began."""
+    return float(np.std(arrivals - expected))
+
+
+def _remedy(problem: str) -> str:
+    if re.search('identical', problem):
+        return 'choose other channels of audio_node; `arecord -l` and `ros2 run av_view doctor --list` show what there is'
+    if re.search('clips', problem):
+        return 'lower the gain: alsamixer'
+    return 'look at the plug and the gain of this channel: alsamixer'

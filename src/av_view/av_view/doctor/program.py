@@ -1,0 +1,169 @@
+"""Collects the facts that the checks judge: from devices, files and the system."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_audio.device_process import load_sounddevice
+from av_audio.device_source import DeviceSource as SoundDevice
+from av_audio.ring_buffer import RingBuffer
+from av_common.parameters import node_parameters
+from av_common.rig import Rig
+from av_view.doctor.cameras import judge_images
+from av_view.doctor.finding import Finding
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.microphones import judge_clap, judge_sound
+from av_vision.models import shipped_model
+from av_vision.sources.capture import SourceError
+from av_vision.sources.v4l2 import DeviceSource as Camera
+from av_vision.yolo import Detector
+
+KEPT_IMAGES = 10
+ROUNDS = 7
+WARM_UP_S = 0.6  # that the source itself leaves out
+
+
+def devices() -> list[Finding]:
+    """The microphones and cameras that there are."""
+    found = []
+    try:
+        inputs = [one for one in load_sounddevice().query_devices() if one['max_input_channels'] > 0]
+        names = '; '.join(f'{one["index"]}: {one["name"]} ({one["max_input_channels"]} channels, '
+                          f'{one["default_samplerate"]:.0f} Hz)' for one in inputs)
+        found.append(Finding('microphones', 'ok', names) if inputs else Finding(
+            'microphones', 'error', 'no capture device is found', 'plug it in; sudo usermod -aG audio $USER, and log in again'))
+    except ImportError as error:
+        found.append(Finding('microphones', 'error', str(error), 'sudo apt-get install libportaudio2; pip install sounddevice'))
+    videos = sorted(Path('/sys/class/video4linux').glob('video*'))
+    names = '; '.join(f'/dev/{one.name}: {(one / "name").read_text().strip()}' for one in videos)
+    found.append(Finding('camera', 'ok', names) if videos else Finding(
+        'camera', 'error', 'no camera is found', 'plug it in; sudo usermod -aG video $USER, and log in again'))
+    return found
+
+
+def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds: float, clap: float | None) -> list[Finding]:
+    """Listen as audio_node does.
+
+    Parameters:
+        rig: the description, for the array.
+        parameter_files: of audio_node.
+        seconds (s): to listen.
+        clap (rad): azimuth of a clap; None without one.
+    """
+    settings = node_parameters('av_audio', 'audio_node', parameter_files, {'source': 'device'})
+    channels = [0, 1] if list(settings.channels) == [-1] else list(settings.channels)
+    source = SoundDevice(settings.device, settings.sample_rate, channels, settings.block)
+    capacity = int((seconds + 5.0) * settings.sample_rate) * len(channels) * 4
+    buffer = RingBuffer(len(channels), capacity)
+    try:
+        source.start(buffer)
+    except ValueError as error:
+        return [Finding('microphones', 'error', str(error), 'set device, sample_rate and channels of audio_node')]
+    try:
+        time.sleep(WARM_UP_S + seconds)
+        samples = _all(buffer)
+    finally:
+        source.stop()
+    if not len(samples):
+        return [Finding('microphones', 'error', 'the device gives no samples', 'unplug it and plug it in again')]
+    delivered = settings.sample_rate * (1.0 + 1e-6 * source.clock.ppm)
+    found = judge_sound(samples, settings.sample_rate, delivered)
+    if clap is not None and rig is not None and rig.array.geometry.channels == len(channels):
+        found.append(judge_clap(samples, settings.sample_rate, rig.array.geometry, clap))
+    return found
+
+
+def camera(parameter_files: Sequence[str | Path], seconds: float) -> list[Finding]:
+    """Look as camera_node does.
+
+    Parameters:
+        parameter_files: of camera_node.
+        seconds (s): to look.
+    """
+    settings = node_parameters('av_vision', 'camera_node', parameter_files, {'source': 'device'})
+    if settings.device.startswith('realsense'):
+        return [Finding('camera', 'unknown', 'a RealSense camera is not looked at here', 'realsense-viewer')]
+    source = Camera(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms)
+    times: list[float] = []
+    images: list[NDArray[Any]] = []
+    try:
+        source.open()
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            captured = source.read()
+            times.append(captured.time)
+            images = [*images[1 - KEPT_IMAGES:], captured.pixels]
+    except SourceError as error:
+        return [Finding('camera', 'error', str(error), 'does another program use it? sudo fuser -v /dev/video*')]
+    finally:
+        source.close()
+    return judge_images(times, images, settings.rate, (settings.width, settings.height))
+
+
+def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:
+    """Clock, processor and middleware.
+
+    Parameters:
+        parameter_files: of camera_node, for its rate.
+    """
+    rate = node_parameters('av_vision', 'camera_node', parameter_files).rate or 10.0
+    return [judge_clock(_synchronised(), time.time()), judge_load(os.getloadavg()[0], os.cpu_count() or 1),
+            _detector(rate), *judge_middleware(os.environ, _largest_buffer())]
+
+
+def px4() -> list[Finding]:
+    """What a link to PX4 needs on this machine."""
+    found = []
+    if importlib.util.find_spec('px4_msgs') is None:
+        found.append(Finding('px4', 'error', 'px4_msgs is not installed',
+                             'clone https://github.com/PX4/px4_msgs, the branch of your firmware, into src, and make build'))
+    if not any(map(shutil.which, ('MicroXRCEAgent', 'micro-xrce-dds-agent'))):
+        found.append(Finding('px4', 'error', 'no agent of uXRCE-DDS is installed', 'sudo snap install micro-xrce-dds-agent '
+                             '--edge, or build https://github.com/eProsima/Micro-XRCE-DDS-Agent'))
+    return found or [Finding('px4', 'ok', 'px4_msgs and the agent are installed; next: docs/guides/px4.md')]
+
+
+def _detector(rate: float) -> Finding:
+    """Time the shipped detector on noise."""
+    detector, image = Detector(shipped_model()), np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    spent = []
+    for _ in range(ROUNDS):
+        begin = time.perf_counter()
+        detector.detect(image)
+        spent.append(1000.0 * (time.perf_counter() - begin))
+    return judge_detector(float(np.median(spent)), rate, 'the shipped detector')
+
+
+def _all(buffer: RingBuffer) -> NDArray[Any]:
+    """What a buffer holds."""
+    blocks = []
+    while buffer.available:
+        blocks.append(buffer.read()[1])
+    return np.concatenate(blocks) if blocks else np.zeros((0, 1))
+
+
+def _synchronised() -> bool | None:
+    """Whether the system's clock follows a reference; None where systemd does not say."""
+    command = ['timedatectl', 'show', '-p', 'NTPSynchronized', '--value']
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False).stdout.strip()
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return {'yes': True, 'no': False}.get(answer)
+
+
+def _largest_buffer() -> int | None:
+    try:
+        return int(Path('/proc/sys/net/core/rmem_max').read_text())
+    except (OSError, ValueError):
+        return None

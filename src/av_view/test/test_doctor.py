@@ -1,0 +1,190 @@
+"""Findings on made-up machines: each fault is named with its remedy, and what is in order passes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from av_common.microphone_array import MicrophoneArray
+from av_view.cli import doctor
+from av_view.doctor import program
+from av_view.doctor.cameras import judge_images
+from av_view.doctor.files import judge_files
+from av_view.doctor.finding import Finding
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.microphones import judge_clap, judge_sound
+
+CONFIG = Path(__file__).resolve().parents[3] / 'config'
+RATE = 48_000
+PAIR = MicrophoneArray.load(CONFIG / 'arrays' / 'two_microphones.yaml')
+SQUARE = MicrophoneArray.load(CONFIG / 'arrays' / 'quadrotor_square.yaml')
+
+
+def levels(found):
+    return [finding.level for finding in found]
+
+
+def noise(channels=2, level=0.01, seconds=1.0):
+    return np.random.default_rng(4).normal(0.0, level, (int(seconds * RATE), channels)).astype(np.float32)
+
+
+def clap(array, azimuth, distance=3.0, seed=7):
+    """A decaying burst at a point, delayed to each microphone by its distance in fractions of a sample, and noise."""
+    rng = np.random.default_rng(seed)
+    burst = rng.normal(0.0, 0.5, 400) * np.exp(-np.arange(400) / 80.0)
+    source = distance * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+    delays = np.linalg.norm(array.positions - source, axis=1) / 343.2
+    frequencies = np.fft.rfftfreq(RATE, 1.0 / RATE)
+    spectrum = np.fft.rfft(burst, RATE) * (frequencies < 12_000)
+    heard = [np.fft.irfft(spectrum * np.exp(-2j * np.pi * frequencies * (0.4 + delay)), RATE) for delay in delays]
+    return (np.stack(heard, axis=1) + rng.normal(0.0, 1e-3, (RATE, array.channels))).astype(np.float32)
+
+
+def test_living_microphones_pass():
+    assert levels(judge_sound(noise(), RATE, RATE * 1.00002)) == ['ok']
+
+
+@pytest.mark.parametrize(('change', 'words'), [
+    (lambda sound: sound * np.array([1.0, 0.0]), 'channel 1 is dead'), (lambda sound: sound[:, [0, 0]], 'identical'),
+    (lambda sound: np.clip(200.0 * sound, -1.0, 1.0), 'clips'), (lambda sound: sound + np.array([0.0, 0.3]), 'offset'),
+    (lambda sound: 1e-4 * sound, 'quiet')])
+def test_faults_of_channels_are_named_with_a_remedy(change, words):
+    found = judge_sound(change(noise()).astype(np.float32), RATE, RATE)
+    assert any(words in finding.words and finding.remedy for finding in found), found
+
+
+def test_a_device_that_runs_at_another_rate_is_an_error():
+    assert levels(judge_sound(noise(), RATE, 44_100.0)) == ['error']
+
+
+@pytest.mark.parametrize('array', [PAIR, SQUARE])
+@pytest.mark.parametrize('azimuth', [90.0, -60.0, 40.0])
+def test_a_clap_shows_that_the_order_is_right(array, azimuth):
+    assert judge_clap(clap(array, math.radians(azimuth)), RATE, array, math.radians(azimuth)).level == 'ok'
+
+
+@pytest.mark.parametrize('order', [order for order in itertools.permutations(range(4)) if order != (0, 1, 2, 3)])
+def test_a_clap_shows_any_wrong_order_and_the_right_one(order):
+    """Channel k holds microphone order[k]; the remedy selects the channels so that each microphone has its place."""
+    azimuth = math.radians(25.0)
+    heard = clap(SQUARE, azimuth)[:, list(order)]
+    found = judge_clap(heard, RATE, SQUARE, azimuth)
+    assert found.level == 'error' and 'order' in found.words
+    chosen = json.loads(found.remedy[found.remedy.index('['):found.remedy.index(']') + 1])
+    assert judge_clap(heard[:, chosen], RATE, SQUARE, azimuth).level == 'ok'
+
+
+def test_exchanged_ears_are_found():
+    found = judge_clap(clap(PAIR, math.pi / 2)[:, ::-1], RATE, PAIR, math.pi / 2)
+    assert found.level == 'error' and '[1, 0]' in found.remedy
+
+
+def test_a_clap_that_says_nothing_is_said_to_say_nothing():
+    assert judge_clap(clap(PAIR, 0.0), RATE, PAIR, 0.0).level == 'unknown'  # both ears at once
+    assert 'no clap' in judge_clap(noise(), RATE, PAIR, math.pi / 2).words
+    wrong = MicrophoneArray(np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]))  # a file in other units
+    assert 'fits no order' in judge_clap(clap(PAIR, math.pi / 2), RATE, wrong, math.pi / 2).words
+
+
+def pictures(level=120.0, count=5, size=(480, 640)):
+    rng = np.random.default_rng(1)
+    return [np.clip(rng.normal(level, 5.0, (*size, 3)), 0, 255).astype(np.uint8) for _ in range(count)]
+
+
+def test_a_good_camera_passes():
+    assert levels(judge_images(np.arange(30) / 15.0, pictures(), 15.0, (640, 480))) == ['ok']
+
+
+@pytest.mark.parametrize(('times', 'images', 'words'), [
+    ([], [], 'no pictures'), (np.arange(10) / 5.0, pictures(), '5.0 pictures'),
+    (np.arange(10) / 15.0, pictures(size=(360, 640)), '640x360'), (np.arange(10) / 15.0, pictures(2.0), 'dark'),
+    (np.arange(10) / 15.0, pictures(254.0), 'overexposed'), (np.arange(10) / 15.0, pictures()[:1] * 4, 'the same')])
+def test_faults_of_cameras_are_named(times, images, words):
+    found = judge_images(times, images, 15.0, (640, 480))
+    assert any(words in finding.words and finding.remedy for finding in found), found
+
+
+def test_the_machine():
+    assert judge_clock(True, 1.8e9).level == 'ok' and judge_clock(False, 1.8e9).level == 'warning'
+    assert judge_clock(True, 100.0).level == 'error' and judge_clock(None, 1.8e9).level == 'unknown'
+    assert [judge_detector(ms, 10.0, 'it').level for ms in (50.0, 200.0, 900.0)] == ['ok', 'warning', 'error']
+    assert judge_load(0.2, 4).level == 'ok' and judge_load(9.0, 2).level == 'warning'
+
+
+def test_the_middleware():
+    good = {'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '7'}
+    assert levels(judge_middleware(good, 8_000_000)) == ['ok'] == levels(judge_middleware(good, None))
+    for change in ({'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}, {'ROS_DOMAIN_ID': '200'}, {'ROS_DOMAIN_ID': 'x'},
+                   {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}):
+        (finding,) = judge_middleware(good | change, 8_000_000)
+        assert finding.level != 'ok' and finding.remedy.startswith('export')
+    assert levels(judge_middleware(good, 212_992)) == ['warning']
+
+
+def test_the_shipped_files_agree():
+    found, rig = judge_files(CONFIG / 'rig.yaml', [CONFIG / 'rig_params.yaml'])
+    assert levels(found) == ['ok'] and rig is not None
+
+
+@pytest.mark.parametrize(('parameters', 'words'), [
+    ('/**/audio_node: {ros__parameters: {channels: [0, 1, 2]}}', 'captures 3'),
+    ('/**/camera_node: {ros__parameters: {width: 1280, height: 720}}', '1280x720'),
+    ('/**/camera_node: {ros__parameters: {horizontal_fov_deg: 50.0}}', 'a view of 50'),
+    ('/**/audio_node: {ros__parameters: {sample_rate: -1}}', 'sample_rate'), ('[', 'params.yaml')])
+def test_files_that_contradict_each_other(parameters, words, tmp_path):
+    file = tmp_path / 'params.yaml'
+    file.write_text(parameters)
+    found, _ = judge_files(CONFIG / 'rig.yaml', [file])
+    assert any(words in finding.words and finding.remedy for finding in found), found
+
+
+def test_the_camera_is_opened_as_the_node_does(tmp_path):
+    """A file stands for a camera: OpenCV opens both."""
+    file, parameters = tmp_path / 'video.avi', tmp_path / 'params.yaml'
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter_fourcc(*'MJPG'), 15.0, (640, 480))
+    for image in pictures(count=8) * 40:
+        writer.write(image)
+    writer.release()
+    parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{file}"}}}}')
+    assert levels(program.camera([parameters], 0.3)) == ['ok']
+    parameters.write_text(f'/**/camera_node: {{ros__parameters: {{device: "{tmp_path}/none"}}}}')
+    (finding,) = program.camera([parameters], 0.3)
+    assert finding.level == 'error' and 'absent or in use' in finding.words
+
+
+def test_a_machine_without_the_device_is_told_so(tmp_path):
+    parameters = tmp_path / 'params.yaml'
+    parameters.write_text('/**/audio_node: {ros__parameters: {device: no such device}}')
+    (finding,) = program.microphones(None, [parameters], 0.1, None)
+    assert finding.level == 'error' and finding.remedy
+
+
+def run(capsys, monkeypatch, finding, *words):
+    monkeypatch.setattr(program, 'machine', lambda _: [finding])
+    with pytest.raises(SystemExit) as end:
+        doctor.main(['--only', 'files', 'machine', *words])
+    return end.value.code, capsys.readouterr().out
+
+
+def test_the_program_says_it_in_words_in_json_and_by_its_exit_code(capsys, monkeypatch):
+    bad = Finding('clock', 'error', 'the clock has not been set', 'sudo date')
+    code, text = run(capsys, monkeypatch, bad)
+    assert code == 1 and 'ERROR' in text and '-> sudo date' in text
+    code, text = run(capsys, monkeypatch, bad, '--json')
+    assert code == 1 and json.loads(text)['errors'] == 1 and json.loads(text)['findings'][1]['remedy'] == 'sudo date'
+    assert run(capsys, monkeypatch, Finding('clock', 'warning', 'w', 'r'))[0] == 0
+
+
+@pytest.mark.parametrize('words', [['--clap', 'sideways'], ['--only', 'weather'], ['--seconds', 'long']])
+def test_arguments_that_cannot_be_used_end_with_2(words, monkeypatch):
+    monkeypatch.setattr(sys, 'stderr', sys.stdout)
+    with pytest.raises(SystemExit) as end:
+        doctor.main(words)
+    assert end.value.code == 2

@@ -1,0 +1,62 @@
+"""Markers, held against geometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from view_messages import CAMERA, NOW, bearing, heard, pose
+from visualization_msgs.msg import Marker
+
+from av_fusion.measurement.measurements import Cone, DoaMeasurement
+from av_interfaces.msg import Track, TrackArray
+from av_view.markers import REACH, markers
+from av_view.rig_state import RigState
+
+
+def named(array, name):
+    return [marker for marker in array.markers if marker.ns == name]
+
+
+def points(marker):
+    return np.array([(point.x, point.y, point.z) for point in marker.points])
+
+
+def test_nothing_known_clears_what_was_shown():
+    made = markers(RigState().snapshot(NOW), (), 'base_link').markers
+    assert [marker.action for marker in made] == [Marker.DELETEALL]
+
+
+def test_the_bearing_is_an_arrow_with_a_sector():
+    state = RigState()
+    state.camera = CAMERA
+    state.on_bearing(bearing(azimuth=math.radians(30.0), azimuth_variance=math.radians(5.0) ** 2), NOW)
+    made = markers(state.snapshot(NOW), (), 'body')
+    (arrow,), (sector,) = named(made, 'bearing'), named(made, 'sigma')
+    assert points(arrow)[1] == pytest.approx(REACH * np.array([math.cos(math.radians(30.0)), 0.5, 0.0]), abs=0.02)
+    azimuths = np.degrees(np.arctan2(*points(sector)[points(sector).any(axis=1)][:, [1, 0]].T))
+    assert (azimuths.min(), azimuths.max()) == pytest.approx((25.0, 35.0), abs=0.1)
+    assert {marker.header.frame_id for marker in made.markers} == {'body'}
+    assert len({marker.id for marker in made.markers}) == len(made.markers)
+
+
+def test_a_cone_has_its_angle_to_the_axis_everywhere():
+    axis = (0.0, math.cos(0.3), math.sin(0.3))
+    doa = DoaMeasurement.of_cone(NOW, Cone(axis, 0.4, 0.01), 0.9)
+    (circle,) = named(markers(RigState().snapshot(NOW), [doa], 'body'), 'cones')
+    assert points(circle) @ np.array(axis) == pytest.approx(REACH * 0.4, abs=1e-9)
+    assert points(circle)[0] == pytest.approx(points(circle)[-1])
+
+
+def test_truth_and_tracks_are_where_they_are():
+    state = RigState()
+    state.on_truth('rig', pose(1.0, 2.0, 0.0, yaw=math.pi / 2))
+    state.on_truth('target', pose(1.0, 22.0, 0.0))
+    message = TrackArray(tracks=[Track(id=3, class_id='drone', azimuth=math.pi / 2, range=5.0)], selected=3)
+    message.header.stamp.sec = int(NOW)
+    state.on_tracks(message)
+    made = markers(state.snapshot(NOW), heard()[1], 'body')
+    assert points(named(made, 'truth')[0])[0] == pytest.approx([20.0, 0.0, 0.0], abs=0.05)
+    assert points(named(made, 'tracks')[0])[1] == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
+    assert named(made, 'names')[0].text == '#3 drone' and len(named(made, 'sound')) == 2
