@@ -52,7 +52,16 @@ def parse_yaml(text: str) -> Any:
 
 
 class _Loader(_PARSER):
-    """Like `SafeLoader`, but a scalar that cannot be converted to its apparent type stays a text."""
+    """Like `SafeLoader`, but a scalar that cannot be converted to its apparent type stays a text, and no key is given twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+        """See PyYAML, which would take the last of two values. Raises YamlError."""
+        known = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in known:
+                raise YamlError(f'line {key.start_mark.line + 1}: {key.value[:DIGITS]} is given twice')
+            known.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 def _number_or_text(loader: Any, node: yaml.ScalarNode) -> Any:

@@ -144,7 +144,8 @@ def parameter_file(text):
     (parameter_file('{rotation: {patience: null}}'), '/**/tracker rotation.patience is None'),
     (parameter_file('{limits: [1, 2.0]}'), '/**/tracker limits is'), (parameter_file('{limits: [[1]]}'), 'limits is'),
     (parameter_file(f'{{count: {10**30}}}'), 'count is'), (parameter_file(f'{{count: {"9" * 400}}}'), ''),
-    ('&a {ros__parameters: {b: *a}}', 'alias'), ('\0', 'not YAML')])
+    ('&a {ros__parameters: {b: *a}}', 'alias'), ('\0', 'not YAML'),
+    (parameter_file('\n    tau: 0.5\n    rate: 30.0\n    tau: 0.9'), 'line 5: tau is given twice')])
 def test_what_is_no_parameter_file_is_named_before_any_node_starts(tmp_path, text, words):
     """In one line with file and key; the middleware's reader would hang, end the process, or name nothing."""
     file = tmp_path / 'params.yaml'
