@@ -117,6 +117,18 @@ def test_a_rig_without_gimbal_ignores_the_topic():
     assert stage.on_detections(empty, T) is not None
 
 
+def test_a_camera_model_that_cannot_be_used_is_forgotten_when_the_usual_one_comes_again():
+    converter = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'), lambda frame, time: FLU_TO_OPTICAL.T).converter
+    usual = CameraInfo(width=640, height=480, k=[457.0, 0.0, 319.5, 0.0, 457.0, 239.5, 0.0, 0.0, 1.0], d=[0.0] * 5,
+                       distortion_model='plumb_bob')
+    converter.set_camera_info(usual)
+    camera = converter.camera
+    converter.set_camera_info(CameraInfo(width=640, height=480))
+    assert 'not calibrated' in converter.problem and converter.camera is camera
+    converter.set_camera_info(usual)
+    assert not converter.problem and converter.camera is camera
+
+
 @pytest.fixture
 def tf():
     rclpy.init()

@@ -52,6 +52,7 @@ class MeasurementConverter:
         """Take the camera model of a `sensor_msgs/CameraInfo`; one that cannot be used is reported in `problem`."""
         info = (message.width, message.height, message.distortion_model, tuple(message.d), tuple(message.k))
         if info == self._info:  # it comes with every image
+            self.problem = ''
             return
         try:
             self.camera = PinholeCamera.from_camera_info(message)
