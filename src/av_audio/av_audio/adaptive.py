@@ -15,15 +15,18 @@ from av_audio.steered_response import Peak
 from av_audio.weighting import Weighting
 from av_common.microphone_array import MicrophoneArray
 
-# Mean square error of q at a wrong peak.
+# Mean square error of q at a wrong peak, and where there is no peak at all.
 WRONG_PEAK = 0.5
-UNKNOWN = 10.0  # where there is no peak
-# The likelihood is chosen where its expected error is below this share of that of the even phases, as it knows less of
-# reflections; and this share of their error by reflections counts, as reflections shift both.
-LIKELIHOOD_LEAD = 0.5
-SHARED_REFLECTIONS = 0.08
+UNKNOWN = 10.0
+# The likelihood is chosen up to this share of the error of the even phases by noise, over their disagreement: the more the
+# bands contradict each other, the less its model holds. And up to this share of their error by reflections, which shift both.
+LEAD = 0.175
+LARGEST_LEAD = 3.0
+SHARED_REFLECTIONS = 0.04
+# Even phases with less coherence are those of noise, in which the likelihood is the better estimate.
+LEAST_COHERENCE = 0.04
 # How fast belief changes from one estimate to the other with the ratio of their expected errors.
-SHARPNESS = 3.0
+SHARPNESS = 4.0
 # Even phases have fewer, wider clusters, so that a source gives a lower significance, by this factor.
 EVEN_SIGNIFICANCE = 1.15
 
@@ -51,11 +54,12 @@ class Adaptive:
         if self._even is None or not inside[0].all():
             return at_centre(likely, drift)
         even = self._even.estimate(spectra)
-        unshared = replace(even, bias=SHARED_REFLECTIONS * even.bias)
-        ratio = expected_error(likely) / (LIKELIHOOD_LEAD * expected_error(unshared))
+        ratio = expected_error(likely) / _tolerated_error(even)
         belief = 1.0 / (1.0 + ratio**SHARPNESS)  # that the model of the likelihood holds
         if drift is not None:
             belief = max(belief, drift.moves)  # the even phases do not know of motion
+        if even.height < LEAST_COHERENCE:
+            belief = 1.0
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
         return replace(chosen, significance=significance, main_share=even.main_share)
@@ -65,6 +69,13 @@ def expected_error(peak: Peak) -> float:
     """Expected square error of q at a peak, over all its axes, by noise and reflections or because it is a wrong peak."""
     local = float(np.trace(peak.covariance + peak.bias))
     return peak.main_share * local + (1.0 - peak.main_share) * WRONG_PEAK if peak.main_share > 0.0 else UNKNOWN
+
+
+def _tolerated_error(even: Peak) -> float:
+    """Expected square error of q up to which the likelihood is preferred to a peak of the even phases."""
+    lead = min(LEAD / max(1.0 - even.agreement, 1e-6), LARGEST_LEAD)
+    tolerated = lead * float(np.trace(even.covariance)) + SHARED_REFLECTIONS * float(np.trace(even.bias))
+    return even.main_share * tolerated + 0.5 * (1.0 - even.main_share) * WRONG_PEAK if even.main_share > 0.0 else UNKNOWN
 
 
 def _mixture(chosen: Peak, other: Peak, belief: float) -> Peak:

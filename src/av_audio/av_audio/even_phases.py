@@ -59,8 +59,8 @@ class EvenPhases(SteeredResponse):
         return REFLECTED * (1.0 - agreement) ** 4 * np.eye(len(inverse))
 
     def _phases(self, blocks: NDArray) -> NDArray:
-        """Mean over blocks of the normalised cross-spectra (p, j) of spectra (m, b, j), over the number of bins."""
+        """Normalised cross-spectra (p, j) of spectra (m, b, j), scaled so that all resolutions add up to a coherence of 1."""
         pairs = self._array.pairs
         cross = blocks[pairs[:, 0]] * blocks[pairs[:, 1]].conj()
         cross /= np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
-        return cross.mean(axis=1) / cross.shape[-1]
+        return cross.mean(axis=1) / (len(pairs) * cross.shape[-1] * (1 + len(self._blocks)))

@@ -33,6 +33,8 @@ class Peak:
         bias (rank, rank): mean square of the additional shift of q by early reflections.
         significance: height over the standard deviation that independent channels would give.
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
+        height: value of the steered response.
+        agreement: height over that which every cluster of bins would have at a maximum of its own, 0..1.
     """
 
     q: NDArray
@@ -40,6 +42,8 @@ class Peak:
     bias: NDArray
     significance: float
     main_share: float
+    height: float = 0.0
+    agreement: float = 0.0
 
 
 class SteeredResponse:
@@ -127,7 +131,9 @@ class SteeredResponse:
         significance = height / spread
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
-        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, curve))
+        agreement = height / float(np.abs(clusters).sum())
+        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, curve),
+                    height, agreement)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections.
