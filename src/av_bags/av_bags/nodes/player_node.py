@@ -62,8 +62,7 @@ class PlayerNode(RigNode):
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
         self._static_topic = found.topics.pop(names.FRAMES, None)
-        # The feed from a time after the beginning (s) on.
-        self._feed_from = lambda after: Feed(bag, found.topics, layout, start_ns + round(after * SECOND), stop_ns, decode=False)
+        self._topics, self._layout, self._range_ns = found.topics, layout, (start_ns, stop_ns)
         self._feed = self._feed_from(settings.position)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
         self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
@@ -114,6 +113,11 @@ class PlayerNode(RigNode):
         self._paused.set() if request.data else self._paused.clear()
         response.success, response.message = True, 'paused' if request.data else 'playing'
         return response
+
+    def _feed_from(self, position: float) -> Feed:
+        """What is played from a time (s) after the start on."""
+        start_ns, stop_ns = self._range_ns
+        return Feed(self._bag, self._topics, self._layout, start_ns + round(position * SECOND), stop_ns, decode=False)
 
     def _run(self) -> None:
         records = iter(self._feed)

@@ -32,8 +32,9 @@ from av_interfaces.msg import (
 )
 from av_view.camera_view import CameraView
 from av_view.feed import Feed
+from av_view.foxglove_port import Shown
 from av_view.markers import markers
-from av_view.picture import jpeg
+from av_view.picture import Picture
 from av_view.rig_state import RigState, row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
@@ -57,6 +58,10 @@ class RigWatch:
 
     Messages are decoded when they are shown, those that newer ones replace before never: most come more often than pictures.
 
+    Attributes:
+        seen (s): when somebody last looked, by `time.monotonic`.
+        shown: the newest state and picture.
+
     Parameters:
         node: owns the subscriptions.
         rig: namespace of the rig, such as '/left', or ''.
@@ -64,9 +69,10 @@ class RigWatch:
     """
 
     def __init__(self, node: RigNode, rig: str, put: Callable[[Callable[[Feed], None]], None]) -> None:
-        self.seen = time.monotonic()  # when somebody last looked
+        self.seen = time.monotonic()
         self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
         self._state = state = RigState()
+        self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time = 0.0
         self._waiting: dict[str, _Waiting] = {}
         self._topics: list[str] = []
@@ -99,13 +105,14 @@ class RigWatch:
         """Put the present state into the feed."""
         for topic in [name for name in self._topics if name in self._waiting]:
             self._take(topic, self._waiting.pop(topic))
-        self._snapshot = snapshot = self._state.snapshot(self._node.now())
+        snapshot = self._state.snapshot(self._node.now())
+        self.shown = Shown(snapshot, self.shown.picture)
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
         self._put(lambda feed: feed.put_state(state, row))
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        return markers(self._snapshot, self._state.sound, self._settings.base_frame)
+        return markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -129,11 +136,13 @@ class RigWatch:
         self._state.on_detections(message, self._converter.detections(message))
 
     def _on_image(self, message: Image, _arrival: float) -> None:
+        taken = to_seconds(message.header.stamp)
         if self._converter.camera is not None:
-            rotation = self._rotations.rotation(message.header.frame_id, to_seconds(message.header.stamp))
+            rotation = self._rotations.rotation(message.header.frame_id, taken)
             self._state.camera = None if rotation is None else CameraView(self._converter.camera, rotation)
-        picture = jpeg(image_from_message(message), self._settings.picture_width, self._settings.jpeg_quality)
-        self._put(lambda feed: feed.put_picture(picture))
+        picture = Picture.of(image_from_message(message), taken, self._settings.picture_width, self._settings.jpeg_quality)
+        self.shown = self.shown._replace(picture=picture)
+        self._put(lambda feed: feed.put_picture(picture.data))
 
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
         if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
