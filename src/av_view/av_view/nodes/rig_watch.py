@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -44,15 +44,6 @@ SPECTRUM_PERIOD_S = 0.25
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
 
-class _Waiting(NamedTuple):
-    """The newest message of a topic, serialised, until it is shown."""
-
-    kind: Any
-    take: Take
-    data: bytes
-    arrival: float
-
-
 class RigWatch:
     """Subscribes to the topics of a namespace, and puts what viewers see into its feed.
 
@@ -74,8 +65,8 @@ class RigWatch:
         self._state = state = RigState()
         self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time = 0.0
-        self._waiting: dict[str, _Waiting] = {}
-        self._topics: list[str] = []
+        self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
+        self._topics: dict[str, tuple[Any, Take]] = {}
         before = set(node.entities())
         self._rotations = TfRotations(node, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
@@ -88,7 +79,6 @@ class RigWatch:
         self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
         self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
         self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
-        self._subscribe(Odometry, 'odometry', state.on_odometry, STREAM)
         self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self._entities = [entity for entity in node.entities() if entity not in before]
 
@@ -103,8 +93,10 @@ class RigWatch:
 
     def update(self) -> None:
         """Put the present state into the feed."""
+        offset = self._node.now() - time.monotonic()
         for topic in [name for name in self._topics if name in self._waiting]:
-            self._take(topic, self._waiting.pop(topic))
+            data, arrival = self._waiting.pop(topic)
+            self._take(topic, data, arrival + offset)
         snapshot = self._state.snapshot(self._node.now())
         self.shown = Shown(snapshot, self.shown.picture)
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
@@ -120,15 +112,16 @@ class RigWatch:
 
     def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile) -> None:
         def wait(data: bytes) -> None:
-            self._waiting[topic] = _Waiting(kind, take, data, self._node.now())
+            self._waiting[topic] = data, time.monotonic()
 
-        self._topics.append(topic)
+        self._topics[topic] = kind, take
         self._node.create_subscription(kind, f'{self._rig}/{topic}', wait, qos, raw=True)
 
-    def _take(self, topic: str, waiting: _Waiting) -> None:
+    def _take(self, topic: str, data: bytes, arrival: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
+        kind, take = self._topics[topic]
         try:
-            waiting.take(decode(waiting.kind, waiting.data), waiting.arrival)
+            take(decode(kind, data), arrival)
         except BAD_INPUT as error:
             self._node.refused.refuse(topic, error)
 
