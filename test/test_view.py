@@ -8,6 +8,7 @@ import re
 from urllib.parse import urlsplit
 
 import pytest
+from bag_messages import flight
 from rig_listener import RigListener
 from rig_process import RigProcess
 
@@ -34,7 +35,7 @@ def address_of(rig):
 def start(tmp_path, *arguments):
     parameters = tmp_path / 'view.yaml'
     parameters.write_text(f'/**/view_node:\n  ros__parameters:\n    port: {PORT}\n')
-    rig = RigProcess('view:=true', 'view_control:=true', 'monitor:=false', f'params:={parameters}', *arguments)
+    rig = RigProcess('view:=true', 'view_control:=true', 'monitor:=false', 'oracle:=true', f'params:={parameters}', *arguments)
     return rig, address_of(rig)
 
 
@@ -70,6 +71,26 @@ def test_without_the_token_the_page_is_read_only(tmp_path):
             assert listener.wait_for(lambda: listener.values.get('pointing_node', {}).get('enabled') == 'False')
     finally:
         listener.close()
+
+
+def test_a_replay_is_held_and_moved_from_the_page(tmp_path):
+    flight(tmp_path / 'flight.mcap', duration=120.0)
+    parameters = tmp_path / 'view.yaml'
+    parameters.write_text(f'/**/view_node:\n  ros__parameters:\n    port: {PORT}\n')
+    rig = RigProcess(f'bag:={tmp_path}/flight.mcap', 'only:=doa', 'view:=true', 'view_control:=true', 'monitor:=false',
+                     f'params:={parameters}', launch_file='replay.launch.py')
+    with Browser(find_browser()) as browser:
+        browser.open(address_of(rig))
+        assert browser.wait_for(SHOWN, 90.0), rig.output
+        assert browser.wait_for('!$("pause").hidden && !$("pause").disabled && $("seek").max > 100')
+        browser.value('$("pause").click()')
+        assert browser.wait_for('$("pause").textContent === "Play"')
+        held = browser.value('state.time')
+        assert browser.wait_for('$("answer").textContent === "paused"') and browser.value('state.time') <= held + 1.0
+        browser.value('$("seek").value = 90, $("seek").onchange()')
+        browser.value('$("pause").click()')
+        assert browser.wait_for(f'state.time > {held} + 60')
+        assert browser.wait_for('parseFloat($("position").value) >= 90')
 
 
 def it_moves(browser):

@@ -18,7 +18,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
-        (f'share/{package_name}/config', [str(file) for file in Path('config').iterdir()]),
+        (f'share/{package_name}/config', [str(file) for file in Path('config').iterdir() if file.is_file()]),
     ],
     install_requires=['setuptools'],
     zip_safe=False,

@@ -76,6 +76,16 @@ def rig(tmp_path):
             one.close()
 
 
+def test_each_activation_begins_a_bag_of_its_own(rig, tmp_path):
+    rig = rig()
+    rig.spin_until(lambda: rig.recorder.is_active)
+    for _ in range(2):
+        rig.recorder.trigger_deactivate()
+        rig.recorder.trigger_activate()
+        assert rig.recorder.is_active
+    assert sorted(file.name for file in tmp_path.glob('*.mcap')) == ['bag.mcap', 'bag_1.mcap', 'bag_2.mcap']
+
+
 def test_records_streams_results_and_latched_topics_that_appear_late_or_early(rig, tmp_path):
     rig = rig()
     latched = rig.sender.create_publisher(TFMessage, '/tf_static', LATCHED)

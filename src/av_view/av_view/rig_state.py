@@ -15,7 +15,7 @@ import numpy as np
 from transforms3d.quaternions import quat2mat
 
 from av_common.angles import wrap
-from av_common.frames import attitude_of, heading_of
+from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
 from av_common.track import Source, State
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
@@ -69,6 +69,8 @@ class RigState:
             raise ValueError(f'azimuth is {message.azimuth}, expected a number')
         measured = to_seconds(message.measured)
         self._bearing = message
+        if message.attitude_known and math.isfinite(message.azimuth_world):
+            self._heading = float(wrap(message.azimuth_world - message.azimuth))
         if message.state != State.NONE and measured > 0.0:
             self._delays.append(arrival - measured)
 
@@ -106,10 +108,6 @@ class RigState:
         Mode(message.mode)
         to_seconds(message.header.stamp)
         self._command = message
-
-    def on_odometry(self, message: Any, _arrival: float = 0.0) -> None:
-        """Take the rig's `Odometry`."""
-        self._heading = math.atan2(*heading_of(attitude_of(message.pose.pose.orientation)))
 
     def on_truth(self, name: str, message: Any, _arrival: float = 0.0) -> None:
         """Take a true pose of a simulation, an `Odometry`.

@@ -32,6 +32,7 @@ def test_a_bearing_in_degrees_with_its_mirror_image():
     assert part['state'] == 'sound' and part['elevation'] is None and part['range'] is None and part['age'] == 0.2
     assert part['band'] and part['line'] and part['centre'] is None
     assert state.snapshot(NOW)['delay'] == pytest.approx(0.2)
+    assert state.snapshot(NOW)['heading'] == pytest.approx(math.degrees(0.4), abs=0.06)
 
 
 def test_a_bearing_without_a_target_shows_nothing():

@@ -6,13 +6,14 @@ import threading
 import time
 from collections.abc import Iterable
 from itertools import chain
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from rosidl_runtime_py.utilities import get_message
+from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 
 from av_bags import topics as names
@@ -32,10 +33,16 @@ PLAYED = QoSProfile(depth=100)
 LINGER_S = 1.0
 # Time between the first and the last subscription of a starting node.
 SETTLE_S = 0.5
+PAUSE_STEP_S = 0.05
 
 
 class PlayerNode(RigNode):
-    """Plays a bag on a separate thread and ends the process at the end of the bag."""
+    """Plays a bag on a separate thread and ends the process at the end of the bag.
+
+    The service ~/pause holds and continues, the parameter `position` goes to another time; /clock stands still, or jumps.
+    """
+
+    RUNTIME_PARAMETERS: ClassVar = frozenset({'position'})
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('player_node', parameters, **kwargs)
@@ -55,12 +62,14 @@ class PlayerNode(RigNode):
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
         self._static_topic = found.topics.pop(names.FRAMES, None)
-        self._feed = Feed(bag, found.topics, layout, start_ns, stop_ns, decode=False)
+        self._topics, self._layout, self._range_ns = found.topics, layout, (start_ns, stop_ns)
+        self._feed = self._feed_from(settings.position)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
         self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
                             for name in found.topics}
         self._clock_output = self.create_publisher(Clock, '/clock', 10)
-        self._played, self._position = 0, 0.0
+        self._played, self._position = 0, settings.position
+        self._wanted_position, self._seek = settings.position, False
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
@@ -76,7 +85,8 @@ class PlayerNode(RigNode):
         if self._static_topic is not None:
             publisher = self.while_active(self.create_publisher, TFMessage, names.FRAMES, LATCHED)
             publisher.publish(self._static_transforms(self._static_topic))
-        self._stopping = threading.Event()
+        self._stopping, self._paused = threading.Event(), threading.Event()
+        self.while_active(self.create_service, SetBool, '~/pause', self._on_pause)
         self._thread = threading.Thread(target=self._run, name='play', daemon=True)
         self._thread.start()
 
@@ -89,12 +99,39 @@ class PlayerNode(RigNode):
         """Close the bag."""
         self._bag.close()
 
+    def check_change(self, settings: Any) -> None:
+        """The position must be within the bag."""
+        if settings.position > self._length:
+            raise ValueError(f'position is {settings.position}, expected at most {self._length:.1f}, the length of the bag (s)')
+
+    def apply_parameters(self) -> None:
+        """Go to another position."""
+        if self.settings.position != self._wanted_position:
+            self._wanted_position, self._seek = self.settings.position, True
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._paused.set() if request.data else self._paused.clear()
+        response.success, response.message = True, 'paused' if request.data else 'playing'
+        return response
+
+    def _feed_from(self, position: float) -> Feed:
+        """What is played from a time (s) after the start on."""
+        start_ns, stop_ns = self._range_ns
+        return Feed(self._bag, self._topics, self._layout, start_ns + round(position * SECOND), stop_ns, decode=False)
+
     def _run(self) -> None:
         records = iter(self._feed)
         first = next(records, None)
         if first is not None:
             self._wait_for_subscribers(first.arrival)
+        while first is not None:
             self._play(chain([first], records), first.arrival)
+            if not self._seek:
+                break
+            self._seek, self._position = False, self._wanted_position
+            self._feed = self._feed_from(self._wanted_position)
+            records = iter(self._feed)
+            first = next(records, None)
         for problem in (*self._bag.problems, *self._feed.problems):
             self.get_logger().error(problem)
         self.get_logger().info(f'played {self._played} messages, {self._position:.1f} s')
@@ -103,23 +140,31 @@ class PlayerNode(RigNode):
 
     def _play(self, records: Iterable[BagRecord], first: float) -> None:
         """Publish the records when they are due, and /clock in between; `first` (s) is the arrival of the first."""
-        period = 1.0 / self._settings.clock_rate
+        period, start = 1.0 / self._settings.clock_rate, self._position
         began, ticked = time.monotonic(), 0.0
         for record in records:
-            due = began + (record.arrival - first) / self._settings.rate
             while True:
+                began += self._pause()
+                due = began + (record.arrival - first) / self._settings.rate
                 wall = time.monotonic()
                 if wall - ticked >= period:
                     ticked = wall
                     self._publish_clock(min(record.arrival, first + (wall - began) * self._settings.rate))
                 if wall >= due:
                     break
-                if self._stopping.wait(min(due - wall, ticked + period - wall)):
+                if self._stopping.wait(min(due - wall, ticked + period - wall)) or self._seek:
                     return
             self._outputs[record.name].publish(record.data or record.message)
             self._played += 1
-            self._position = record.arrival - first
-        self._publish_clock(first + self._position)
+            self._position = start + record.arrival - first
+        self._publish_clock(first + self._position - start)
+
+    def _pause(self) -> float:
+        """Wait while the player is paused; returns how long that was (s)."""
+        began = time.monotonic()
+        while self._paused.is_set() and not self._seek and not self._stopping.wait(PAUSE_STEP_S):
+            pass
+        return time.monotonic() - began
 
     def _static_transforms(self, topic: str) -> TFMessage:
         """All static transforms of the bag in one message, because subscribers receive only the last latched one."""
@@ -148,6 +193,7 @@ class PlayerNode(RigNode):
         """Report the position in the bag and the problems so far."""
         status.add('bag', self._settings.bag)
         status.add('position', f'{self._position:.1f} of {self._length:.1f} s')
+        status.add('paused', str(self._paused.is_set()))
         status.add('messages', str(self._played))
         problems = (*self._bag.problems, *self._feed.problems)
         if problems:

@@ -28,10 +28,14 @@ QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10
 
 
 class RecorderNode(RigNode):
-    """Subscribes to topics as they appear, with the publishers' quality of service, and records serialised messages."""
+    """Subscribes to topics as they appear, with the publishers' quality of service, and records serialised messages.
+
+    Each activation begins a bag, from the second one on with a number.
+    """
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('recorder_node', parameters, **kwargs)
+        self._number = restarts()
 
     def configure(self) -> None:
         """Read the parameters. Raises ValueError for an empty path."""
@@ -43,7 +47,7 @@ class RecorderNode(RigNode):
         """Create the bag and start to look for topics."""
         self._missing = [self.resolve_topic_name(name) for name in self._settings.topics]
         self._unusable: dict[str, str] = {}
-        path = numbered(datetime.now().strftime(self._settings.path), restarts())
+        path = numbered(datetime.now().strftime(self._settings.path), self._number)
         self._writer = BackgroundWriter(path, self._settings.compression, 1_000_000 * self._settings.queue_mb)
         self.get_logger().info(f'recording to {self._writer.bag.file}')
         self.while_active(self.create_timer, DISCOVERY_PERIOD_S, self._find_topics,
@@ -52,6 +56,7 @@ class RecorderNode(RigNode):
     def deactivate(self) -> None:
         """Finish the bag."""
         self._writer.close()
+        self._number += 1
         count = sum(self._writer.bag.counts.values())
         self.get_logger().info(f'recorded {count} messages, {1e-6 * self._writer.bag.bytes_written:.1f} MB, '
                                f'to {self._writer.bag.file}')

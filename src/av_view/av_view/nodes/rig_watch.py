@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -32,8 +32,9 @@ from av_interfaces.msg import (
 )
 from av_view.camera_view import CameraView
 from av_view.feed import Feed
+from av_view.foxglove_port import Shown
 from av_view.markers import markers
-from av_view.picture import jpeg
+from av_view.picture import Picture
 from av_view.rig_state import RigState, row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
@@ -43,19 +44,14 @@ SPECTRUM_PERIOD_S = 0.25
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
 
-class _Waiting(NamedTuple):
-    """The newest message of a topic, serialised, until it is shown."""
-
-    kind: Any
-    take: Take
-    data: bytes
-    arrival: float
-
-
 class RigWatch:
     """Subscribes to the topics of a namespace, and puts what viewers see into its feed.
 
     Messages are decoded when they are shown, those that newer ones replace before never: most come more often than pictures.
+
+    Attributes:
+        seen (s): when somebody last looked, by `time.monotonic`.
+        shown: the newest state and picture.
 
     Parameters:
         node: owns the subscriptions.
@@ -64,12 +60,13 @@ class RigWatch:
     """
 
     def __init__(self, node: RigNode, rig: str, put: Callable[[Callable[[Feed], None]], None]) -> None:
-        self.seen = time.monotonic()  # when somebody last looked
+        self.seen = time.monotonic()
         self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
         self._state = state = RigState()
+        self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time = 0.0
-        self._waiting: dict[str, _Waiting] = {}
-        self._topics: list[str] = []
+        self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
+        self._topics: dict[str, tuple[Any, Take]] = {}
         before = set(node.entities())
         self._rotations = TfRotations(node, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
@@ -82,7 +79,6 @@ class RigWatch:
         self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
         self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
         self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
-        self._subscribe(Odometry, 'odometry', state.on_odometry, STREAM)
         self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self._entities = [entity for entity in node.entities() if entity not in before]
 
@@ -97,15 +93,18 @@ class RigWatch:
 
     def update(self) -> None:
         """Put the present state into the feed."""
+        offset = self._node.now() - time.monotonic()
         for topic in [name for name in self._topics if name in self._waiting]:
-            self._take(topic, self._waiting.pop(topic))
-        self._snapshot = snapshot = self._state.snapshot(self._node.now())
+            data, arrival = self._waiting.pop(topic)
+            self._take(topic, data, arrival + offset)
+        snapshot = self._state.snapshot(self._node.now())
+        self.shown = Shown(snapshot, self.shown.picture)
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
         self._put(lambda feed: feed.put_state(state, row))
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        return markers(self._snapshot, self._state.sound, self._settings.base_frame)
+        return markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -113,15 +112,16 @@ class RigWatch:
 
     def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile) -> None:
         def wait(data: bytes) -> None:
-            self._waiting[topic] = _Waiting(kind, take, data, self._node.now())
+            self._waiting[topic] = data, time.monotonic()
 
-        self._topics.append(topic)
+        self._topics[topic] = kind, take
         self._node.create_subscription(kind, f'{self._rig}/{topic}', wait, qos, raw=True)
 
-    def _take(self, topic: str, waiting: _Waiting) -> None:
+    def _take(self, topic: str, data: bytes, arrival: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
+        kind, take = self._topics[topic]
         try:
-            waiting.take(decode(waiting.kind, waiting.data), waiting.arrival)
+            take(decode(kind, data), arrival)
         except BAD_INPUT as error:
             self._node.refused.refuse(topic, error)
 
@@ -129,11 +129,13 @@ class RigWatch:
         self._state.on_detections(message, self._converter.detections(message))
 
     def _on_image(self, message: Image, _arrival: float) -> None:
+        taken = to_seconds(message.header.stamp)
         if self._converter.camera is not None:
-            rotation = self._rotations.rotation(message.header.frame_id, to_seconds(message.header.stamp))
+            rotation = self._rotations.rotation(message.header.frame_id, taken)
             self._state.camera = None if rotation is None else CameraView(self._converter.camera, rotation)
-        picture = jpeg(image_from_message(message), self._settings.picture_width, self._settings.jpeg_quality)
-        self._put(lambda feed: feed.put_picture(picture))
+        picture = Picture.of(image_from_message(message), taken, self._settings.picture_width, self._settings.jpeg_quality)
+        self.shown = self.shown._replace(picture=picture)
+        self._put(lambda feed: feed.put_picture(picture.data))
 
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
         if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:

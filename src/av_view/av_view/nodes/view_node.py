@@ -17,6 +17,7 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_view.access import Access
 from av_view.feed import Feed
+from av_view.foxglove_port import FoxglovePort
 from av_view.health import Health
 from av_view.nodes.rig_control import RigControl
 from av_view.nodes.rig_watch import RigWatch
@@ -47,6 +48,7 @@ class ViewNode(RigNode):
     def activate(self) -> None:
         """Serve the page. Raises OSError where the address cannot be bound."""
         settings = self._settings
+        self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
         self._control = RigControl(self)
         self.server = ViewServer(
             ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
@@ -64,6 +66,8 @@ class ViewNode(RigNode):
         """Close all connections."""
         for rig in list(self._watches):
             self._unwatch(rig)
+        if self._foxglove is not None:
+            self._foxglove.close()
         self.server.stop()
 
     def _address(self) -> str:
@@ -77,8 +81,9 @@ class ViewNode(RigNode):
 
     def _update(self) -> None:
         now, wanted = time.monotonic(), self.server.watched()
-        shown_elsewhere = self._markers.get_subscription_count() > 0
-        if shown_elsewhere:
+        marked = self._markers.get_subscription_count() > 0
+        in_foxglove = self._foxglove is not None and self._foxglove.watched
+        if marked or in_foxglove:
             wanted.add(self._own)
         self._control.work()
         if not wanted and not self._watches:
@@ -92,8 +97,10 @@ class ViewNode(RigNode):
                 self._unwatch(rig)
             else:
                 watch.update()
-        if shown_elsewhere and self._own in self._watches:
+        if marked and self._own in self._watches:
             self._markers.publish(self._watches[self._own].markers())
+        if self._foxglove is not None and in_foxglove and self._own in self._watches:
+            self._foxglove.put(self._watches[self._own].shown)
         if now - self._looked >= HEALTH_PERIOD_S:
             self._looked = now
             self._look(now)

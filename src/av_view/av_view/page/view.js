@@ -250,10 +250,14 @@ function showPointing() {
   for (const button of [$('enable'), $('record'), $('pause')]) { button.disabled = !control || !token; button.hidden = !offers.includes(button.id); }
   $('enable').hidden = false; $('enable').disabled ||= !offers.includes('enable');
   if (!control || !token) $('answer').textContent = control ? 'Read-only: open the address with the token.' : 'Read-only. The rig is controlled here with view_control:=true.';
-  const recording = nodes.some(one => one.node.endsWith('/recorder_node') && one.level === 'ok');
+  const recording = nodes.some(one => one.node.endsWith('/recorder_node') && one.words !== 'not active');
   $('record').textContent = recording ? 'Stop recording' : 'Start recording'; $('record').value = recording ? '' : 'yes';
   const paused = valueOf('player_node', 'paused') === 'True';
   $('pause').textContent = paused ? 'Play' : 'Pause'; $('pause').value = paused ? '' : 'yes';
+  const [position, length] = (valueOf('player_node', 'position') ?? '').split(' of ').map(parseFloat);
+  $('seek-box').hidden = $('pause').hidden; $('seek').disabled = $('pause').disabled; $('seek').max = length || 0;
+  if (document.activeElement !== $('seek')) $('seek').value = position || 0;
+  $('position').value = valueOf('player_node', 'position') ?? '';
   $('parameters-box').hidden = !control || !token;
 }
 
@@ -270,6 +274,7 @@ $('enable').onclick = () => {
 };
 $('ask').onclose = () => { if ($('ask').returnValue === 'yes') act('enable', { value: true }); $('ask').returnValue = ''; };
 for (const id of ['record', 'pause']) $(id).onclick = () => act(id, { value: Boolean($(id).value) });
+$('seek').onchange = () => { act('set', { node: `${rig}/player_node`, name: 'position', value: Number($('seek').value) }); $('seek').blur(); };
 $('orientation').onclick = () => { northUp = !northUp; $('orientation').textContent = northUp ? 'north' : 'ahead'; };
 
 function made(parent, name, text, kind = '') {

@@ -1,0 +1,97 @@
+"""The player holds, continues, and goes to another time of the bag."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+import rclpy
+from bag_messages import flight
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+from av_bags.nodes.player_node import PlayerNode
+from av_common.node import Executor
+
+pytestmark = pytest.mark.system
+LONG_S = 30.0
+
+
+class Replay:
+    """A player and a node that listens to /clock."""
+
+    def __init__(self, bag):
+        rclpy.init()
+        overrides = [Parameter('bag', value=str(bag)), Parameter('only', value='all'), Parameter('clock_rate', value=50.0)]
+        self.player = PlayerNode(parameter_overrides=overrides)
+        self.listener = rclpy.create_node('listener')
+        self.times = []
+        self.listener.create_subscription(Clock, '/clock', self.on_clock, 10)
+        self.executor = Executor()
+        self.executor.add_node(self.player)
+        self.executor.add_node(self.listener)
+        self.spin_until(lambda: len(set(self.times)) > 5)
+
+    def on_clock(self, message):
+        self.times.append(message.clock.sec + 1e-9 * message.clock.nanosec)
+
+    def spin(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def spin_until(self, condition):
+        end = time.monotonic() + LONG_S
+        while not condition():
+            assert time.monotonic() < end, 'the condition was not met in time'
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def pause(self, wanted):
+        client = self.listener.create_client(SetBool, '/player_node/pause')
+        self.spin_until(client.service_is_ready)
+        answer = client.call_async(SetBool.Request(data=wanted))
+        self.spin_until(answer.done)
+        assert answer.result().success
+
+    def go_to(self, position):
+        return self.player.set_parameters([Parameter('position', value=position)])[0].successful
+
+    def close(self):
+        self.player.close()
+        for node in (self.player, self.listener):
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def replay(tmp_path):
+    flight(tmp_path / 'flight.mcap', duration=20.0)
+    replay = Replay(tmp_path / 'flight.mcap')
+    yield replay
+    replay.close()
+
+
+def test_time_stands_still_while_paused(replay):
+    replay.pause(True)
+    replay.spin(0.3)
+    held, count = replay.times[-1], len(replay.times)
+    replay.spin(0.5)
+    assert len(replay.times) == count
+    replay.pause(False)
+    replay.spin_until(lambda: len(replay.times) > count + 5)
+    assert held <= replay.times[count] < held + 0.4  # goes on where it held
+
+
+def test_it_goes_to_another_time_forwards_backwards_and_paused(replay):
+    begin = replay.times[0]
+    for position in (12.0, 3.0):
+        assert replay.go_to(position)
+        replay.spin_until(lambda position=position: position <= replay.times[-1] - begin < position + 1.5)
+    replay.pause(True)
+    assert replay.go_to(8.0)
+    replay.spin(0.3)
+    replay.pause(False)
+    replay.spin_until(lambda: 8.0 <= replay.times[-1] - begin < 9.5)
+    assert not replay.go_to(100.0)  # beyond the end
+    assert not replay.go_to(-1.0)

@@ -1,0 +1,102 @@
+"""What viewers of a rig see, for Foxglove: pictures, boxes on them, and the state, by the optional package `foxglove-sdk`."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from av_view.picture import Picture
+
+GREEN, BLUE = (0.31, 0.86, 0.24, 1.0), (0.43, 0.7, 0.95, 1.0)  # of detections, of the bearing
+LINE, FONT = 2.0, 16.0  # pixels
+
+
+class Shown(NamedTuple):
+    """What viewers see of a rig.
+
+    Parameters:
+        snapshot: of `RigState`.
+        picture: the newest one; None where there is none.
+    """
+
+    snapshot: dict[str, Any]
+    picture: Picture | None
+
+
+def load_foxglove() -> ModuleType:
+    """The module foxglove. Raises ImportError that names what to install."""
+    try:
+        import foxglove.channels
+        import foxglove.messages
+    except ImportError as error:
+        raise ImportError(f'foxglove_port needs the Python package foxglove-sdk: pip install foxglove-sdk ({error})') from error
+    return foxglove
+
+
+class FoxglovePort:
+    """A WebSocket of Foxglove with `/view/picture`, `/view/annotations` and `/view/state`.
+
+    Attributes:
+        port: TCP port.
+
+    Parameters:
+        host: address of this machine to listen at.
+        port: TCP port; 0 for one that is free.
+
+    Raises ImportError without `foxglove-sdk`, RuntimeError where the address cannot be bound.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._foxglove = foxglove = load_foxglove()
+        self._context = context = foxglove.Context()  # ends its channels when it goes
+        self._server = foxglove.start_server(name='rig', host=host, port=port, context=context)
+        self.port = int(self._server.port)
+        self._pictures = foxglove.channels.CompressedImageChannel('/view/picture', context=context)
+        self._annotations = foxglove.channels.ImageAnnotationsChannel('/view/annotations', context=context)
+        self._newest: Picture | None = None
+        self._state = foxglove.Channel('/view/state', context=context)
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody has subscribed."""
+        return any(channel.has_sinks() for channel in (self._pictures, self._annotations, self._state))
+
+    def put(self, shown: Shown) -> None:
+        """Send a state, with its boxes and its bearing as annotations of the picture, and the picture where it is new."""
+        snapshot, picture = shown
+        if picture is not None and picture is not self._newest:
+            self._newest = picture
+            self._pictures.log(self._foxglove.messages.CompressedImage(
+                timestamp=self._time(picture.time), frame_id='camera', data=picture.data, format='jpeg'))
+        width, height = (picture.width, picture.height) if picture is not None else (1, 1)
+        messages = self._foxglove.messages
+        time = self._time(snapshot['time'])
+        lines, texts = [], []
+        for box in (snapshot['sight'] or {'boxes': ()})['boxes']:
+            if 'x' in box and None not in (box['x'], box['y'], box['width'], box['height']):
+                x, y, right, low = box['x'], box['y'], box['x'] + box['width'], box['y'] + box['height']
+                corners = [[x, y], [right, y], [right, low], [x, low]]
+                lines.append(self._line(messages.PointsAnnotationType.LineLoop, corners, GREEN, width, height))
+                texts.append(messages.TextAnnotation(
+                    position=messages.Point2(x=x * width, y=y * height), text=f'{box["name"]} {box["score"] or 0.0:.2f}',
+                    font_size=FONT, text_color=messages.Color(r=1.0, g=1.0, b=1.0, a=1.0)))
+        if snapshot['bearing'] is not None and snapshot['bearing']['line']:
+            strip = messages.PointsAnnotationType.LineStrip
+            lines.append(self._line(strip, snapshot['bearing']['line'], BLUE, width, height))
+        self._annotations.log(messages.ImageAnnotations(timestamp=time, points=lines, texts=texts))
+        self._state.log(snapshot)
+
+    def close(self) -> None:
+        """End all connections."""
+        self._server.stop()
+
+    def _time(self, seconds: float) -> Any:
+        return self._foxglove.messages.Timestamp(int(seconds), int(1e9 * (seconds % 1.0)))
+
+    def _line(self, kind: Any, points: list[list[float]], color: tuple[float, float, float, float], width: int,
+              height: int) -> Any:
+        messages = self._foxglove.messages
+        red, green, blue, alpha = color
+        return messages.PointsAnnotation(
+            type=kind, points=[messages.Point2(x=x * width, y=y * height) for x, y in points], thickness=LINE,
+            outline_color=messages.Color(r=red, g=green, b=blue, a=alpha))
