@@ -1,8 +1,8 @@
 """Export the network of the near pass, calibrated on places that it was not trained on.
 
 `python export_near.py CHECKPOINT [CHECKPOINT ...] OUT.onnx --cache FOLDER --unseen LEFT_OUT [LEFT_OUT ...]`. Of several
-checkpoints the mean of the weights is exported. The calibration is that of the checkpoints of `--unseen`, of the same recipe, on
-the places that these left out: what a network knows of pictures that it was trained on says nothing about others.
+checkpoints the mean of the weights is exported. The calibration is that of the checkpoints of `--unseen`, of the same recipe,
+on the places that these left out: what a network knows of pictures that it was trained on says nothing about others.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ def main() -> None:
     print(f'{args.out}: steps {steps}, calibrated on {len(seen.hits)} boxes: gain {gain[0]:.3f}, shift {shift:.3f}')
     for threshold in (0.1, 0.2, 0.28, 0.4, 0.5, 0.6, 0.7):
         before = float(1.0 / (1.0 + np.exp(-(logit(threshold) - shift) / gain[0])))
-        print(f'  at {threshold}: {seen.recall(before):.3f} found, {seen.false_pictures(before):.3f} pictures with a false drone')
+        print(f'  at {threshold}: {seen.recall(before):.3f} found, '
+              f'{seen.false_pictures(before):.3f} of the pictures with a false drone')
 
 
 if __name__ == '__main__':

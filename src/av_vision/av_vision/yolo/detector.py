@@ -165,8 +165,8 @@ class Detector:
         output = model.run(to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype))[0]
         return self._decoded(model, output, size, scale, region, image.shape[:2], floor)
 
-    def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region, shape: tuple[int, ...],
-                 floor: float) -> tuple[NDArray, NDArray]:
+    def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region,
+                 shape: tuple[int, ...], floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
         boxes, probabilities = model.layout.decode(output, size, floor)
         boxes = self._in_image(boxes, scale, model.box_padding) + np.array([region.x, region.y] * 2, np.float32)
