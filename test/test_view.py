@@ -34,7 +34,7 @@ def address_of(rig):
 def start(tmp_path, *arguments):
     parameters = tmp_path / 'view.yaml'
     parameters.write_text(f'/**/view_node:\n  ros__parameters:\n    port: {PORT}\n')
-    rig = RigProcess('view:=true', 'view_control:=true', 'monitor:=false', f'params:={parameters}', *arguments)
+    rig = RigProcess('oracle:=true', 'view:=true', 'view_control:=true', 'monitor:=false', f'params:={parameters}', *arguments)
     return rig, address_of(rig)
 
 
