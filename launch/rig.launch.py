@@ -48,7 +48,7 @@ ARGUMENTS = {
     'scenario': ('fog_woodland', "source:=sim: a shipped scenario's name or a file", None),
     'renderer': ('', 'source:=sim: scene (3D) or flat (cheaper); empty: scene, or flat with oracle:=true',
                  ['', 'scene', 'flat']),
-    'image_rate': ('10', 'source:=sim: images a second', None),
+    'image_rate': ('15', 'source:=sim: images a second', None),
     'drone_recording': ('', 'source:=sim: a sound file that the drone emits', None),
     'audio_header': ('true', 'source:=sim: send audio datagrams with number and time; false: samples only, as RFlySim',
                      ['true', 'false']),

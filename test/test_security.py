@@ -98,7 +98,7 @@ def wait_for(condition: Callable[[], bool], *participants: Participant, rig: Rig
 def test_the_secured_rig_tracks_and_only_its_keys_take_part(keystores, join):
     """Those without keys, or with keys of others, hear each other, but neither the rig nor are they heard by it."""
     ours, theirs = keystores
-    rig = RigProcess(f'security:={ours}', f'port_offset:={free_offset()}', 'monitor:=false')
+    rig = RigProcess('oracle:=true', f'security:={ours}', f'port_offset:={free_offset()}', 'monitor:=false')
     operator = join(rig.domain, 'operator', 'test_operator', keystore=ours)
     wait_for(lambda: operator.heard('tracks') > 20, operator, rig=rig)
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 from clips import clips_of, film
@@ -12,8 +14,10 @@ from numpy.typing import NDArray
 from tight import PADDING, padded, tightened, without_padding
 
 from av_vision.detections import Candidates
+from av_vision.search import RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
+from av_vision.yolo.region import Region
 
 
 @dataclass
@@ -97,13 +101,18 @@ def match(boxes: NDArray, real: NDArray) -> tuple[NDArray, NDArray]:
 
 @dataclass
 class FrameResult:
-    """What a network saw in one image, and what is there: tight boxes (k, 5) of class, x1, y1, x2, y2 and the labels' own."""
+    """What a network saw in one image, and what is there: tight boxes (k, 5) of class, x1, y1, x2, y2 and the labels' own.
+
+    `regions` are the parts of the image that it was shown (none: all of it), which took `processor_s` to search.
+    """
 
     clip: str
     time: float
     seen: Candidates
     truth: NDArray[np.float32]
     labels: NDArray[np.float32]
+    regions: Sequence[Region] = ()
+    processor_s: float = 0.0
 
     def drones(self, loose: bool = False) -> NDArray[np.float32]:
         """Boxes (k, 4) of the drones that are there, tight or as labelled."""
@@ -111,12 +120,25 @@ class FrameResult:
         return some[some[:, 0] == 0, 1:]
 
 
-def detect_all(detector: Detector, data: Path, split: str) -> list[FrameResult]:
-    """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold."""
+def detect_all(detector: Detector, data: Path, split: str, regions: int = 0) -> list[FrameResult]:
+    """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold.
+
+    Parameters:
+        detector: the detector.
+        data: the drone_detection data set.
+        split: the clips.
+        regions: how many regions of each image are searched, as on a rig; 0: all of it.
+    """
     results = []
     for clip in clips_of(data, split):
-        results += [FrameResult(clip, time, detector.candidates(image, detector.threshold), tightened(image, labels), labels)
-                    for time, image, labels in film(data, clip)]
+        near = detector.model.near
+        planner = RegionPlanner(detector.model.longest, near, regions) if regions and near else None
+        temporal = TemporalDetector(detector, planner=planner)
+        for time, image, labels in film(data, clip):
+            began = process_time()
+            seen, searched = temporal.look(image, time)
+            temporal.fuse(seen, time, searched)
+            results.append(FrameResult(clip, time, seen, tightened(image, labels), labels, searched, process_time() - began))
         print(f'\r{split}: {len(results)} images', end='', file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return results
@@ -132,7 +154,7 @@ def measure(results: list[FrameResult], detector: Detector, temporal_fusion: boo
     for i, result in enumerate(results):
         if result.clip != clip:
             clip, temporal = result.clip, TemporalDetector(detector, temporal_fusion=temporal_fusion)
-        found, _ = temporal.fuse(result.seen, result.time)
+        found, _ = temporal.fuse(result.seen, result.time, result.regions)
         boxes = without_padding(found.boxes, padding)
         overlap, offset = match(padded(boxes, PADDING) if loose else boxes, result.drones(loose))
         scores.append(found.scores)

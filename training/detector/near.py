@@ -6,6 +6,7 @@ from album import Album
 from painted import Rng
 from samples import Sample, finish
 
+INPUT = 320          # pixels of the longer side
 LEAST_SHARE = 0.06  # of the crop's side: what is smaller is for the pass over sharp crops, and counts for nothing here
 
 

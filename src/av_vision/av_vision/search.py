@@ -24,7 +24,7 @@ OVERLAP = 0.2                      # share of a tile that is common with its nei
 CONTEXT = 3.0                      # side of a crop in units of its object
 TRACK_S, BEARING_S, MOTION_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.2, 0.25, 1.5  # periods of the cues
 SEARCHED_S = 2.0                   # age of the oldest look at a tile up to which the whole image counts as searched
-FULL = 8                           # regions that take as long as the whole image at full resolution
+FULL = 11                          # regions that take as long as the whole image at full resolution
 SIGMAS = 2.0                       # half width of a bearing's crop in standard deviations
 
 

@@ -45,7 +45,13 @@ class TemporalDetector:
 
     def detect(self, image: NDArray, time: float, pose: CameraPose | None = None,
                bearing: BearingCue | None = None) -> tuple[Detections, list[int]]:
-        """Detections in an image and their track numbers.
+        """Detections in an image and their track numbers; `look` and `fuse` together."""
+        candidates, regions = self.look(image, time, pose, bearing)
+        return self.fuse(candidates, time, regions)
+
+    def look(self, image: NDArray, time: float, pose: CameraPose | None = None,
+             bearing: BearingCue | None = None) -> tuple[Candidates, Sequence[Region]]:
+        """Candidates in an image and the regions in which they were searched, none for all of it.
 
         An image of another size, or earlier than the last, discards all tracks.
 
@@ -65,10 +71,10 @@ class TemporalDetector:
             self._tracker.turn(lambda pixels: turned(pixels, before, pose))
         self._pose = pose
         regions = self.planner.plan(image.shape[:2], time, self._cues(time), bearing) if self.planner else ()
-        return self.fuse(self.detector.candidates(image, self.model.floor, regions), time, regions)
+        return self.detector.candidates(image, self.model.floor, regions), regions
 
     def fuse(self, candidates: Candidates, time: float, regions: Sequence[Region] = ()) -> tuple[Detections, list[int]]:
-        """As `detect`, from the candidates of an image.
+        """Detections and their track numbers from the candidates of an image.
 
         Parameters:
             candidates: candidates down to the floor of the model.

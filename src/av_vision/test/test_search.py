@@ -102,7 +102,7 @@ def test_the_same_images_give_the_same_regions():
 
 def test_the_pace_follows_the_processor():
     pace = Pace(0.06)
-    assert pace.regions(0.16, 0) == 3
+    assert pace.regions(0.22, 0) == 3
     for _ in range(100):
         slow = pace.regions(0.1, 2)
     assert slow == 1

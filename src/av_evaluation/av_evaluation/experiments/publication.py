@@ -21,6 +21,7 @@ from av_evaluation.runs.cases import Case
 
 Runs = Mapping[str, Sequence[RunResult]]
 TAUS = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
+DETECTOR = ', detector'  # ends the names of experiments with the shipped detector on rendered images; others have the oracle
 SOUND_METHODS = ('sound', 'gcc_phat', 'music', 'mvdr', 'moving_average')
 
 
@@ -61,13 +62,15 @@ def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
     """
     clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
     cases = {}
+    if not quick:
+        for experiment in EXPERIMENTS:
+            cases[f'{experiment.scenario}{DETECTOR}'] = [
+                Case(experiment.scenario, seed, METHODS, model='shipped') for seed in (1, 2)[:seeds]]
     for experiment in EXPERIMENTS:
         taus = TAUS if experiment.scenario in ('fog_woodland', 'occluded_room') else ()
         cases[experiment.scenario] = [Case(experiment.scenario, seed, METHODS, taus) for seed in range(1, seeds + 1)]
     for name in ('circle', 'tripod'):
         cases[f'{name}, rig still'] = [replace(case, follow=False) for case in cases[name][:max(seeds // 2, 1)]]
-    if not quick:
-        cases['fog_woodland, detector'] = [Case('fog_woodland', seed, METHODS, model='shipped') for seed in (1, 2)[:seeds]]
     if data.exists():
         cases['filmed'] = [Case(f'{FILMED}{clip}', methods=METHODS, data=str(data)) for clip in CLIPS[:clips]]
         cases['room'] = [Case(f'{ROOM}{number}', methods=SOUND_METHODS, data=str(data)) for number in range(rooms)]
@@ -76,7 +79,10 @@ def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
 
 def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | None]]]:
     """Figures by experiment and method, the content of metrics.json; `all` pools the four experiments of the publication."""
-    return {'all': metrics_of(_four(runs)), **{name: metrics_of(several) for name, several in runs.items() if several}}
+    pooled = {'all': metrics_of(_four(runs))}
+    if _four(runs, DETECTOR):
+        pooled[f'all{DETECTOR}'] = metrics_of(_four(runs, DETECTOR))
+    return {**pooled, **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
 def make_page(runs: Runs, command: str, quick: bool) -> Page:
@@ -121,7 +127,8 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
 def _table_1(page: Page, runs: Runs) -> None:
     page.heading('Table 1. Sound, sight and both')
     rows = []
-    for name, several in {**runs, 'the four together': _four(runs)}.items():
+    pooled = {f'the four together{kind}': _four(runs, kind) for kind in (DETECTOR, '') if _four(runs, kind)}
+    for name, several in {**runs, **pooled}.items():
         figures = metrics_of(several, ('sound', 'sight', 'fused'))
         rows.append([name, str(len(several)), *(_with_coverage(figures[sense]) for sense in figures),
                      cell(figures['fused'], 'hemisphere_errors', 100.0, '{:.1f} %'),
@@ -134,9 +141,9 @@ def _table_1(page: Page, runs: Runs) -> None:
                    'a drone circles in the simulated experiment, and a loudspeaker stands on a tripod in the physical one.')
 
 
-def _four(runs: Runs) -> list[RunResult]:
-    """The runs of the publication's four experiments."""
-    return [run for experiment in EXPERIMENTS for run in runs.get(experiment.scenario, ())]
+def _four(runs: Runs, kind: str = '') -> list[RunResult]:
+    """The runs of the publication's four experiments, with the oracle or, for the kind DETECTOR, with the detector."""
+    return [run for experiment in EXPERIMENTS for run in runs.get(f'{experiment.scenario}{kind}', ())]
 
 
 def _with_coverage(figures: Mapping[str, float | None]) -> str:

@@ -155,5 +155,6 @@ def _code() -> str:
     for package in PACKAGES:
         for file in sorted(Path(str(package.__file__)).parent.rglob('*.py')):
             digest.update(file.read_bytes())
-    digest.update(shipped_model().read_bytes())
+    for file in sorted(shipped_model().parent.glob('*.onnx')):
+        digest.update(file.read_bytes())
     return digest.hexdigest()

@@ -17,6 +17,7 @@ from av_vision.yolo.region import Region
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
+NEAR_MODEL = 0.065  # ... above which a network made for near objects is asked as well
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Detector:
         self.settings = settings
         self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
                            settings.input_size)
+        self._near = self._near_model(Path(model_path))
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
@@ -87,6 +89,18 @@ class Detector:
         self._by_name = np.argsort(number, kind='stable')
         self._first = np.searchsorted(number[self._by_name], np.arange(len(self._names)))
         self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
+
+    def _near_model(self, path: Path) -> Model:
+        """The network of the metadata's `near_model`, a file beside the model; the model itself without."""
+        name, model, settings = self.model.metadata.get('near_model', ''), self.model, self.settings
+        if not name or not model.near:
+            return model
+        if Path(name).name != name:
+            raise ModelError(f'{path} has near_model {name!r} in its metadata, expected the name of a file beside it')
+        near = Model(path.parent / name, settings.providers, settings.threads, input_size=model.near)
+        if near.class_names != model.class_names:
+            raise ModelError(f'{near.path} has the classes {near.class_names}, expected those of {path}: {model.class_names}')
+        return near
 
     def detect(self, image: NDArray) -> Detections:
         """Detections in one image: BGR (h, w, 3), grey (h, w) or 16-bit; raises ValueError for other arrays."""
@@ -122,8 +136,11 @@ class Detector:
 
     def _whole(self, height: int, width: int) -> list[Region]:
         """The whole image, and a smaller copy for objects too large for the network's input."""
-        near = [Region('near', 0, 0, width, height, self.model.near, NEAR * max(width, height))] if self.model.near else []
-        return [Region('full', 0, 0, width, height, self.model.longest), *near]
+        full = Region('full', 0, 0, width, height, self.model.longest)
+        if not self.model.near:
+            return [full]
+        least = (NEAR if self._near is self.model else NEAR_MODEL) * max(width, height)
+        return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
     def _search(self, image: NDArray[np.uint8], regions: Sequence[Region], floor: float) -> tuple[NDArray, NDArray]:
         """Boxes and probabilities in some regions of an image, and in tiles of `slice_size` as one batch."""
@@ -137,32 +154,31 @@ class Detector:
             fitted = [letterbox(cut(image, tile), *size) for tile in tiles]
             outputs = model.run(to_tensor([tile for tile, _ in fitted], model.layout.rgb, model.layout.scale, model.dtype))
             for tile, (_, scale), output in zip(tiles, fitted, outputs, strict=True):
-                found.append(self._decoded(output, size, scale, tile, (height, width), floor))
+                found.append(self._decoded(model, output, size, scale, tile, (height, width), floor))
         return np.concatenate([boxes for boxes, _ in found]), np.concatenate([table for _, table in found])
 
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
-        layout = self.model.layout
+        model = self._near if region.kind == 'near' else self.model
         size = self._input_size(region.height, region.width, region.longest)
         fitted, scale = letterbox(cut(image, region), *size)
-        output = self.model.run(to_tensor([fitted], layout.rgb, layout.scale, self.model.dtype))[0]
-        return self._decoded(output, size, scale, region, image.shape[:2], floor)
+        output = model.run(to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype))[0]
+        return self._decoded(model, output, size, scale, region, image.shape[:2], floor)
 
-    def _decoded(self, output: NDArray, size: tuple[int, int], scale: float, region: Region, shape: tuple[int, ...],
-                 floor: float) -> tuple[NDArray, NDArray]:
+    def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region,
+                 shape: tuple[int, ...], floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
-        boxes, probabilities = self.model.layout.decode(output, size, floor)
-        boxes = self._in_image(boxes, scale) + np.array([region.x, region.y] * 2, np.float32)
+        boxes, probabilities = model.layout.decode(output, size, floor)
+        boxes = self._in_image(boxes, scale, model.box_padding) + np.array([region.x, region.y] * 2, np.float32)
         selected = whole_in_tile(boxes, region, shape[1], shape[0])
         if region.least:
             selected &= (boxes[:, 2:] - boxes[:, :2] - self.model.box_padding).max(axis=1, initial=0.0) > region.least
         return self._named(boxes[selected], probabilities[selected])
 
-    def _in_image(self, boxes: NDArray, scale: float) -> NDArray:
-        """Boxes in the image from boxes in an input of `scale` times its size; both have the same padding in pixels."""
+    def _in_image(self, boxes: NDArray, scale: float, padding: NDArray) -> NDArray:
+        """Boxes in the image, padded in pixels as the model's, from boxes in an input of `scale` times its size."""
         middle, half = 0.5 * (boxes[:, :2] + boxes[:, 2:]) / scale, 0.5 * (boxes[:, 2:] - boxes[:, :2])
-        padding = np.minimum(0.5 * self.model.box_padding, half)
-        half = (half - padding) / scale + padding
+        half = (half - np.minimum(0.5 * padding, half)) / scale + np.minimum(0.5 * self.model.box_padding, half)
         return np.concatenate([middle - half, middle + half], axis=1)
 
     def _input_size(self, height: int, width: int, longest: int) -> tuple[int, int]:
