@@ -18,6 +18,9 @@ from av_fusion.multi_target.drone_evidence import DroneEvidence
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 
+MANOEUVRE_GATE = 25.0  # see `TargetDensity`
+
+
 class BernoulliTrack(TargetDensity):
     """A target that exists with a probability. The background of its mixture is the probability that it does not.
 
@@ -45,6 +48,7 @@ class BernoulliTrack(TargetDensity):
         self.kind = DroneEvidence()
         self.told_apart: dict[int, float] = {}
         self.time = time
+        self.manoeuvre_gate = MANOEUVRE_GATE
 
     @property
     def existence(self) -> float:
@@ -103,9 +107,9 @@ class BernoulliTrack(TargetDensity):
         """
         missed = 1.0 - self._multi.sound_detection_probability
         gains = _gains(heard, 1.0 - missed) * free
-        self.note_innovations(compared, fraction)
         for comparisons in compared:
             component = comparisons[0].component
+            self._note_nearest_sound(comparisons, free, fraction)
             fits = np.array([comparison.fit for comparison in comparisons])
             direct, unheard = missed**fraction + float(np.sum(fits * gains**fraction)), component.p_outlier
             total = unheard + (1.0 - unheard) * direct
@@ -116,6 +120,11 @@ class BernoulliTrack(TargetDensity):
             component.weight *= total
         self.adapt_to_sound(fraction)
         self.mixture.reduce()
+
+    def _note_nearest_sound(self, comparisons: Sequence[Comparison], free: NDArray[np.float64], fraction: float) -> None:
+        """Note the innovation of the nearest direction, as far as no other target explains it."""
+        nearest = min(range(len(comparisons)), key=lambda j: comparisons[j].deviations[0].distance)
+        self.note_innovation(comparisons[nearest], fraction, min(float(free[nearest]), 1.0))
 
     def miss_sound(self, fraction: float) -> None:
         """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""

@@ -25,7 +25,7 @@ class MultiTargetSettings:
         most_tracks: the least certain tracks beyond this number end.
     """
 
-    target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.002))
+    target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.001, elevation_density=0.0003))
     undetected_first: float = 1.0
     undetected: float = 0.1
     sound_detection_probability: float = 0.9
