@@ -17,6 +17,7 @@ from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import ZERO, Quaternion, Vector, combined, quaternion_of, rotation
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
@@ -46,7 +47,7 @@ class Sequence:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         self._random = Random(seed)
-        self._tracker = BayesTracker() if self._chance(0.8) else GatedTracker()
+        self._tracker = self._random.choice((BayesTracker, MultiTargetTracker, GatedTracker))()
         self._pointing, self._ages = PointingController(), Ages()
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])
@@ -109,7 +110,7 @@ class Sequence:
     def _send(self, message: DoaMeasurement | CameraMeasurement) -> None:
         self._sent.append(message)
         if isinstance(message, DoaMeasurement):
-            self._tracker.add_doa(message)
+            self._tracker.add_doas([message])
         else:
             self._tracker.add_camera(message)
 

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from av_fusion.filter.ambiguity import Ambiguity
 from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import Hearing
@@ -16,7 +17,6 @@ from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO
 from av_fusion.multi_target.drone_evidence import DroneEvidence
 from av_fusion.multi_target.settings import MultiTargetSettings
-
 
 MANOEUVRE_GATE = 25.0  # see `TargetDensity`
 
@@ -31,6 +31,7 @@ class BernoulliTrack(TargetDensity):
         began (s): time of its first measurement.
         score: that of the detection that supports it in the newest image, 0 for none.
         kind: evidence of what it is.
+        ambiguity: whether front and back are told apart.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
 
     Parameters:
@@ -46,6 +47,7 @@ class BernoulliTrack(TargetDensity):
         self.id, self.began = identifier, time
         self.score = 0.0
         self.kind = DroneEvidence()
+        self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
         self.time = time
         self.manoeuvre_gate = MANOEUVRE_GATE

@@ -31,7 +31,7 @@ class MultiTargetFilter:
 
     Attributes:
         tracks: in the order of their ids.
-        newest (s): newest capture time of a measurement.
+        newest, newest_doa (s): newest capture times of any measurement, and of a direction of arrival.
 
     Parameters:
         settings: see `MultiTargetSettings`.
@@ -47,7 +47,7 @@ class MultiTargetFilter:
     def reset(self) -> None:
         """Discard all tracks; their ids are not used again."""
         self.tracks = []
-        self.newest = self._newest_doa = self._newest_image = self._newest_sighting = -math.inf
+        self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
         self._undetected = self._settings.undetected_first
 
     def turn_world(self, rows: Rows) -> None:
@@ -63,9 +63,9 @@ class MultiTargetFilter:
             measurements: directions in the body frame, of different sources; none where nothing was heard.
         """
         window = max((measurement.window for measurement in measurements), default=USUAL_WINDOW_S)
-        fraction = effective_sample_fraction(time, self._newest_doa, window)
-        since = max(time - self._newest_doa, 0.0)
-        self._newest_doa, self.newest = max(self._newest_doa, time), max(self.newest, time)
+        fraction = effective_sample_fraction(time, self.newest_doa, window)
+        since = max(time - self.newest_doa, 0.0)
+        self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         places = [track.advance(time) for track in self.tracks]
         for track in self.tracks:
             track.predict_heard(since)
