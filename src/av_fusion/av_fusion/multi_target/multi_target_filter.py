@@ -89,10 +89,10 @@ class MultiTargetFilter:
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             if each:
                 track.use_sound(time, each, heard, factors, fraction)
-        self._note(time, ratios * free, [measurement.drone_probability for measurement in measurements])
+        self._note(time, ratios * free, [_kind(measurement) for measurement in measurements])
         for measurement, hearing, new in zip(measurements, heard, unexplained * odds / (1.0 + odds), strict=True):
             self._begin(time, [birth._replace(newest_doa=time) for birth in hearing.births], fraction * float(new),
-                        measurement.drone_probability)
+                        _kind(measurement))
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.
@@ -172,3 +172,8 @@ class MultiTargetFilter:
         first.mixture.reduce()
         if second.id < first.id:
             first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+
+
+def _kind(measurement: DoaMeasurement) -> float:
+    """Probability that what is heard is a target; NaN while it is not judged."""
+    return math.nan if math.isnan(measurement.drone_probability) else measurement.target_probability
