@@ -73,6 +73,21 @@ def test_a_bird_is_tracked_but_not_followed():
     assert track.state == State.NONE and targets.selected == 0
 
 
+def test_a_bystander_is_tracked_but_not_followed():
+    """Two sounds, of which one is judged to be no drone: both have tracks, the drone is followed throughout."""
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(3)
+    for step in range(40):
+        time = 100.0 + 0.1 * step
+        tracker.add_pose(Pose.level(time, 0.0))
+        tracker.add_doas([sensors.doa(time, 0.9)._replace(drone_probability=0.02),
+                          sensors.doa(time, -0.3)._replace(drone_probability=0.9)])
+        track = tracker.estimate(time)
+        if step > 10:
+            assert min(abs(track.azimuth + 0.3), abs(abs(track.azimuth) - (math.pi - 0.3))) < 0.15
+    kinds = [target.drone_probability > 0.5 for target in tracker.targets(track).targets]
+    assert sorted(kinds) == [False, True]
+
+
 def test_a_clearly_more_urgent_target_is_followed_after_a_while():
     """A rival must be more urgent for DWELL_S without a break."""
     selector = TargetSelector('centre')

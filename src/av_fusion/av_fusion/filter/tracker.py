@@ -151,7 +151,7 @@ class BayesTracker:
 
     def targets(self, track: Track) -> Targets:
         """See `Tracker`."""
-        return self._target.targets(track, 1.0 - self._posterior.mixture.background)
+        return self._target.targets(track, max(1.0 - self._posterior.mixture.background, 0.0))
 
     def select(self, identifier: int) -> None:
         """See `Tracker`."""

@@ -30,6 +30,7 @@ class MultiTargetTracker:
     Attributes:
         settings: see `MultiTargetSettings`.
         motion: the rig's attitude and path over time.
+        filter: all tracks.
         machine: which sensor leads for the followed target, and why.
         planner: rotations of the rig that resolve the front-back ambiguities of all targets.
         looks: looks of a camera on a gimbal; None for a fixed camera.
@@ -45,7 +46,7 @@ class MultiTargetTracker:
         self.machine = StateMachine(target.machine)
         self.planner = RotationPlanner(target.rotation)
         self.looks = CameraLooks(target.gimbal) if target.gimbal else None
-        self._filter = MultiTargetFilter(self.settings, self.motion)
+        self.filter = MultiTargetFilter(self.settings, self.motion)
         self._calibration = SightingCalibration(target, self.motion)
         self._selector = TargetSelector(self.settings.policy)
         self._targets = Targets(0.0)
@@ -54,7 +55,7 @@ class MultiTargetTracker:
 
     def reset(self) -> None:
         """See `Tracker`."""
-        self._filter.reset()
+        self.filter.reset()
         self._calibration.reset()
         self._targets = Targets(0.0)
         self._visibility = math.nan
@@ -64,7 +65,7 @@ class MultiTargetTracker:
         """See `Tracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
         jump = self.motion.add(pose)
         if jump is not None:
-            self._filter.turn_world(jump)
+            self.filter.turn_world(jump)
             self._calibration.turn_world(jump)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
@@ -75,10 +76,10 @@ class MultiTargetTracker:
         time = usable[0].time - self.settings.target.sound_delay
         self._reset_after_gap(time)
         # A sighting is compared with the only sound: of several it is not known which is the one that is seen.
-        heard = [self._calibration.correct(one, time, self._filter.newest_doa) if len(usable) == 1
+        heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(usable) == 1
                  else self._calibration.array.corrected(one) for one in usable]
         self._mirror_axis = mirror_axis(heard[0].hypotheses, heard[0].cone)
-        self._filter.update_sound(time, heard)
+        self.filter.update_sound(time, heard)
         followed = self._followed()
         primary = None if followed is None else followed.mixture.primary()
         self.machine.on_doa(time, heard[0].confidence, primary is not None and primary.newest_doa >= time)
@@ -96,7 +97,7 @@ class MultiTargetTracker:
         self._reset_after_gap(time)
         self._visibility = usable.visibility
         self._calibration.see(time, usable.best if len(usable.detections) == 1 else None)
-        self._filter.update_image(time, usable)
+        self.filter.update_image(time, usable)
         followed = self._followed()
         score = followed.score if followed is not None else usable.best.score if usable.best is not None else 0.0
         self.machine.on_image(time, score)
@@ -106,8 +107,8 @@ class MultiTargetTracker:
     def estimate(self, time: float) -> Track:
         """See `Tracker`: the followed target. The filter itself is not moved."""
         tracks = {}
-        if abs(time - self._filter.newest) < MAX_GAP_S:
-            tracks = {track.id: track for track in self._filter.tracks if track.existence >= self.settings.confirmed}
+        if abs(time - self.filter.newest) < MAX_GAP_S:
+            tracks = {track.id: track for track in self.filter.tracks if track.existence >= self.settings.confirmed}
         found = [target for target in (self._target(time, track) for track in tracks.values()) if target is not None]
         drones = [target for target in found if not target.drone_probability < DRONE]
         chosen = self._selector.choose(time, drones)
@@ -138,10 +139,10 @@ class MultiTargetTracker:
         return {**self.machine.diagnostics(), 'targets': str(len(self._targets.targets)), **self._calibration.diagnostics()}
 
     def _followed(self) -> BernoulliTrack | None:
-        return next((track for track in self._filter.tracks if track.id == self._targets.selected), None)
+        return next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
 
     def _reset_after_gap(self, time: float) -> None:
-        if math.isfinite(self._filter.newest) and abs(time - self._filter.newest) > MAX_GAP_S:
+        if math.isfinite(self.filter.newest) and abs(time - self.filter.newest) > MAX_GAP_S:
             self.reset()
 
     def _target(self, time: float, track: BernoulliTrack) -> Target | None:
