@@ -15,7 +15,7 @@ from av_fusion.filter.tracker import MAX_GAP_S, SOURCES, UNKNOWN
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Vector
+from av_fusion.measurement.vectors import Vector, turned
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
@@ -162,9 +162,12 @@ class MultiTargetTracker:
                          float(time - primary.newest_doa <= settings.machine.sound_timeout)]
         state = (State.VISUAL_ACTIVE if source & Source.SIGHT else State.ACOUSTIC_ACTIVE if source & Source.SOUND
                  else State.COASTING)
+        seen = bool(source & Source.SIGHT)
+        axis = None if seen or self._mirror_axis is None else turned(attitude, self._mirror_axis)
+        shown = later.with_variance(track.variance_scale(time, seen), axis)
         return Target(track.id, track.existence, placed(Track(
             time=time, state=state, source=source, measured=primary.measured, front_probability=front,
-            resolved=track.ambiguity.resolved), later, self.motion), track.kind.probability, primary.newest_doa,
+            resolved=track.ambiguity.resolved), shown, self.motion), track.kind.probability, primary.newest_doa,
             primary.newest_sighting)
 
     def _plan_rotation(self, time: float, tracks: Sequence[BernoulliTrack]) -> float:
