@@ -12,7 +12,7 @@ AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/c
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
-GIMBAL = 'gimbal/state'
+GIMBAL, TARGETS = 'gimbal/state', 'targets'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
 # Types of each topic that can be read: the rig's own type first, then those that are converted to it.
@@ -32,6 +32,7 @@ KINDS: dict[str, tuple[str, ...]] = {
     FRAMES: ('tf2_msgs/msg/TFMessage',),
     MOTORS: ('std_msgs/msg/Float32MultiArray',),
     GIMBAL: ('av_interfaces/msg/GimbalState',),
+    TARGETS: ('av_interfaces/msg/TrackArray',),
 }
 
 _CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES)
@@ -39,7 +40,7 @@ _CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES)
 STAGES: dict[str, tuple[str, ...]] = {
     'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),
     'doa': (DOA, DETECTIONS, *_CONTEXT),
-    'bearing': (BEARING, STATE, DOA, DETECTIONS, *_CONTEXT),
+    'bearing': (BEARING, TARGETS, STATE, DOA, DETECTIONS, *_CONTEXT),
     'all': tuple(KINDS),
 }
 # Types among KINDS whose messages have no stamp.

@@ -83,3 +83,30 @@ class Track(NamedTuple):
     def hemisphere_probability(self) -> float:
         """Probability 0.5..1 that the bearing is in the correct hemisphere, front or back."""
         return max(self.front_probability, 1.0 - self.front_probability)
+
+
+class Target(NamedTuple):
+    """One of several targets.
+
+    Parameters:
+        id: stays with the target as long as its track lives, from 1; ids are not used again.
+        existence: probability 0..1 that there is such a target.
+        track: where it is.
+        drone_probability: probability 0..1 that it is a drone; NaN while unknown.
+        heard, seen (s): capture times of its newest direction of arrival and detection; -inf for never.
+    """
+
+    id: int
+    existence: float
+    track: Track
+    drone_probability: float = math.nan
+    heard: float = -math.inf
+    seen: float = -math.inf
+
+
+class Targets(NamedTuple):
+    """All targets that are tracked at `time` (s), by id, and the id of the one that is followed; 0 for none."""
+
+    time: float
+    targets: tuple[Target, ...] = ()
+    selected: int = 0

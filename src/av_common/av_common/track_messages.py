@@ -10,8 +10,9 @@ import numpy as np
 from std_msgs.msg import Header
 
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Source, State, Track
-from av_interfaces.msg import Bearing, FusionState
+from av_common.track import Source, State, Target, Targets, Track
+from av_interfaces.msg import Bearing, FusionState, TrackArray
+from av_interfaces.msg import Track as TrackMessage
 
 
 def bearing_message(track: Track, frame_id: str) -> Bearing:
@@ -48,6 +49,29 @@ def state_message(track: Track, missing: Sequence[str], frame_id: str) -> Fusion
         changed=to_stamp(max(track.changed, 0.0)), sound_confidence=track.sound_confidence,
         sight_confidence=track.sight_confidence, sound_weight=track.sound_weight, sight_weight=track.sight_weight,
         visibility=track.visibility, front_probability=track.front_probability, missing=list(missing))
+
+
+def targets_message(targets: Targets, frame_id: str) -> TrackArray:
+    """The `TrackArray` of all targets.
+
+    Parameters:
+        targets: the targets.
+        frame_id: frame of the rig's body.
+    """
+    return TrackArray(header=Header(stamp=to_stamp(targets.time), frame_id=frame_id), selected=targets.selected,
+                      tracks=[_track_message(target) for target in targets.targets])
+
+
+def _track_message(target: Target) -> TrackMessage:
+    track = target.track
+    return TrackMessage(
+        id=target.id, existence=target.existence, drone_probability=target.drone_probability,
+        class_id='drone' if target.drone_probability >= 0.5 else '', azimuth=track.azimuth, elevation=track.elevation,
+        azimuth_world=track.azimuth_world, azimuth_world_rate=track.azimuth_world_rate,
+        elevation_world=track.elevation_world, elevation_world_rate=track.elevation_world_rate,
+        covariance_world=np.array(track.covariance_world, np.float32), range=track.range, range_variance=track.range_variance,
+        source=int(track.source), hemisphere_probability=track.hemisphere_probability, resolved=track.resolved,
+        last_heard=to_stamp(max(target.heard, 0.0)), last_seen=to_stamp(max(target.seen, 0.0)))
 
 
 def track_of_bearing(message: Any) -> Track:

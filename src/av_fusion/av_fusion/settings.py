@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 from av_common.rig import GimbalMount
@@ -13,6 +14,8 @@ from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.gimbal_stage import JointNames
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_fusion.tracker_protocol import Tracker
 
 
@@ -33,12 +36,18 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     if p.method == 'gated':
         return GatedTracker(GatedSettings(machine=machine, rotation=rotation, sound_delay=p.sound_delay,
                                           sight_delay=p.sight_delay))
-    return BayesTracker(BayesSettings(
+    target = BayesSettings(
         machine=machine, rotation=rotation, acceleration_density=p.acceleration_density,
         rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, confirm_threshold=p.confirm_threshold,
         detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
         self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
-        gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay))
+        gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay)
+    if p.method == 'multi':
+        steady = MultiTargetSettings().target
+        return MultiTargetTracker(MultiTargetSettings(
+            replace(target, acceleration_density=p.targets.acceleration_density, elevation_density=steady.elevation_density),
+            policy=p.targets.policy))
+    return BayesTracker(target)
 
 
 def joint_names(parameters: Any) -> JointNames:

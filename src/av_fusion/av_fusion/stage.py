@@ -17,14 +17,14 @@ from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds
 from av_common.track import Track
-from av_common.track_messages import bearing_message, state_message
+from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
 from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
-from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, Visibility
+from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
@@ -36,6 +36,7 @@ class FusionOutput(NamedTuple):
 
     bearing: Bearing
     state: FusionState
+    targets: TrackArray
 
 
 class FusionObserver(Protocol):
@@ -235,9 +236,8 @@ class FusionStage:
         measurements = self.converter.doa(message)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
-        for measurement in measurements:
-            if measurement.confidence >= self.settings.min_doa_confidence:
-                self.tracker.add_doa(measurement)
+        self.tracker.add_doas([measurement for measurement in measurements
+                               if measurement.confidence >= self.settings.min_doa_confidence])
         return True
 
     def _use_detections(self, message: Detection2DArray, arrival: float) -> bool:
@@ -260,7 +260,8 @@ class FusionStage:
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
-        return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame))
+        return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame),
+                            targets_message(self.tracker.targets(track), frame))
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,

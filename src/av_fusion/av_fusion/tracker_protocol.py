@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
-from av_common.track import Track
+from av_common.track import Targets, Track
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
 
 class Tracker(Protocol):
-    """Estimates the bearing of one target. Measurements may arrive late and out of order; times are capture times in s."""
+    """Estimates the bearing of a target: of the one that is followed where there are several.
+
+    Measurements may arrive late and out of order; times are capture times in s.
+    """
 
     @property
     def motion(self) -> RigMotion:
@@ -22,14 +26,23 @@ class Tracker(Protocol):
     def add_pose(self, pose: Pose) -> None:
         """Use attitude and motion of the rig."""
 
-    def add_doa(self, measurement: DoaMeasurement) -> None:
-        """Use a direction of arrival; one that is not plausible is ignored."""
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """Use the directions of arrival of one window, of different sources; those that are not plausible are ignored."""
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Use the detections of an image, or their absence."""
 
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may be later than the newest measurement."""
+
+    def targets(self, track: Track) -> Targets:
+        """All targets at the time of the newest estimate, `track`."""
+
+    def select(self, identifier: int) -> None:
+        """Follow the target with this id as long as it is tracked; 0: follow the one of the policy.
+
+        Raises ValueError where no such target is tracked.
+        """
 
     def diagnostics(self) -> dict[str, str]:
         """Names and values of internal state for diagnostics, such as the result of self-calibration."""

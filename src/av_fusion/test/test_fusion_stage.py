@@ -88,11 +88,13 @@ def test_directions_and_detections_give_bearings():
         output = stage.on_doa(doa(now - 0.3, 0.2), now)
         output = stage.on_detections(detections(now - 0.1, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), now)
         assert to_seconds(output.bearing.header.stamp) == to_seconds(output.state.header.stamp) == pytest.approx(now)
-    bearing, state = output
+    bearing, state, targets = output
     assert bearing.azimuth == pytest.approx(0.2, abs=0.01) and bearing.azimuth_world == pytest.approx(1.2, abs=0.01)
     assert bearing.resolved and bearing.state == state.state == Bearing.STATE_VISUAL_ACTIVE
     assert bearing.requested_rotation == 0.0 and bearing.header.frame_id == 'base_link'
     assert not state.missing
+    assert targets.header == bearing.header and targets.selected == targets.tracks[0].id == 1
+    assert targets.tracks[0].azimuth_world == bearing.azimuth_world
 
 
 def test_a_stamp_of_another_clock_is_counted_and_not_used():

@@ -111,8 +111,8 @@ def test_it_can_be_switched_off():
 
 def test_a_misaligned_camera_has_little_effect():
     """With a camera 1 degree off at 20 degrees, within its sigma, an ideal array moves by less than 4 at 60 degrees."""
-    self_calibration, tracker, sensors = ArraySelfCalibration(), BayesTracker(), SimulatedSensors(1, math.radians(0.5))
-    tracker.self_calibration = self_calibration
+    tracker, sensors = BayesTracker(), SimulatedSensors(1, math.radians(0.5))
+    self_calibration = tracker.self_calibration
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)
         tracker.add_camera(sensors.camera(t, truth * 1.05))

@@ -10,17 +10,20 @@ import math
 from dataclasses import dataclass
 from random import Random
 
-from av_common.track import State, Track
+from av_common.track import State, Targets, Track
 from av_evaluation.metrics.command_limits import CommandLimits
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import ZERO, Quaternion, Vector, combined, quaternion_of, rotation
+from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, PointingController
 
 ABSURD = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, 1e9, -1e9, math.pi, -math.pi)
 STEP = 0.02
+WEIGHT_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Sequence:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         self._random = Random(seed)
-        self._tracker = BayesTracker() if self._chance(0.8) else GatedTracker()
+        self._tracker = self._random.choice((BayesTracker, MultiTargetTracker, GatedTracker))()
         self._pointing, self._ages = PointingController(), Ages()
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])
@@ -100,6 +103,11 @@ class Sequence:
             return f'track is not finite: {track}'
         if track.state != State.NONE and not (track.azimuth_variance > 0.0 and -math.pi <= track.azimuth <= math.pi):
             return f'track is impossible: {track}'
+        reason = check_targets(self._tracker.targets(track))
+        if not reason and isinstance(self._tracker, MultiTargetTracker):
+            reason = check_weights(self._tracker.filter)
+        if reason:
+            return reason
         if not math.isfinite(track.requested_rotation):
             return f'requested rotation {track.requested_rotation}'
         if command.yaw_rate != 0.0 and not self._ages.body_left > 0.0:
@@ -109,7 +117,7 @@ class Sequence:
     def _send(self, message: DoaMeasurement | CameraMeasurement) -> None:
         self._sent.append(message)
         if isinstance(message, DoaMeasurement):
-            self._tracker.add_doa(message)
+            self._tracker.add_doas([message])
         else:
             self._tracker.add_camera(message)
 
@@ -156,6 +164,26 @@ class Sequence:
                      azimuth_variance=self._variance(), elevation_variance=self._variance(),
                      azimuth_world_rate=self._value(0.0, 1.0), resolved=self._chance(0.5),
                      requested_rotation=self._value(0.0, 1.0))
+
+
+def check_targets(targets: Targets) -> str:
+    """The fault of a list of targets, '' for none."""
+    ids = [target.id for target in targets.targets]
+    if ids != sorted(set(ids)) or targets.selected not in (0, *ids):
+        return f'targets {ids}, of which {targets.selected} is selected'
+    for target in targets.targets:
+        if not 0.0 <= target.existence <= 1.0 or not all(map(math.isfinite, (target.track.azimuth, target.track.elevation))):
+            return f'target is impossible: {target}'
+    return ''
+
+
+def check_weights(targets: MultiTargetFilter) -> str:
+    """The fault of the weights of a filter's tracks, '' for none: with the background they sum to one."""
+    for track in targets.tracks:
+        weights = [component.weight for component in track.mixture.components]
+        if min(weights, default=0.0) < 0.0 or not abs(sum(weights) + track.mixture.background - 1.0) < WEIGHT_TOLERANCE:
+            return f'weights of track {track.id}: {weights}, background {track.mixture.background}'
+    return ''
 
 
 def fuzz(first: int, count: int, messages: int = 20) -> list[Broken]:

@@ -31,7 +31,7 @@ from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.report.status_line import format_status
 from av_evaluation.report.table import LABEL_WIDTH, format_table
 from av_fusion.measurement.converter import MeasurementConverter
-from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
+from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, TrackArray
 from av_pointing.controller import Mode
 
 LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
@@ -55,6 +55,7 @@ class MonitorNode(RigNode):
         self._state: FusionState | None = None
         self._command: PointingCommand | None = None
         self._bearing: Bearing | None = None
+        self._targets: TrackArray | None = None
         self._problems: dict[str, str] = {}
         self._reported = False
 
@@ -67,6 +68,7 @@ class MonitorNode(RigNode):
         self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._converter.set_camera_info, STREAM)
         self.while_active(subscribe, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(subscribe, FusionState, 'fusion/state', self._on_state, RESULT)
+        self.while_active(subscribe, TrackArray, 'targets', self._on_targets, RESULT)
         self.while_active(subscribe, PointingCommand, 'pointing/command', self._on_command, RESULT)
         self.while_active(subscribe, Odometry, 'truth/target', partial(self._on_truth, topics.TRUE_TARGET), STREAM)
         self.while_active(subscribe, Odometry, 'truth/rig', partial(self._on_truth, topics.TRUE_RIG), STREAM)
@@ -105,6 +107,9 @@ class MonitorNode(RigNode):
     def _on_state(self, message: FusionState) -> None:
         self._state = message
 
+    def _on_targets(self, message: TrackArray) -> None:
+        self._targets = message
+
     def _on_command(self, message: PointingCommand) -> None:
         Mode(message.mode)  # raises ValueError for an unknown mode
         self._command = message
@@ -128,8 +133,8 @@ class MonitorNode(RigNode):
             if self._bearing.measured.sec:
                 delay = self.now() - to_seconds(self._bearing.measured)
         rates = {name: meter.rate if meter.age < 2.0 else 0.0 for name, meter in self._meters.items()}
-        print(format_status(elapsed, self._bearing, self._state, self._command, truth, rates, delay, self._problems),
-              flush=True)
+        print(format_status(elapsed, self._bearing, self._state, self._targets, self._command, truth, rates, delay,
+                            self._problems), flush=True)
         if self._settings.duration and elapsed >= self._settings.duration:
             self.finish()
 

@@ -115,6 +115,7 @@ class Pipeline:
     def _publish_fused(self, output: FusionOutput) -> None:
         now = to_seconds(output.bearing.header.stamp)
         self._publish(names.STATE, now, output.state)
+        self._publish(names.TARGETS, now, output.targets)
         self._publish(names.BEARING, now, output.bearing)
         if self._detection is not None:
             self._detection.on_bearing(output.bearing)

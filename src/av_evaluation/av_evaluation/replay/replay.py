@@ -181,7 +181,7 @@ class Replay:
         for name in (*wanted, names.CAMERA, names.ODOMETRY, names.TRUE_TARGET, names.TRUE_RIG):
             if name in found.missing and not (name == names.ODOMETRY and self.stage == 'bearing'):
                 self._note(f'{found.missing[name]}: {WITHOUT[name]}')
-        beside: tuple[str, ...] = (names.STATE, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
+        beside: tuple[str, ...] = (names.STATE, names.TARGETS, names.DOA, names.DETECTIONS) if self.stage == 'bearing' else ()
         beside += (names.MOTORS,) if self.stage == 'raw' and names.AUDIO in found else ()
         beside += (names.VISIBILITY,) if images == names.DETECTIONS else ()
         return {name: found.topics[name] for name in (*wanted, *beside, *CONTEXT) if name in found}

@@ -13,10 +13,11 @@ from av_evaluation.metrics.results import RunResult, errors_together
 from av_evaluation.report.plot import broken, shade
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
-           'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
+           'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b',
+           'multi': '#3b8ea5'}
 LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
           'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
-          'mvdr': 'MVDR'}
+          'mvdr': 'MVDR', 'multi': 'several targets (ours)'}
 
 
 def label(method: str) -> str:

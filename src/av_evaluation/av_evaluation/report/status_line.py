@@ -11,15 +11,18 @@ from av_pointing.controller import Mode
 
 MARKS = {State.NONE: 'no target', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
 
+MOST_TARGETS = 10  # whose ids are shown
 
-def format_status(elapsed: float, bearing: Any | None, state: Any | None, command: Any | None, truth: float,
-                  rates: Mapping[str, float], delay: float, problems: Mapping[str, str]) -> str:
+
+def format_status(elapsed: float, bearing: Any | None, state: Any | None, targets: Any | None, command: Any | None,
+                  truth: float, rates: Mapping[str, float], delay: float, problems: Mapping[str, str]) -> str:
     """One line of state, bearing, confidences, command, rates and delay, and a line for each problem.
 
     Parameters:
         elapsed (s): since the start.
         bearing: newest `Bearing`, or None.
         state: newest `FusionState`, or None.
+        targets: newest `TrackArray`, or None; of several the ids are shown.
         command: newest `PointingCommand`, or None.
         truth (rad): true azimuth in the body frame, nan where unknown.
         rates (Hz): of messages, by name.
@@ -38,6 +41,9 @@ def format_status(elapsed: float, bearing: Any | None, state: Any | None, comman
         hemisphere = 'resolved' if bearing is not None and bearing.resolved else 'ambiguous'
         parts.append(f'conf sound {state.sound_confidence:.2f} sight {state.sight_confidence:.2f}')
         parts.append(f'front {100.0 * state.front_probability:3.0f} % {hemisphere}')
+    if targets is not None and len(targets.tracks) > 1:
+        shown = [f'[{track.id}]' if track.id == targets.selected else str(track.id) for track in targets.tracks[:MOST_TARGETS]]
+        parts.append(f'{len(targets.tracks)} targets {" ".join(shown)}')
     if command is not None:
         moving = f'{math.degrees(command.yaw_rate):+4.0f} deg/s' if command.move_body else ''
         parts.append(f'{Mode(command.mode).name.lower():<6} {moving}')

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-from av_common.track import Track
+from av_common.track import Targets, Track
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
@@ -29,9 +30,9 @@ class MeasurementRecord:
     def replay(self, tracker: Tracker) -> Series:
         """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
         series = RunLog().fused
-        for event in self.events:
-            if isinstance(event, DoaMeasurement):
-                tracker.add_doa(event)
+        for event in self._windows():
+            if isinstance(event, list):
+                tracker.add_doas(event)
             elif isinstance(event, CameraMeasurement):
                 tracker.add_camera(event)
             elif isinstance(event, Pose):
@@ -41,6 +42,20 @@ class MeasurementRecord:
                 series.add(event, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
                            event - track.measured)
         return series
+
+    def _windows(self) -> Iterator[Pose | list[DoaMeasurement] | CameraMeasurement | float]:
+        """The events, with the directions of one window together."""
+        window: list[DoaMeasurement] = []
+        for event in self.events:
+            if window and not (isinstance(event, DoaMeasurement) and event.time == window[0].time):
+                yield window
+                window = []
+            if isinstance(event, DoaMeasurement):
+                window.append(event)
+            else:
+                yield event
+        if window:
+            yield window
 
 
 class RecordingTracker:
@@ -68,10 +83,10 @@ class RecordingTracker:
         self._events.append(pose)
         self._tracker.add_pose(pose)
 
-    def add_doa(self, measurement: DoaMeasurement) -> None:
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
-        self._events.append(measurement)
-        self._tracker.add_doa(measurement)
+        self._events.extend(measurements)
+        self._tracker.add_doas(measurements)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`."""
@@ -82,6 +97,14 @@ class RecordingTracker:
         """See `Tracker`."""
         self._events.append(time)
         return self._tracker.estimate(time)
+
+    def targets(self, track: Track) -> Targets:
+        """See `Tracker`."""
+        return self._tracker.targets(track)
+
+    def select(self, identifier: int) -> None:
+        """See `Tracker`."""
+        self._tracker.select(identifier)
 
     def diagnostics(self) -> dict[str, str]:
         """See `Tracker`."""

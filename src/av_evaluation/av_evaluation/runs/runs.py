@@ -17,7 +17,7 @@ from av_bags.topics import parse_remappings
 from av_common.config_reader import ConfigError, load
 from av_common.files import shown
 from av_common.rig import load_rig
-from av_evaluation.experiments.methods import BASELINES, FOLDED, UnavailableError, bearings, track
+from av_evaluation.experiments.methods import BASELINES, FOLDED, TRACKERS, UnavailableError, bearings, track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
 from av_evaluation.metrics.metrics import compare, coverage_of, instants, summarise, switches, time_to_resolve
@@ -101,7 +101,7 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, a
     unaided = compare(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else compared
     result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, unaided.error_deg,
                           coverage_of(grid, time))
-    if method in ('fused', 'gated'):
+    if method in TRACKERS:
         series = track(method, record, log, tau)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]

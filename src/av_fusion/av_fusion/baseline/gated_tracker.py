@@ -8,13 +8,15 @@ reported as they are.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from av_common.angles import wrap
-from av_common.track import Source, State, Track
+from av_common.track import Source, State, Targets, Track
 from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings, Tilt
 from av_fusion.filter.gaussian_component import share_within
+from av_fusion.filter.single_target import SingleTarget
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
@@ -91,6 +93,7 @@ class GatedTracker:
         self.machine = StateMachine(self.settings.machine)
         self.planner = RotationPlanner(self.settings.rotation)
         self._target = _Target()
+        self._named = SingleTarget()
 
     def reset(self) -> None:
         """See `Tracker`."""
@@ -113,8 +116,13 @@ class GatedTracker:
             self._target.detection = (time, best)
             self._target.unambiguous = (time, self._world_azimuth(time, best))
 
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """See `Tracker`."""
+        for measurement in measurements:
+            self.add_doa(measurement)
+
     def add_doa(self, measurement: DoaMeasurement) -> None:
-        """See `Tracker`; one of the mirror images is chosen."""
+        """Use one direction of arrival; one of the mirror images is chosen."""
         usable, target = usable_doa(measurement), self._target
         if usable is None:
             return
@@ -176,6 +184,14 @@ class GatedTracker:
             requested_rotation=rotation, sound_weight=float(not (by_sight or coasting)),
             sight_weight=float(by_sight and not coasting))
 
+    def targets(self, track: Track) -> Targets:
+        """See `Tracker`."""
+        return self._named.targets(track)
+
+    def select(self, identifier: int) -> None:
+        """See `Tracker`."""
+        self._named.select(identifier)
+
     def diagnostics(self) -> dict[str, str]:
         """See `Tracker`."""
         return self.machine.diagnostics()
@@ -186,7 +202,7 @@ class GatedTracker:
         if target.unambiguous is not None and time - target.unambiguous[0] <= self.settings.memory:
             self.planner.cancel()
             return True, 0.0
-        return False, self.planner.plan(time, yaw, lambda: target.candidates,
+        return False, self.planner.plan(time, yaw, lambda: [target.candidates],
                                         Tilt((math.cos(target.axis), math.sin(target.axis), 0.0)), target.visibility)
 
     def _compare_after_turn(self, time: float, yaw: float, world: list[float]) -> tuple[float, float] | None:

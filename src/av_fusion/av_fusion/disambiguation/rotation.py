@@ -119,7 +119,7 @@ class RotationPlanner:
         self._target: float | None = None  # yaw at the end of a fixed turn
         self._direction = 0.0
         self._planned = -math.inf
-        self._candidates: Sequence[Candidate] = ()
+        self._pairs: Sequence[Sequence[Candidate]] = ()
         self._centre: float | None = None
 
     def cancel(self) -> None:
@@ -129,14 +129,14 @@ class RotationPlanner:
         """
         self._since = self._target = self._centre = None
 
-    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Candidate]], tilt: Tilt,
+    def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
              visibility: float) -> float:
         """The remaining rotation (rad, counter-clockwise), 0 when none is requested.
 
         Parameters:
             time (s): time of the request.
             yaw (rad): yaw of the rig in the world.
-            find_candidates: returns the possible directions; it is called every REPLAN_S only.
+            find_candidates: returns the possible directions of each target; it is called every REPLAN_S only.
             tilt: the axis between the mirror images, and how the rig tilts.
             visibility: visibility 0..1, NaN if unknown.
         """
@@ -145,8 +145,9 @@ class RotationPlanner:
         if not abs(time - self._planned) < FORGET_S:
             self._direction = 0.0
         if replan:
-            self._planned, self._candidates = time, sorted(find_candidates(), key=lambda candidate: -candidate.weight)
-        if not settings.enabled or len(self._candidates) < 2:
+            ranked = [sorted(found, key=lambda candidate: -candidate.weight) for found in find_candidates()]
+            self._planned, self._pairs = time, [found[:2] for found in ranked if len(found) >= 2]
+        if not settings.enabled or not self._pairs:
             self.cancel()
             return 0.0
         self._since = time if self._since is None else self._since
@@ -161,9 +162,10 @@ class RotationPlanner:
         if not left:
             return 0.0
         if replan or self._direction not in left:
-            first, second, *_ = self._candidates
-            *expected, waiting = expected_times([*(direction * room for direction, room in left.items()), 0.0], first, second,
-                                                tilt, visibility if math.isfinite(visibility) else 0.0, settings)
+            turns = [*(direction * room for direction, room in left.items()), 0.0]
+            known = visibility if math.isfinite(visibility) else 0.0
+            *expected, waiting = np.mean([expected_times(turns, first, second, tilt, known, settings)
+                                          for first, second in self._pairs], axis=0)
             if tilt.continues and waiting <= min(expected):
                 self._direction = 0.0
                 return 0.0

@@ -54,7 +54,8 @@ class Posterior(TargetDensity):
         """Weigh the components by a direction of arrival, and update each as far as it explains it."""
         compared, clutter, peak = self.compare_sound([heard], lag, moved), heard.clutter, heard.peak
         self.mixture.predict_outlier(since, outlier_rate, heard.width)
-        self.note_innovations(compared, fraction)
+        for (comparison,) in compared:
+            self.note_innovation(comparison, fraction)
         direct = [clutter**fraction + fit * peak**fraction for ((*_, fit, _),) in compared]
         self.mixture.update_outlier(direct, clutter**fraction + peak**fraction * heard.width / math.sqrt(fraction))
         for comparisons in compared:

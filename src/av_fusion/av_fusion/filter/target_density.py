@@ -83,6 +83,7 @@ class TargetDensity:
         consistency: of the innovations.
         time: instant in s for which the mixture is valid, None before the first measurement.
         newest_sighting: newest capture time (s) of an image with detections.
+        manoeuvre_gate: square of an innovation, in standard deviations, from which it is no manoeuvre but another target.
 
     Parameters:
         settings: see `BayesSettings`.
@@ -96,6 +97,7 @@ class TargetDensity:
         self.consistency = SensorConsistency()
         self.time: float | None = None
         self.newest_sighting = -math.inf
+        self.manoeuvre_gate = math.inf
 
     def advance(self, time: float) -> tuple[float, Vector]:
         """Predict to `time`.
@@ -152,16 +154,17 @@ class TargetDensity:
             compared.append([hearing.likelihood.compare(component, past) for hearing in heard])
         return compared
 
-    def note_innovations(self, compared: Sequence[Sequence[Comparison]], fraction: float) -> None:
-        """Note the innovation of the nearest direction of arrival for each component.
+    def note_innovation(self, comparison: Comparison, fraction: float, weight: float = 1.0) -> None:
+        """Note the innovation of a direction of arrival under a component.
 
         Parameters:
-            compared: each component with each direction.
-            fraction: effective sample fraction, by which the directions' variances have been divided.
+            comparison: of the component with it.
+            fraction: effective sample fraction, by which the direction's variance has been divided.
+            weight: probability that it concerns this target.
         """
-        for comparisons in compared:
-            component, _, (deviation, *_), _, _ = min(comparisons, key=lambda comparison: comparison.deviations[0].distance)
-            weight = component.weight * (1.0 - component.p_outlier)
+        component, deviation = comparison.component, comparison.deviations[0]
+        if deviation.distance < self.manoeuvre_gate:
+            weight *= component.weight * (1.0 - component.p_outlier)
             self.process_noise.note(weight, component.across_rate, deviation.innovation, deviation.total)
             own = deviation.total - (1.0 - fraction) * deviation.noise    # with the variance of the direction itself
             self.consistency.sound.note(weight, deviation.innovation, own)
@@ -219,7 +222,8 @@ class TargetDensity:
             found = [ratio * factor for ratio, factor in zip(found, free, strict=True)]
             missed, likelihood = likelihood, likelihood + sum(found)
             shares = [ratio / likelihood for ratio in found]
-            self._associate(component, past, image.directions, deviations, shares)
+            self._note_nearest(component, deviations, free)
+            _associate(component, past, image.directions, deviations, shares)
             score = max((d.score for d, share in zip(image.measurement.detections, shares, strict=True) if share > ASSOCIATED),
                         default=0.0)
             if sum(shares) >= ASSOCIATED:
@@ -228,20 +232,27 @@ class TargetDensity:
         component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
         return score
 
-    def _associate(self, component: GaussianComponent, past: PastState, directions: Sequence[WorldDirection],
-                   deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]) -> None:
-        """Update a component by detections with their association probabilities."""
-        # The nearest detection counts for the process noise even if it is not associated: the target may be turning away.
-        nearest, *others = min(deviations, key=distance)
-        self.process_noise.note(component.weight, component.across_rate, nearest.innovation, nearest.total)
-        self.consistency.sight.note(component.weight, nearest.innovation, nearest.total)
-        level = math.cos(component.elevation) ** 2
-        for part in others:  # overhead both axes are alike
-            self.process_noise.note((1.0 - level) * component.weight, component.up_rate, part.innovation, part.total)
-        component.update_alternatives(past, nearest.row, [parts[0].innovation for parts in deviations],
-                                      [parts[0].noise for parts in deviations], shares)
-        _update_elevation(component, past, [(direction, share) for direction, share in zip(directions, shares, strict=True)
-                                            if direction.is_known])
+    def _note_nearest(self, component: GaussianComponent, deviations: Sequence[Sequence[Deviation]], free: Sequence[float]
+                      ) -> None:
+        """Note the nearest detection even if it is not associated: the target may be turning away."""
+        nearest = min(range(len(deviations)), key=lambda k: distance(deviations[k]))
+        across, *others = deviations[nearest]
+        weight, level = component.weight * min(free[nearest], 1.0), math.cos(component.elevation) ** 2
+        if across.distance < self.manoeuvre_gate:
+            self.process_noise.note(weight, component.across_rate, across.innovation, across.total)
+            self.consistency.sight.note(weight, across.innovation, across.total)
+            for part in others:  # overhead both axes are alike
+                self.process_noise.note((1.0 - level) * weight, component.up_rate, part.innovation, part.total)
+
+
+def _associate(component: GaussianComponent, past: PastState, directions: Sequence[WorldDirection],
+               deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]) -> None:
+    """Update a component by detections with their association probabilities."""
+    nearest = min(deviations, key=distance)[0]
+    component.update_alternatives(past, nearest.row, [parts[0].innovation for parts in deviations],
+                                  [parts[0].noise for parts in deviations], shares)
+    _update_elevation(component, past, [(direction, share) for direction, share in zip(directions, shares, strict=True)
+                                        if direction.is_known])
 
 
 def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[tuple[WorldDirection, float]]) -> None:

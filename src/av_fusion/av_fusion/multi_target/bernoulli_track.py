@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from av_fusion.filter.ambiguity import Ambiguity
 from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import Hearing
@@ -16,6 +17,8 @@ from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO
 from av_fusion.multi_target.drone_evidence import DroneEvidence
 from av_fusion.multi_target.settings import MultiTargetSettings
+
+MANOEUVRE_GATE = 25.0  # see `TargetDensity`
 
 
 class BernoulliTrack(TargetDensity):
@@ -28,6 +31,7 @@ class BernoulliTrack(TargetDensity):
         began (s): time of its first measurement.
         score: that of the detection that supports it in the newest image, 0 for none.
         kind: evidence of what it is.
+        ambiguity: whether front and back are told apart.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
 
     Parameters:
@@ -43,8 +47,10 @@ class BernoulliTrack(TargetDensity):
         self.id, self.began = identifier, time
         self.score = 0.0
         self.kind = DroneEvidence()
+        self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
         self.time = time
+        self.manoeuvre_gate = MANOEUVRE_GATE
 
     @property
     def existence(self) -> float:
@@ -103,9 +109,9 @@ class BernoulliTrack(TargetDensity):
         """
         missed = 1.0 - self._multi.sound_detection_probability
         gains = _gains(heard, 1.0 - missed) * free
-        self.note_innovations(compared, fraction)
         for comparisons in compared:
             component = comparisons[0].component
+            self._note_nearest_sound(comparisons, free, fraction)
             fits = np.array([comparison.fit for comparison in comparisons])
             direct, unheard = missed**fraction + float(np.sum(fits * gains**fraction)), component.p_outlier
             total = unheard + (1.0 - unheard) * direct
@@ -116,6 +122,11 @@ class BernoulliTrack(TargetDensity):
             component.weight *= total
         self.adapt_to_sound(fraction)
         self.mixture.reduce()
+
+    def _note_nearest_sound(self, comparisons: Sequence[Comparison], free: NDArray[np.float64], fraction: float) -> None:
+        """Note the innovation of the nearest direction, as far as no other target explains it."""
+        nearest = min(range(len(comparisons)), key=lambda j: comparisons[j].deviations[0].distance)
+        self.note_innovation(comparisons[nearest], fraction, min(float(free[nearest]), 1.0))
 
     def miss_sound(self, fraction: float) -> None:
         """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""

@@ -31,7 +31,7 @@ class MultiTargetFilter:
 
     Attributes:
         tracks: in the order of their ids.
-        newest (s): newest capture time of a measurement.
+        newest, newest_doa (s): newest capture times of any measurement, and of a direction of arrival.
 
     Parameters:
         settings: see `MultiTargetSettings`.
@@ -47,7 +47,7 @@ class MultiTargetFilter:
     def reset(self) -> None:
         """Discard all tracks; their ids are not used again."""
         self.tracks = []
-        self.newest = self._newest_doa = self._newest_image = self._newest_sighting = -math.inf
+        self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
         self._undetected = self._settings.undetected_first
 
     def turn_world(self, rows: Rows) -> None:
@@ -63,9 +63,9 @@ class MultiTargetFilter:
             measurements: directions in the body frame, of different sources; none where nothing was heard.
         """
         window = max((measurement.window for measurement in measurements), default=USUAL_WINDOW_S)
-        fraction = effective_sample_fraction(time, self._newest_doa, window)
-        since = max(time - self._newest_doa, 0.0)
-        self._newest_doa, self.newest = max(self._newest_doa, time), max(self.newest, time)
+        fraction = effective_sample_fraction(time, self.newest_doa, window)
+        since = max(time - self.newest_doa, 0.0)
+        self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         places = [track.advance(time) for track in self.tracks]
         for track in self.tracks:
             track.predict_heard(since)
@@ -89,10 +89,10 @@ class MultiTargetFilter:
         for track, each, factors in zip(self.tracks, compared, free, strict=True):
             if each:
                 track.use_sound(time, each, heard, factors, fraction)
-        self._note(time, ratios * free, [measurement.drone_probability for measurement in measurements])
+        self._note(time, ratios * free, [_kind(measurement) for measurement in measurements])
         for measurement, hearing, new in zip(measurements, heard, unexplained * odds / (1.0 + odds), strict=True):
             self._begin(time, [birth._replace(newest_doa=time) for birth in hearing.births], fraction * float(new),
-                        measurement.drone_probability)
+                        _kind(measurement))
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.
@@ -172,3 +172,8 @@ class MultiTargetFilter:
         first.mixture.reduce()
         if second.id < first.id:
             first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+
+
+def _kind(measurement: DoaMeasurement) -> float:
+    """Probability that what is heard is a target; NaN while it is not judged."""
+    return math.nan if math.isnan(measurement.drone_probability) else measurement.target_probability

@@ -23,9 +23,10 @@ class MultiTargetSettings:
         confirmed: existence probability from which a track is reported.
         duplicate_time (s): two tracks that agree become one when no scan has told them apart for so long, or ever.
         most_tracks: the least certain tracks beyond this number end.
+        policy: which target is followed, see `TargetSelector`.
     """
 
-    target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.002))
+    target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.001, elevation_density=0.0003))
     undetected_first: float = 1.0
     undetected: float = 0.1
     sound_detection_probability: float = 0.9
@@ -35,3 +36,4 @@ class MultiTargetSettings:
     confirmed: float = 0.5
     duplicate_time: float = 10.0
     most_tracks: int = 50
+    policy: str = 'certain'

@@ -19,7 +19,8 @@ from av_common.tf_rotations import TfRotations
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
-from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, Visibility
+from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
+from av_interfaces.srv import SelectTarget
 
 
 class FusionNode(RigNode):
@@ -43,6 +44,7 @@ class FusionNode(RigNode):
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
+        self._targets_publisher = self.create_publisher(TrackArray, 'targets', RESULT)
 
     def activate(self) -> None:
         """Subscribe to the sensors."""
@@ -52,6 +54,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
+        self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
@@ -74,6 +77,14 @@ class FusionNode(RigNode):
     def _on_gimbal(self, message: GimbalState) -> None:
         self._publish(self._stage.on_gimbal(message, self.now()))
 
+    def _on_select(self, request: SelectTarget.Request, response: SelectTarget.Response) -> SelectTarget.Response:
+        try:
+            self._stage.tracker.select(request.id)
+            response.success = True
+        except ValueError as error:
+            response.message = str(error)
+        return response
+
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self.now()))
 
@@ -82,6 +93,7 @@ class FusionNode(RigNode):
             self._timer.reset()
             self._state_publisher.publish(output.state)
             self._bearing_publisher.publish(output.bearing)
+            self._targets_publisher.publish(output.targets)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Which inputs are missing, and what cannot be used."""

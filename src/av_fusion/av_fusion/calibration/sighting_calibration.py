@@ -1,0 +1,83 @@
+"""Calibration of directions of arrival by what the camera sees at the same time."""
+
+from __future__ import annotations
+
+import math
+
+from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
+from av_fusion.calibration.sighting_history import Sighting, SightingHistory
+from av_fusion.filter.outlier_rate import OutlierRateEstimator
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.target_density import effective_sample_fraction
+from av_fusion.measurement.measurements import Detection, DoaMeasurement
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction, dot, turned, turned_back
+
+LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
+
+
+class SightingCalibration:
+    """Compares directions of arrival with sightings of their time, and corrects them by all comparisons so far.
+
+    Attributes:
+        array: what is known of the array.
+        outlier_rate: share of directions of arrival that do not stem from the target.
+
+    Parameters:
+        settings: see `BayesSettings`.
+        motion: attitude of the rig.
+    """
+
+    def __init__(self, settings: BayesSettings, motion: RigMotion) -> None:
+        self._settings, self._motion = settings, motion
+        self.array = ArraySelfCalibration(settings.self_calibration)
+        self.outlier_rate = OutlierRateEstimator(settings.outlier_rate)
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard the sightings, but keep what is known of the array."""
+        self._sightings = SightingHistory()
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn the sightings with the world, where the rig's attitude was corrected."""
+        self._sightings.turn_world(rows)
+
+    def see(self, time: float, best: Detection | None) -> None:
+        """Note the best detection of an image captured at `time` (s), if it is certain enough."""
+        if best is not None and best.score >= LEAST_CONFIDENCE:
+            seen = turned(self._motion.attitude(time), direction(best.azimuth, best.elevation))
+            self._sightings.add(Sighting(time, seen, best.across_variance))
+
+    def correct(self, measurement: DoaMeasurement, time: float, newest: float) -> DoaMeasurement:
+        """Compare a direction of arrival with the sighting of its time; returns it corrected.
+
+        Parameters:
+            measurement: the direction.
+            time (s): its capture time.
+            newest (s): capture time of the newest direction before.
+        """
+        sighting, cone = self._sightings.at(time), measurement.cone
+        seen = None if sighting is None else turned_back(self._motion.attitude(time), sighting.direction)
+        if self._settings.self_calibration.enabled:
+            if cone is not None and sighting is not None and seen is not None and measurement.confidence >= LEAST_CONFIDENCE:
+                fraction = effective_sample_fraction(time, newest, measurement.window)
+                variance = cone.variance + self._settings.sound_floor_sigma**2 * cone.slope_squared
+                azimuth, elevation = from_axis(cone.axis, seen)
+                self.array.compare(time, cone.cosine, azimuth, elevation, max(variance, LEAST_COMPARED_VARIANCE) / fraction,
+                                   sighting.variance)
+            measurement = self.array.corrected(measurement)
+        if seen is not None:
+            self.outlier_rate.compare(measurement, time, seen)
+        return measurement
+
+    def diagnostics(self) -> dict[str, str]:
+        """What is known of the array, as texts."""
+        learned = self.array.describe() if self.array.compared else {}
+        return {f'array self-calibration: {name}': value for name, value in learned.items()}
+
+
+def from_axis(axis: Vector, seen: Vector) -> tuple[float, float]:
+    """Azimuth and elevation (rad) of a direction in a frame whose x axis is `axis` and whose y axis is level in the body."""
+    level = max(math.hypot(axis[0], axis[1]), 1e-9)
+    left = (-axis[1] / level, axis[0] / level, 0.0)
+    return angles((dot(axis, seen), dot(left, seen), dot(cross(axis, left), seen)))

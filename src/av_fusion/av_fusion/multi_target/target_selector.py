@@ -1,0 +1,75 @@
+"""Which of several targets is followed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from av_common.track import Target, Track
+
+MARGIN = 1.5  # of the urgency of another target over that of the followed one, from which it is followed
+DWELL_S = 1.0  # for which it must be so
+
+
+def _angle(track: Track) -> float:
+    return math.acos(min(max(math.cos(track.azimuth) * math.cos(track.elevation), -1.0), 1.0))
+
+
+def _sigma(track: Track) -> float:
+    return math.sqrt(max(track.covariance_world[0], 1e-8))
+
+
+# Urgency of a target by policy. A target on a collision course has a constant bearing.
+POLICIES: Mapping[str, Callable[[Target], float]] = {
+    'certain': lambda target: target.existence / (_sigma(target.track) + math.radians(1.0)),
+    'centre': lambda target: target.existence / (_angle(target.track) + math.radians(1.0)),
+    'closing': lambda target: target.existence / (
+        math.hypot(target.track.azimuth_world_rate * math.cos(target.track.elevation_world), target.track.elevation_world_rate)
+        + _sigma(target.track) + math.radians(1.0)),
+}
+
+
+class TargetSelector:
+    """Chooses the target by a policy, and keeps it until another one is clearly more urgent for some time.
+
+    Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
+
+    Parameters:
+        policy: one of POLICIES.
+
+    Raises ValueError for another policy.
+    """
+
+    def __init__(self, policy: str) -> None:
+        if policy not in POLICIES:
+            raise ValueError(f'policy {policy!r}, expected one of {", ".join(POLICIES)}')
+        self._urgency = POLICIES[policy]
+        self._followed = self._wanted = self._rival = 0
+        self._rival_since = math.inf
+
+    def want(self, identifier: int) -> None:
+        """Follow the target with this id while it is tracked; 0: by the policy."""
+        self._wanted = identifier
+
+    def choose(self, time: float, targets: Sequence[Target]) -> int:
+        """The id of the target to follow, 0 where there is none.
+
+        Parameters:
+            time (s): the present.
+            targets: of which one is followed.
+        """
+        urgency = {target.id: self._urgency(target) for target in targets}
+        if self._wanted in urgency:
+            self._followed = self._wanted
+            return self._followed
+        self._wanted = 0
+        rival = max(urgency, key=urgency.__getitem__, default=0)
+        if self._followed not in urgency:
+            self._followed = rival
+        elif urgency[rival] <= MARGIN * urgency[self._followed]:
+            self._rival = 0
+        elif rival != self._rival or not time >= self._rival_since:
+            self._rival, self._rival_since = rival, time
+        elif time - self._rival_since >= DWELL_S:
+            self._followed = rival
+        return self._followed

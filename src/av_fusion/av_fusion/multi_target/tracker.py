@@ -1,0 +1,194 @@
+"""Tracks several targets and follows one of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from av_common.track import Source, State, Target, Targets, Track
+from av_fusion.calibration.sighting_calibration import SightingCalibration
+from av_fusion.disambiguation.rotation import RotationPlanner, Tilt
+from av_fusion.filter.camera_looks import CameraLooks
+from av_fusion.filter.doa_likelihood import mirror_axis
+from av_fusion.filter.state_machine import StateMachine
+from av_fusion.filter.tracker import MAX_GAP_S, SOURCES, UNKNOWN
+from av_fusion.filter.world_track import placed
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import Vector, turned
+from av_fusion.multi_target.bernoulli_track import BernoulliTrack
+from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.target_selector import TargetSelector
+
+DRONE = 0.5  # probability of being a drone below which a target is known to be something else, and not followed
+
+
+class MultiTargetTracker:
+    """A `MultiTargetFilter` of which one target is followed. Implements `Tracker`.
+
+    Attributes:
+        settings: see `MultiTargetSettings`.
+        motion: the rig's attitude and path over time.
+        filter: all tracks.
+        machine: which sensor leads for the followed target, and why.
+        planner: rotations of the rig that resolve the front-back ambiguities of all targets.
+        looks: looks of a camera on a gimbal; None for a fixed camera.
+
+    Parameters:
+        settings: see the attribute.
+    """
+
+    def __init__(self, settings: MultiTargetSettings | None = None) -> None:
+        self.settings = settings or MultiTargetSettings()
+        target = self.settings.target
+        self.motion = RigMotion()
+        self.machine = StateMachine(target.machine)
+        self.planner = RotationPlanner(target.rotation)
+        self.looks = CameraLooks(target.gimbal) if target.gimbal else None
+        self.filter = MultiTargetFilter(self.settings, self.motion)
+        self._calibration = SightingCalibration(target, self.motion)
+        self._selector = TargetSelector(self.settings.policy)
+        self._targets = Targets(0.0)
+        self._visibility = math.nan
+        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
+
+    def reset(self) -> None:
+        """See `Tracker`."""
+        self.filter.reset()
+        self._calibration.reset()
+        self._targets = Targets(0.0)
+        self._visibility = math.nan
+        self._mirror_axis = None
+
+    def add_pose(self, pose: Pose) -> None:
+        """See `Tracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
+        jump = self.motion.add(pose)
+        if jump is not None:
+            self.filter.turn_world(jump)
+            self._calibration.turn_world(jump)
+
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """See `Tracker`."""
+        usable = [one for one in map(usable_doa, measurements) if one is not None]
+        if not usable:
+            return
+        time = usable[0].time - self.settings.target.sound_delay
+        self._reset_after_gap(time)
+        # A sighting is compared with the only sound: of several it is not known which is the one that is seen.
+        heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(usable) == 1
+                 else self._calibration.array.corrected(one) for one in usable]
+        self._mirror_axis = mirror_axis(heard[0].hypotheses, heard[0].cone)
+        self.filter.update_sound(time, heard)
+        followed = self._followed()
+        primary = None if followed is None else followed.mixture.primary()
+        self.machine.on_doa(time, heard[0].confidence, primary is not None and primary.newest_doa >= time)
+
+    def add_doa(self, measurement: DoaMeasurement) -> None:
+        """Use the only direction of arrival of a window."""
+        self.add_doas([measurement])
+
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """See `Tracker`."""
+        usable = usable_camera(measurement)
+        if usable is None:
+            return
+        time = usable.time - self.settings.target.sight_delay
+        self._reset_after_gap(time)
+        self._visibility = usable.visibility
+        self._calibration.see(time, usable.best if len(usable.detections) == 1 else None)
+        self.filter.update_image(time, usable)
+        followed = self._followed()
+        score = followed.score if followed is not None else usable.best.score if usable.best is not None else 0.0
+        self.machine.on_image(time, score)
+        if self.looks is not None:
+            self.looks.on_image(time, usable, self.motion, score >= self.machine.settings.tau)
+
+    def estimate(self, time: float) -> Track:
+        """See `Tracker`: the followed target. The filter itself is not moved."""
+        tracks = {}
+        if abs(time - self.filter.newest) < MAX_GAP_S:
+            tracks = {track.id: track for track in self.filter.tracks if track.existence >= self.settings.confirmed}
+        found = [target for target in (self._target(time, track) for track in tracks.values()) if target is not None]
+        drones = [target for target in found if not target.drone_probability < DRONE]
+        chosen = self._selector.choose(time, drones)
+        self._targets = Targets(time, tuple(found), chosen)
+        machine, state = self.machine, self.machine.step(time, chosen > 0)
+        rotation = self._plan_rotation(time, [tracks[target.id] for target in drones])
+        base = next((target.track for target in drones if target.id == chosen),
+                    Track(time, attitude_known=self.motion.is_known(time)))
+        sight, sound = (float(bool(base.source & bit)) for bit in (Source.SIGHT, Source.SOUND))
+        return base._replace(
+            state=state, reason=machine.reason, changed=machine.changed, requested_rotation=rotation,
+            look=self._plan_look(time, state, [tracks[target.id] for target in drones]),
+            sound_confidence=machine.sound_confidence, sight_confidence=machine.sight_confidence,
+            sound_weight=sound * (1.0 - 0.5 * sight), sight_weight=sight * (1.0 - 0.5 * sound), visibility=self._visibility)
+
+    def targets(self, track: Track) -> Targets:
+        """See `Tracker`."""
+        return self._targets
+
+    def select(self, identifier: int) -> None:
+        """See `Tracker`."""
+        if identifier and all(target.id != identifier for target in self._targets.targets):
+            raise ValueError(f'target {identifier} is not tracked')
+        self._selector.want(identifier)
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        return {**self.machine.diagnostics(), 'targets': str(len(self._targets.targets)), **self._calibration.diagnostics()}
+
+    def _followed(self) -> BernoulliTrack | None:
+        return next((track for track in self.filter.tracks if track.id == self._targets.selected), None)
+
+    def _reset_after_gap(self, time: float) -> None:
+        if math.isfinite(self.filter.newest) and abs(time - self.filter.newest) > MAX_GAP_S:
+            self.reset()
+
+    def _target(self, time: float, track: BernoulliTrack) -> Target | None:
+        """A track predicted to `time`; None where its direction is lost by then."""
+        primary, mixture = track.mixture.primary(), track.mixture
+        if primary is None or track.time is None:
+            return None
+        ahead, noise, moved = time - track.time, track.noise_scale(time), self.motion.moved(track.time, time)
+        later = mixture.predicted(primary, ahead, noise, moved)
+        settings = self.settings.target
+        if later.across_variance >= settings.lost_sigma**2 or time - primary.measured > MAX_GAP_S:
+            return None
+        attitude = self.motion.attitude(time)
+        front = mixture.front_probability(attitude, ahead, noise, moved)
+        track.ambiguity.decide(mixture, primary, front, self._mirror_axis, attitude)
+        source = SOURCES[float(time - primary.newest_sighting <= settings.machine.sight_timeout),
+                         float(time - primary.newest_doa <= settings.machine.sound_timeout)]
+        state = (State.VISUAL_ACTIVE if source & Source.SIGHT else State.ACOUSTIC_ACTIVE if source & Source.SOUND
+                 else State.COASTING)
+        seen = bool(source & Source.SIGHT)
+        axis = None if seen or self._mirror_axis is None else turned(attitude, self._mirror_axis)
+        shown = later.with_variance(track.variance_scale(time, seen), axis)
+        return Target(track.id, track.existence, placed(Track(
+            time=time, state=state, source=source, measured=primary.measured, front_probability=front,
+            resolved=track.ambiguity.resolved), shown, self.motion), track.kind.probability, primary.newest_doa,
+            primary.newest_sighting)
+
+    def _plan_rotation(self, time: float, tracks: Sequence[BernoulliTrack]) -> float:
+        """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
+        axis, unresolved = self._mirror_axis, [track for track in tracks if not track.ambiguity.resolved]
+        if not unresolved or axis is None:
+            self.planner.cancel()
+            return 0.0
+        yaw = self.motion.yaw(time)
+        tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
+        return self.planner.plan(time, yaw, lambda: [track.ambiguity.candidates(track.mixture, yaw, tilt.axis)
+                                                     for track in unresolved], tilt, self._visibility)
+
+    def _plan_look(self, time: float, state: State, tracks: Sequence[BernoulliTrack]) -> tuple[float, float] | None:
+        """Where a look decides most about the tracks that are not resolved, or about the followed one."""
+        if self.looks is None:
+            return None
+        if state == State.VISUAL_ACTIVE:
+            self.looks.planner.cancel()
+            return None
+        open_tracks = [track for track in tracks if not track.ambiguity.resolved or track.id == self._targets.selected]
+        visibility = self._visibility if math.isfinite(self._visibility) else UNKNOWN
+        components = [component for track in open_tracks for component in track.mixture.components]
+        return self.looks.plan(time, components, visibility * self.settings.target.detection_probability, self.motion)

@@ -1,0 +1,145 @@
+"""The tracker of several targets: which one is followed, ids, disambiguation, messages."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from simulated_sensors import SimulatedSensors
+from test_tracker import errors_deg, run
+
+from av_common.parameters import node_parameters
+from av_common.track import State, Target, Track
+from av_common.track_messages import targets_message
+from av_fusion.filter.tracker import BayesTracker
+from av_fusion.measurement.measurements import CameraMeasurement, Detection
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.target_selector import DWELL_S, TargetSelector
+from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.settings import make_tracker
+
+SIGMA = math.radians(0.4)
+
+
+def image(time, *targets):
+    """An image of targets as (azimuth, score)."""
+    return CameraMeasurement(time, tuple(Detection(azimuth, SIGMA**2, score, 0.1, SIGMA**2) for azimuth, score in targets),
+                             visibility=1.0)
+
+
+def see(tracker, targets, seconds=2.0, start=100.0):
+    """Show the same image ten times a second; the last estimate and its targets."""
+    for step in range(int(10 * seconds)):
+        time = start + 0.1 * step
+        tracker.add_pose(Pose.level(time, 0.0))
+        tracker.add_camera(image(time, *targets))
+        track = tracker.estimate(time)
+    return track, tracker.targets(track)
+
+
+@pytest.mark.parametrize('azimuth_deg', [10, 100, 175, -80, -170])
+def test_one_target_is_resolved_by_the_requested_rotation(azimuth_deg):
+    """As with the tracker of one target: within 5 s, to the right side."""
+    times, tracks, truths = run(MultiTargetTracker(), SimulatedSensors(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0,
+                                6.0, obey=True)
+    resolved = [k for k, track in enumerate(tracks) if track.resolved]
+    assert resolved and times[resolved[0]] < 5.0
+    assert abs(errors_deg(tracks, truths, len(tracks) - 10)).max() < 8.0
+
+
+def test_the_most_central_target_is_followed_and_a_selected_one_instead():
+    """Policy `centre`, then `select`, then the policy again; an unknown id is refused."""
+    tracker = MultiTargetTracker(MultiTargetSettings(policy='centre'))
+    track, targets = see(tracker, [(0.05, 0.9), (0.4, 0.9)])
+    assert len(targets.targets) == 2 and abs(track.azimuth - 0.05) < 0.02
+    other = next(target.id for target in targets.targets if target.id != targets.selected)
+    tracker.select(other)
+    track, targets = see(tracker, [(0.05, 0.9), (0.4, 0.9)], 0.2, 102.0)
+    assert targets.selected == other and abs(track.azimuth - 0.4) < 0.02
+    tracker.select(0)
+    track, _ = see(tracker, [(0.05, 0.9), (0.4, 0.9)], 2.0 * DWELL_S, 102.2)
+    assert abs(track.azimuth - 0.05) < 0.02
+    with pytest.raises(ValueError, match='target 99 is not tracked'):
+        tracker.select(99)
+
+
+def test_a_bird_is_tracked_but_not_followed():
+    """Scores of 0.35 that persist: a target that exists, and is no drone."""
+    track, targets = see(MultiTargetTracker(), [(0.1, 0.35)], 3.0)
+    bird, = targets.targets
+    assert bird.existence > 0.9 and bird.drone_probability < 0.5
+    assert track.state == State.NONE and targets.selected == 0
+
+
+def test_a_bystander_is_tracked_but_not_followed():
+    """Two sounds, of which one is judged to be no drone: both have tracks, the drone is followed throughout."""
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(3)
+    for step in range(40):
+        time = 100.0 + 0.1 * step
+        tracker.add_pose(Pose.level(time, 0.0))
+        tracker.add_doas([sensors.doa(time, 0.9)._replace(drone_probability=0.02),
+                          sensors.doa(time, -0.3)._replace(drone_probability=0.9)])
+        track = tracker.estimate(time)
+        if step > 10:
+            assert min(abs(track.azimuth + 0.3), abs(abs(track.azimuth) - (math.pi - 0.3))) < 0.15
+    kinds = [target.drone_probability > 0.5 for target in tracker.targets(track).targets]
+    assert sorted(kinds) == [False, True]
+
+
+def test_a_clearly_more_urgent_target_is_followed_after_a_while():
+    """A rival must be more urgent for DWELL_S without a break."""
+    selector = TargetSelector('centre')
+
+    def targets(first, second):
+        return [Target(name, 1.0, Track(0.0, azimuth=azimuth)) for name, azimuth in ((1, first), (2, second))]
+
+    assert selector.choose(0.0, targets(0.1, 0.5)) == 1
+    for time in (0.1, 0.1 + 0.9 * DWELL_S):
+        assert selector.choose(time, targets(0.5, 0.1)) == 1
+    assert selector.choose(0.95 * DWELL_S, targets(0.1, 0.5)) == 1
+    assert selector.choose(2.0, targets(0.5, 0.1)) == 1
+    assert selector.choose(2.0 + 1.1 * DWELL_S, targets(0.5, 0.1)) == 2
+    assert selector.choose(9.0, []) == 0
+
+
+def test_nothing_is_tracked_without_measurements_and_after_a_gap():
+    """No target before the first measurement, and none 6 s after the newest."""
+    tracker = MultiTargetTracker()
+    assert tracker.estimate(100.0).state == State.NONE
+    track, targets = see(tracker, [(0.1, 0.9)])
+    assert track.state == State.VISUAL_ACTIVE and track.measured == track.time
+    later = tracker.estimate(track.time + 6.0)
+    assert later.state == State.NONE and tracker.targets(later).targets == ()
+    _, again = see(tracker, [(0.1, 0.9)], 1.0, 120.0)
+    assert again.targets[0].id > targets.targets[0].id
+
+
+def test_message_of_targets():
+    """What it carries, with the stamp of the estimate."""
+    track, targets = see(MultiTargetTracker(), [(0.1, 0.9), (-0.3, 0.9)])
+    message = targets_message(targets, 'base_link')
+    assert [one.id for one in message.tracks] == [1, 2] and message.selected == targets.selected
+    assert message.header.frame_id == 'base_link' and message.header.stamp.sec == int(track.time)
+    for one in message.tracks:
+        assert 0.0 <= one.existence <= 1.0 and one.drone_probability > 0.5 and one.class_id == 'drone'
+        assert one.last_seen.sec + 1e-9 * one.last_seen.nanosec == pytest.approx(track.time) and one.last_heard.sec == 0
+
+
+def test_the_tracker_of_one_target_publishes_it_as_one():
+    """Its id changes with each new track."""
+    tracker = BayesTracker()
+    track, targets = see(tracker, [(0.1, 0.9)])
+    assert [target.id for target in targets.targets] == [1] == [targets.selected] and targets.targets[0].existence > 0.9
+    tracker.targets(tracker.estimate(track.time + 20.0))
+    _, targets = see(tracker, [(0.1, 0.9)], 1.0, 130.0)
+    assert targets.selected == 2
+
+
+def test_parameters_choose_the_tracker():
+    """`method: multi`, with its policy."""
+    values = {'method': 'multi', 'targets.policy': 'closing'}
+    tracker = make_tracker(node_parameters('av_fusion', 'fusion_node', overrides=values))
+    assert isinstance(tracker, MultiTargetTracker) and tracker.settings.policy == 'closing'
+    assert np.isclose(tracker.settings.target.acceleration_density, 0.001)
