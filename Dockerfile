@@ -12,6 +12,7 @@ WORKDIR /av_rig
 COPY . .
 RUN apt-get update && apt-get install -y --no-install-recommends python3-pip \
     && rosdep update --rosdistro "$ROS_DISTRO" && rosdep install -y --from-paths src --ignore-src \
+    && python3 -m pip install --no-cache-dir "websockets>=13" \
     && rm -rf /var/lib/apt/lists/*
 RUN . "/opt/ros/$ROS_DISTRO/setup.bash" && colcon build
 
