@@ -15,7 +15,7 @@ from typing import NamedTuple
 from av_common.angles import wrap
 from av_common.track import Source, State, Targets, Track
 from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, RotationSettings, Tilt
-from av_fusion.filter.gaussian_component import share_within
+from av_fusion.filter.normal_distribution import share_within
 from av_fusion.filter.single_target import SingleTarget
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
 from av_fusion.measurement.measurements import (

@@ -6,8 +6,9 @@ import math
 from dataclasses import replace
 
 from av_common.track import Source, Track
-from av_fusion.filter.gaussian_component import GaussianComponent, MotionModel
+from av_fusion.filter.gaussian_component import GaussianComponent
 from av_fusion.filter.gaussian_mixture import front_share
+from av_fusion.filter.motion_model import MotionModel
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows

@@ -11,13 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from av_fusion.filter.motion_model import CLIMB_S, MotionModel
 from av_fusion.filter.past_state import PastState
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents, turned, turned_back
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, tangents, turned, turned_back
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
 
 PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
-CLIMB_S = 1.0  # time constant of changes of the vertical rate of targets close to the horizon
 RANGE_S = 30.0  # time constant with which the range is forgotten
 TARGET_SPEED, RANGE_MEMORY_S = 5.0, 1.0  # m/s and s, of radial motion
 LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
@@ -26,28 +26,6 @@ OCCLUSION_S = 5.0  # time constant of changes of fog
 LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
-
-
-class MotionModel(NamedTuple):
-    """Motion of targets as seen from the rig.
-
-    Parameters:
-        acceleration_density (rad^2/s^3): spectral density of the angular acceleration.
-        elevation_density (rad^2/s): diffusion of the elevation of targets close to the horizon.
-        usual_elevation (rad), usual_elevation_variance (rad^2): its stationary distribution.
-        usual_inverse_range (1/m): mean and standard deviation of the inverse range.
-    """
-
-    acceleration_density: float
-    elevation_density: float
-    usual_elevation: float
-    usual_elevation_variance: float
-    usual_inverse_range: float = 0.03
-
-    @property
-    def climb_variance(self) -> float:
-        """Variance (rad^2/s^2) of the vertical rate of targets close to the horizon: half of their diffusion."""
-        return 0.25 * self.elevation_density / CLIMB_S
 
 
 class BodyDirection(NamedTuple):
@@ -157,7 +135,7 @@ class GaussianComponent:
         if late > 0.0:
             self._add_noise(dt, model, noise_scale, level, climb, kept, forgotten)
         self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
-        self._move((1.0 - level) * across, up)
+        self.move((1.0 - level) * across, up)
 
     def _add_noise(self, dt: float, model: MotionModel, noise_scale: float, level: float, climb: float, kept: float,
                    forgotten: float) -> None:
@@ -255,9 +233,9 @@ class GaussianComponent:
         self.across_rate += across_rate
         self.up_rate += up_rate
         self.inverse_range = _bounded(self.inverse_range + inverse_range)
-        self._move(across, up)
+        self.move(across, up)
 
-    def _move(self, across: float, up: float) -> None:
+    def move(self, across: float, up: float) -> None:
         """Move the mean along a great circle; covariance and rates turn with the axes of the plane."""
         length = math.hypot(across, up)
         if length < 1e-12:
@@ -319,33 +297,6 @@ class GaussianComponent:
         self.p_hidden /= max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
         return missed
 
-    def split(self, axis: Vector, lag: float, moved: Vector = ZERO) -> list[GaussianComponent]:
-        """The component split in two if it extends to both sides of the vertical plane of an axis `lag` s ago, else alone.
-
-        A measurement of a target near end-fire fits both sides, which one Gaussian cannot represent. The parts are truncated
-        normal distributions, approximated by Gaussians.
-
-        Parameters:
-            axis: unit vector of the axis in the world.
-            lag (s): time of the component minus time of the measurement.
-            moved (m): displacement of the rig meanwhile, in the world.
-        """
-        past = self.at(lag, moved)
-        beside, row = past.beside(axis)
-        variance = past.variance(row)
-        sigma = math.sqrt(variance)
-        if abs(math.sin(beside)) > 1.3 * sigma:  # less than a tenth beyond the axis
-            return [self]
-        parts = []
-        for side in (1.0, -1.0):
-            start = side * beside / sigma
-            inside = 0.5 * math.erfc(-start / math.sqrt(2.0))
-            pull = math.exp(-0.5 * start * start) / math.sqrt(2.0 * math.pi) / inside
-            part = replace(self, weight=self.weight * inside)
-            part.shift(past, row, variance, side * sigma * pull, -variance * pull * (pull + start))
-            parts.append(part)
-        return parts
-
     def update_alternatives(self, past: PastState, row: tuple[float, float], innovations: Sequence[float],
                             variances: Sequence[float], shares: Sequence[float]) -> None:
         """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
@@ -362,37 +313,9 @@ class GaussianComponent:
             total = past.variance(row) + variance
             self.shift(past, row, total, mean, square - mean * mean - share * total)
 
-    def _offset(self, other: GaussianComponent) -> tuple[float, float]:
-        return offset(self.direction, *tangents(self.azimuth, self.elevation), other.direction)
 
-    def is_mergeable(self, other: GaussianComponent) -> bool:
-        """Whether direction and rates of both agree within their standard deviations, so that their sum has one peak."""
-        across, up = self._offset(other)
-        variances = self.covariance.diagonal() + other.covariance.diagonal()
-        return bool(across**2 < variances[0] and up**2 < 9.0 * variances[1]
-                    and (other.across_rate - self.across_rate) ** 2 < variances[2]
-                    and (other.up_rate - self.up_rate) ** 2 < 9.0 * variances[3])
-
-    def merge(self, other: GaussianComponent) -> None:
-        """Merge another component into this one, preserving the moments of the sum; the heavier one's support is kept."""
-        if other.weight > self.weight:
-            self.newest_doa, self.newest_sighting = other.newest_doa, other.newest_sighting
-        total = self.weight + other.weight
-        a, b = self.weight / total, other.weight / total
-        across, up = self._offset(other)
-        here = replace(other)
-        here._move(*other._offset(self))
-        difference = np.array([across, up, here.across_rate - self.across_rate, here.up_rate - self.up_rate,
-                               here.inverse_range - self.inverse_range])
-        self.covariance = a * self.covariance + b * here.covariance + a * b * difference[:, None] * difference
-        across, up, across_rate, up_rate, inverse_range = (b * difference).tolist()
-        self.across_rate += across_rate
-        self.up_rate += up_rate
-        self.inverse_range += inverse_range
-        self.p_outlier = a * self.p_outlier + b * other.p_outlier
-        self.elevation_measured = self.elevation_measured or other.elevation_measured
-        self.weight = total
-        self._move(across, up)
+def _bounded(inverse_range: float) -> float:
+    return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
 
 
 def _moments(innovations: Sequence[float], variances: Sequence[float], shares: Sequence[float]
@@ -403,29 +326,3 @@ def _moments(innovations: Sequence[float], variances: Sequence[float], shares: S
         share, mean, square = share + s, mean + s * nu, square + s * nu * nu
         information += s / variance
     return share, mean, square, share / information if information > 0.0 else 0.0
-
-
-def _bounded(inverse_range: float) -> float:
-    return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
-
-
-def gaussian(residual: float, variance: float) -> float:
-    """Density of a zero-mean normal distribution.
-
-    Parameters:
-        residual: deviation from the mean.
-        variance: variance of the distribution.
-    """
-    return math.exp(-0.5 * residual * residual / variance) / math.sqrt(2.0 * math.pi * variance)
-
-
-def share_within(half_width: float, offset: float, variance: float) -> float:
-    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean.
-
-    Parameters:
-        half_width (rad): half of the width of the interval.
-        offset (rad): centre of the interval minus mean.
-        variance (rad^2): variance of the variable.
-    """
-    scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
-    return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))

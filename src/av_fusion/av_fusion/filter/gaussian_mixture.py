@@ -10,7 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_fusion.filter.gaussian_component import GaussianComponent, MotionModel, share_within
+from av_fusion.filter.component_merging import are_mergeable, merge, split
+from av_fusion.filter.gaussian_component import GaussianComponent
+from av_fusion.filter.motion_model import MotionModel
+from av_fusion.filter.normal_distribution import share_within
 from av_fusion.filter.past_state import PastState
 from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot
 
@@ -126,7 +129,7 @@ class GaussianMixture:
             lag (s): time of the mixture minus time of the measurement.
             moved (m): displacement of the rig meanwhile, in the world.
         """
-        self.components = [part for component in self.components for part in component.split(axis, lag, moved)]
+        self.components = [part for component in self.components for part in split(component, axis, lag, moved)]
 
     def turn_world(self, rows: Rows) -> None:
         """Turn all components with the world, where the rig's attitude was corrected."""
@@ -178,8 +181,8 @@ class GaussianMixture:
         for component in components:
             component.weight /= total
             for other in kept:
-                if other.is_mergeable(component):
-                    other.merge(component)
+                if are_mergeable(other, component):
+                    merge(other, component)
                     break
             else:
                 if component.weight >= LEAST_WEIGHT and component.across_variance <= self._lost_variance:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from av_common.rig import GimbalMount
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter.gaussian_component import MotionModel
+from av_fusion.filter.motion_model import MotionModel
 from av_fusion.filter.state_machine import MachineSettings
 
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 from av_fusion.filter.consistency import SensorConsistency
 from av_fusion.filter.doa_likelihood import Comparison
-from av_fusion.filter.gaussian_component import ASSOCIATED, GaussianComponent, gaussian, share_within
+from av_fusion.filter.gaussian_component import ASSOCIATED, GaussianComponent
 from av_fusion.filter.gaussian_mixture import GaussianMixture
 from av_fusion.filter.hearing import Hearing
+from av_fusion.filter.normal_distribution import gaussian, share_within
 from av_fusion.filter.past_state import PastState
 from av_fusion.filter.process_noise import LEAST_IN_VIEW, AdaptiveProcessNoise
 from av_fusion.filter.settings import BayesSettings

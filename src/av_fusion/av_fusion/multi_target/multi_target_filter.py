@@ -9,6 +9,7 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
+from av_fusion.filter.component_merging import are_mergeable
 from av_fusion.filter.gaussian_component import ASSOCIATED
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
@@ -162,7 +163,7 @@ class MultiTargetFilter:
 
     def _are_one(self, first: BernoulliTrack, second: BernoulliTrack, time: float) -> bool:
         a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)
-        return (a is not None and b is not None and a.is_mergeable(b)
+        return (a is not None and b is not None and are_mergeable(a, b)
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
     @staticmethod
