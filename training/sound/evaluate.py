@@ -30,7 +30,7 @@ def judged(items: Sequence[Recording], model: DroneModel, snr_db: float) -> Iter
         model: the model.
         snr_db (dB): signal-to-noise ratio; AS_RECORDED_DB for sounds as they were recorded.
     """
-    scenes = Scenes(np.random.default_rng(SEED), as_recorded=snr_db == AS_RECORDED_DB)
+    scenes = Scenes(np.random.default_rng(SEED), as_recorded=float(snr_db == AS_RECORDED_DB))
     for item in items:
         samples = item.samples if len(item.samples) >= SAMPLES else np.tile(item.samples, SAMPLES // len(item.samples) + 1)
         parts = [samples[start:start + SAMPLES] for start in range(0, len(samples) - SAMPLES + 1, RATE)]

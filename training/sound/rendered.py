@@ -9,7 +9,7 @@ from material import RATE, Recording
 from numpy.typing import NDArray
 from scipy.signal import butter, resample_poly, sosfilt
 
-from av_simulator.sound.rotor import RotorSignal
+from av_simulator.sound import EngineSignal, HelicopterSignal, RotorSignal, SirenSignal, VoiceSignal
 
 SECONDS = 2.5
 Samples = NDArray[np.float64]
@@ -93,8 +93,18 @@ def hum(rng: np.random.Generator) -> Samples:
     return tone / np.std(tone) + rng.uniform(0.05, 3.0) * _band(rng, rng.uniform(50, 500), rng.uniform(800, 7000))
 
 
+def bystander(rng: np.random.Generator) -> Samples:
+    """What scenarios of the simulator use as bystanders, of random pitch and speed."""
+    low = rng.uniform(300.0, 1200.0)
+    signal = (VoiceSignal(pitch_hz=rng.uniform(80.0, 280.0)),
+              EngineSignal(firing_hz=rng.uniform(15.0, 200.0), revving=rng.uniform(0.0, 0.3), noise=rng.uniform(0.1, 0.95)),
+              HelicopterSignal(main_hz=rng.uniform(9.0, 30.0), tail_hz=rng.uniform(50.0, 140.0), noise=rng.uniform(0.1, 0.9)),
+              SirenSignal(low, low * rng.uniform(1.1, 2.5), rng.uniform(0.1, 5.0), bool(rng.random() < 0.5)))[rng.integers(4)]
+    return signal.stream(RATE, [int(rng.integers(2**31))], _still).read(0, int(SECONDS * RATE))
+
+
 OTHERS: dict[str, Callable[[np.random.Generator], Samples]] = {
-    'engine': engine, 'helicopter': helicopter, 'alarm': siren, 'weather': hiss, 'machine': hum}
+    'engine': engine, 'helicopter': helicopter, 'alarm': siren, 'weather': hiss, 'machine': hum, 'bystander': bystander}
 
 
 def recordings(rng: np.random.Generator, drones: int, others: int) -> Iterator[Recording]:

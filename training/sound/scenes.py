@@ -20,10 +20,10 @@ class Scenes:
 
     Parameters:
         rng: source of all random numbers.
-        as_recorded: whether sounds keep their colour, without added echoes.
+        as_recorded: share of the sounds that keep their colour, without added echoes.
     """
 
-    def __init__(self, rng: np.random.Generator, as_recorded: bool = False) -> None:
+    def __init__(self, rng: np.random.Generator, as_recorded: float = 0.0) -> None:
         self._rng, self._as_recorded = rng, as_recorded
         self._features = DroneFeatures()
         pairs = [MicrophoneArray(np.array([[0.0, d / 2, 0.0], [0.0, -d / 2, 0.0]]), f'pair_{k}')
@@ -64,13 +64,13 @@ class Scenes:
     def _arriving(self, sound: NDArray, array: MicrophoneArray, q: NDArray) -> NDArray:
         """A sound (m, n) at the microphones: coloured, with an echo of the ground and sometimes a room."""
         rng, size = self._rng, 2 * len(sound)
-        if rng.random() < 0.6 and not self._as_recorded:
-            sound = _with_echo(sound, rng)
         frequency = np.fft.rfftfreq(size, 1.0 / RATE)
         lead = array.positions @ array.basis @ q / SPEED_OF_SOUND
         response = np.exp(2j * np.pi * frequency * lead[:, None])
-        if self._as_recorded:
+        if rng.random() < self._as_recorded:
             return np.fft.irfft(np.fft.rfft(sound, size) * response, size)[:, :len(sound)]
+        if rng.random() < 0.6:
+            sound = _with_echo(sound, rng)
         response = response * self._colour(frequency)
         if rng.random() < 0.3:
             tail = rng.standard_normal((array.channels, int(REVERBERATION_S * RATE)))

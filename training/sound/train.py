@@ -19,6 +19,7 @@ from av_audio.drone_model import LARGEST_FEATURE, DroneModel
 RENDERED_DRONES, RENDERED_OTHERS = 0.5, 0.25  # shares of all examples of their side
 HIDDEN = (32, 16)
 RENDERED = (500, 500)  # sounds of drones and of others
+SNRS_DB, AS_RECORDED = (-3.0, 35.0), 0.4  # of the examples
 EPOCHS = 15
 FOLDS = 4  # of recordings, for the calibration
 
@@ -75,7 +76,7 @@ def examples(material: Material, scenes: Scenes, count: int, rng: np.random.Gene
         other = None
         if beside:
             other = material.drone()[0] if not is_drone and rng.random() < 0.5 else material.other()[0]
-        features.append(scenes.example(source, other, rng.uniform(-3.0, 30.0), rng.uniform(-25.0, 3.0 if is_drone else -3.0)))
+        features.append(scenes.example(source, other, rng.uniform(*SNRS_DB), rng.uniform(-25.0, 3.0 if is_drone else -3.0)))
         labels.append(is_drone)
         groups.append(group)
     return np.array(features), np.array(labels), np.array(groups)
@@ -129,8 +130,8 @@ def main() -> None:
     parser.add_argument('--data', type=Path, required=True, help='folder drone_detection of the shared data')
     parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
     parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
-    parser.add_argument('--count', type=int, default=24_000, help='number of examples')
-    parser.add_argument('--networks', type=int, default=3, help='networks whose mean is taken')
+    parser.add_argument('--count', type=int, default=35_000, help='number of examples')
+    parser.add_argument('--networks', type=int, default=5, help='networks whose mean is taken')
     parser.add_argument('--features', type=Path, help='file that keeps the examples between runs')
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args()
@@ -142,7 +143,7 @@ def main() -> None:
         train = [item for item in recordings(arguments.data / 'audio', arguments.packages, arguments.repository)
                  if item.split == 'train']
         train.extend(rendered.recordings(rng, *RENDERED))
-        features, labels, groups = examples(Material(train, rng), Scenes(rng), arguments.count, rng)
+        features, labels, groups = examples(Material(train, rng), Scenes(rng, AS_RECORDED), arguments.count, rng)
         if arguments.features:
             np.savez(arguments.features, features=features, labels=labels, groups=groups)
     calibrated(features, labels, groups, arguments.seed, arguments.networks).save(arguments.out)

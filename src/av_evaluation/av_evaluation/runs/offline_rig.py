@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
+from av_audio.drone_classifier import load_model
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import LocalizerSettings
 from av_audio.messages import audio_frame
@@ -80,8 +81,8 @@ class OfflineRig:
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
             self._converter, self.record)
-        self._pipeline = Pipeline(DoaStage(array, settings, ego_noise), detection, fusion, None, recorder, self._converter,
-                                  self._publish)
+        hearing = DoaStage(array, settings, ego_noise, drone_model=load_model(''))
+        self._pipeline = Pipeline(hearing, detection, fusion, None, recorder, self._converter, self._publish)
         self.log: RunLog = recorder.log
 
     def on_samples(self, samples: NDArray, sample_rate: int, first_sample: int, arrival: float) -> None:

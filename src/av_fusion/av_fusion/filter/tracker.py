@@ -26,7 +26,7 @@ SOURCES = {(0.0, 0.0): Source.NOTHING, (1.0, 0.0): Source.SIGHT, (0.0, 1.0): Sou
            (1.0, 1.0): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts a new track
-LEAST_TARGET_PROBABILITY = 0.1  # a direction of arrival that is less likely the target's is a bystander's and not followed
+LEAST_TARGET_PROBABILITY = 0.5  # a direction of arrival that is more likely a bystander's is not followed
 
 
 class BayesTracker:
