@@ -82,7 +82,8 @@ class RegionPlanner:
         self._looked = np.empty(0)  # when each tile was looked at
         self._last: dict[str, float] = {}
 
-    def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue], bearing: BearingCue | None = None) -> list[Region]:
+    def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue],
+             bearing: BearingCue | None = None) -> list[Region]:
         """The regions of an image; none for the whole of it, at full resolution.
 
         Parameters:
