@@ -1,7 +1,7 @@
 """Where to look in an image: cheap regions one after the other instead of the whole image at full resolution.
 
-A network takes time in proportion to the pixels that it is given. Few of them matter: those around a track, a bearing of the
-fusion, or what moves. The rest is searched tile by tile over several images, and the whole image at low resolution for large
+A network takes time in proportion to the pixels that it is given. Few of them matter: those around a track or a bearing of the
+fusion. The rest is searched tile by tile over several images, and the whole image at low resolution for large
 objects. Each of these cues falls due after its own period; the most overdue ones are looked at (earliest deadline first,
 relative to the period). All times are capture times, so that a sequence of images gives the same regions again.
 """
@@ -22,7 +22,7 @@ from av_vision.yolo.slicing import tile_corners
 CROP_INPUT, TILE_INPUT = 320, 416  # pixels to which regions are enlarged
 OVERLAP = 0.2                      # share of a tile that is common with its neighbour
 CONTEXT = 3.0                      # side of a crop in units of its object
-TRACK_S, BEARING_S, MOTION_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.2, 0.25, 1.5  # periods of the cues
+TRACK_S, BEARING_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.25, 1.5  # periods of the cues
 SEARCHED_S = 2.0                   # age of the oldest look at a tile up to which the whole image counts as searched
 FULL = 11                          # regions that take as long as the whole image at full resolution
 SIGMAS = 2.0                       # half width of a bearing's crop in standard deviations
@@ -82,8 +82,8 @@ class RegionPlanner:
         self._looked = np.empty(0)  # when each tile was looked at
         self._last: dict[str, float] = {}
 
-    def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue], bearing: BearingCue | None = None,
-             motion: NDArray | None = None) -> list[Region]:
+    def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue],
+             bearing: BearingCue | None = None) -> list[Region]:
         """The regions of an image; none for the whole of it, at full resolution.
 
         Parameters:
@@ -91,14 +91,13 @@ class RegionPlanner:
             time (s): capture time.
             tracks: tracked objects, the most important first.
             bearing: the fused bearing in the image; None where it is outside or unknown.
-            motion (2,; pixels): where something moves against its surroundings; None for nowhere.
         """
         if shape != self._shape or time < max(self._last.values(), default=-math.inf) or self.regions >= FULL:
             self._begin(shape, time)
             self.counts['full'] += 1
             self.planned = 0
             return []
-        due = [*self._due_tracks(tracks), *self._due_tiles(time, bearing), *self._due_cues(time, bearing, motion)]
+        due = [*self._due_tracks(tracks), *self._due_tiles(time, bearing), *self._due_cues(time, bearing)]
         due.sort(key=lambda one: -one[0])
         regions = [region for _, region in due[:self.regions]]
         for region in regions:
@@ -127,18 +126,16 @@ class RegionPlanner:
         height, width = shape
         self._tiles = tile_corners(width, height, self._side, OVERLAP) or [(0, 0)]
         self._looked = np.full(len(self._tiles), time)
-        self._last = dict.fromkeys(('near', 'bearing', 'motion'), time)
+        self._last = dict.fromkeys(('near', 'bearing'), time)
 
     def _due_tracks(self, tracks: Sequence[Cue]) -> list[tuple[float, Region]]:
         return [(one.age / TRACK_S, self._crop('track', one.centre, CONTEXT * one.size)) for one in tracks]
 
-    def _due_cues(self, time: float, bearing: BearingCue | None, motion: NDArray | None) -> list[tuple[float, Region]]:
+    def _due_cues(self, time: float, bearing: BearingCue | None) -> list[tuple[float, Region]]:
         height, width = self._shape
         # What no tile is sure to hold whole.
         near = Region('near', 0, 0, width, height, self._near, OVERLAP * self._side)
         due = [((time - self._last['near']) / NEAR_S, near)]
-        if motion is not None:
-            due.append(((time - self._last['motion']) / MOTION_S, self._crop('motion', motion, 0.0)))
         if bearing is not None and np.isfinite(bearing.sigma).all():
             side = 2.0 * SIGMAS * bearing.sigma.max() + CROP_INPUT / self._scale
             due.append(((time - self._last['bearing']) / BEARING_S, self._crop('bearing', bearing.centre, side)))

@@ -12,7 +12,7 @@ class Region(NamedTuple):
     """A part of an image that is searched.
 
     Parameters:
-        kind: full, near, track, bearing, motion or tile.
+        kind: full, near, track, bearing or tile.
         x, y (pixels): top-left corner.
         width, height (pixels): its size.
         longest (pixels): its longer side as input of the network.
