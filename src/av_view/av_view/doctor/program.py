@@ -98,8 +98,8 @@ def camera(parameter_files: Sequence[str | Path], seconds: float) -> list[Findin
     images: list[NDArray[Any]] = []
     try:
         source.open()
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
+        end, most = time.monotonic() + seconds, 2.0 * seconds * (settings.rate or 30.0)  # a file comes as fast as it is read
+        while len(times) < 2 or (time.monotonic() < end and len(times) < most):
             captured = source.read()
             times.append(captured.time)
             images = [*images[1 - KEPT_IMAGES:], captured.pixels]
