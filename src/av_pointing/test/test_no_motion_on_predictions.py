@@ -16,6 +16,7 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.stage import make_pointing_stage
 
 EPOCH = 1.7e9
+SLIP = 1e-3  # s, by which the node's clock, by which ages are known, falls behind the steady one in a sequence
 VALUES = st.one_of(st.floats(-4.0, 4.0, width=32),
                    st.sampled_from([math.nan, math.inf, -math.inf, 3e38, -3e38, 0.0, math.pi]))
 # s, of a stamp before the arrival: usual, late, too late, from the future, never
@@ -60,7 +61,7 @@ class Witness:
         self.first.setdefault(stamp, (now.steady, now.ros - stamp))
 
     def permits(self, now, timeout, oldest):
-        return any(now.steady - arrived < timeout and now.steady - arrived + age < oldest and age >= -0.1
+        return any(now.steady - arrived < timeout and now.steady - arrived + age < oldest + SLIP and age >= -0.1
                    for arrived, age in self.first.values())
 
 
