@@ -17,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from random import Random
 
-from av_evaluation.attack.attacks import ATTACKS, PROCESS_ATTACKS, Arena, victims
+from av_evaluation.attack.attacks import ATTACKS, NOT_RESPAWNED, PROCESS_ATTACKS, Arena, victims
 from av_evaluation.attack.network import OtherHost, is_inside
 from av_evaluation.attack.rig import Memory, Rig, free_domain, growth
 from av_evaluation.attack.verdicts import GOAL_PER_HOUR, Result, sent_by_target, table, too_few, verdicts
@@ -215,7 +215,8 @@ class Program:
         arena = self._arena
         result.ended = result.ended or time.time()
         if kind in ('lifecycle requests', 'parameter requests', 'disabled'):
-            result.faults += [f'{name} cannot be active again' for name in arena.messages.call('restore', timeout=60.0)]
+            lost = arena.messages.call('restore', timeout=60.0)   # a shutdown ends a process that is not started again
+            result.faults += [f'{name} cannot be active again' for name in lost if not name.endswith(NOT_RESPAWNED)]
             result.ended = time.time()
         arena.observer.call('quiet')
         result.recovery = self._tracks(result.ended, PATIENCE)
