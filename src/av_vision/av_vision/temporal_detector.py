@@ -98,8 +98,12 @@ class TemporalDetector:
         return detections, [self._tracker.number(followed[k][1]) for k in selected]
 
     def searched(self, time: float) -> bool:
-        """Whether all of the image has been searched within the last seconds, at a capture time (s)."""
-        return self.planner is None or self.planner.searched(time)
+        """Whether the image of a capture time (s) could have shown every object: nothing else makes their absence evidence.
+
+        All of it was searched within the last seconds, and each reported track was looked for in this very image.
+        """
+        unseen = any(track.id and track.looked < time for track in self._tracker.tracks)
+        return self.planner is None or (not unseen and self.planner.searched(time))
 
     def _cues(self, time: float) -> list[Cue]:
         """Where tracks are expected, those of the highest scores first."""

@@ -151,3 +151,22 @@ def test_nothing_detected_says_nothing_until_all_has_been_searched():
     black = np.zeros((512, 640, 3), np.uint8)
     assert stage.on_image(image_at(5.0, black), 5.0)[0] is not None  # the first image is searched whole
     assert stage.on_image(image_at(8.0, black), 8.0)[0] is None
+
+
+def test_a_drone_that_no_region_held_is_not_reported_as_absent(monkeypatch):
+    """One region of each image: a message has the drone, or there is none; once it is gone, empty ones come."""
+    stage, black = make('', regions=1), np.zeros((512, 640, 3), np.uint8)
+    detector, centre, there = stage.detector.detector, np.array([150.0, 120.0]), True
+    probabilities = np.eye(4)[[detector._names.index('drone')]] * 0.9
+
+    def candidates(image, floor, regions):
+        held = there and (not regions or any(region.holds(centre, 20.0) for region in regions))
+        return Candidates(np.array([[140.0, 110.0, 160.0, 130.0]])[:held], probabilities[:held])
+
+    monkeypatch.setattr(detector, 'candidates', candidates)
+    answers = [stage.on_image(image_at(5.0 + k / 15.0, black), 5.0)[0] for k in range(90)]
+    counts = [len(answer.detections) for answer in answers if answer is not None]
+    assert set(counts) == {1} and 30 < len(counts) < 90
+    there = False
+    later = [stage.on_image(image_at(11.0 + k / 15.0, black), 11.0)[0] for k in range(60)]
+    assert any(answer is not None and not answer.detections for answer in later)
