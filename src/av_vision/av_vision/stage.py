@@ -56,7 +56,8 @@ class DetectionStage:
         """The detections in an image, and the visibility when an estimate is due; both carry the image's header.
 
         An image in which nothing was detected gives an empty message only where all of the view has been searched within the
-        last seconds, and every reported track was looked for in this image: then the absence of detections says something. Otherwise it gives None.
+        last seconds, and every reported track was looked for in this image: then the absence of detections says something.
+        Otherwise it gives None.
 
         Parameters:
             message: raw or compressed image; its stamp is the time of capture.
