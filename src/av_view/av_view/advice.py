@@ -12,11 +12,11 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('.*', r' refused: ', 'Something sends messages that cannot be used: the name before "refused" is the topic or service.'),
     ('audio_node', r'silent', 'Is the microphone muted? `alsamixer`, then `ros2 run av_view doctor` with a clap.'),
     ('audio_node', r'device', 'Is it plugged in, and used by no other program? `ros2 run av_view doctor` lists the devices.'),
-    ('audio_node', r'changed places', 'Channels moved: restart audio_node, and see "ASLA" in docs/guides/microphones.md.'),
+    ('audio_node', r'changed places', 'Channels moved: restart audio_node, then `ros2 run av_view doctor` with a clap.'),
     ('doa_node', r'no audio', 'Nothing is heard: look at audio_node, or at bridge_node and the simulator.'),
     ('doa_node', r'motor speeds', 'Publish motor_speeds, or set the parameter ego_rotors of doa_node to none.'),
     ('camera_node', r'no images|failed', 'Is the camera plugged in, and used by no other program? `ros2 run av_view doctor` '
-     'lists the cameras and their modes.'),
+     'opens it as camera_node does.'),
     ('detector_node', r'no images', 'Nothing is seen: look at camera_node, or at bridge_node and the simulator.'),
     ('bridge_node', r'no data from the simulator', 'Is the simulator running, and does it send to these ports?'),
     ('bridge_node', r'allowed_senders', 'Name the simulator\'s address in allowed_senders:=, if it may send.'),
@@ -28,5 +28,5 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('pointing_node', r'no odometry', 'The body stands still without odometry: px4:=true, or publish odometry.'),
     ('recorder_node', r'messages lost', 'The disk is too slow: record fewer topics or images:=jpeg, or onto another disk.'),
     ('recorder_node', r'No space', 'The disk is full.'),
-    ('px4_node', r'.', 'See docs/guides/px4.md, "checks before the first flight".'),
+    ('px4_node', r'.', 'See docs/guides/px4.md, "Before the first flight, without propellers".'),
 )
