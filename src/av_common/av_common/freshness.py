@@ -26,8 +26,9 @@ class Instant(NamedTuple):
 class FreshInput:
     """Notes when the stamps of an input advance.
 
-    Only a stamp later than all before counts as new data: repeated, republished and reordered messages do not. Ages grow with
-    the steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
+    Only a stamp later than all before counts as new data, captured after all before by the steady clock, too: repeated,
+    republished and reordered messages do not, nor what was captured before the node's clock stepped forth. Ages grow with the
+    steady clock from the arrival on, so that no step of the node's clock renews them. After a stamp from the future, or a
     step of the node's clock back, the stamps of the next DISTRUST_S seconds are only compared with, and do not count.
 
     Attributes:
@@ -41,7 +42,7 @@ class FreshInput:
         self.refused = 0
         self._latency = latency
         self._future: deque[float] = deque(maxlen=REMEMBERED)
-        self._newest = self._fresh = self._distrusted = -math.inf
+        self._newest = self._captured = self._fresh = self._distrusted = -math.inf
 
     def take(self, stamp: float, now: Instant) -> bool:
         """Note a message; returns whether it carries new data.
@@ -61,7 +62,10 @@ class FreshInput:
         self._newest = stamp
         if now.steady - self._distrusted < DISTRUST_S:
             return False
-        self._fresh = max(self._fresh, now.steady - max(now.ros - stamp - self._latency, 0.0))
+        captured = now.steady - max(now.ros - stamp, 0.0)
+        if captured <= self._captured:
+            return False
+        self._captured, self._fresh = captured, min(captured + self._latency, now.steady)
         return True
 
     def age(self, now: Instant) -> float:

@@ -75,3 +75,11 @@ def test_after_a_step_back_the_data_of_the_new_time_counts():
         data.take(START + time + step, at(time, time + step))
         assert k < 100 or k > 120 or data.age(at(time)) > 0.05 * (k - 100)
     assert data.age(at(time)) == 0.0 and data.refused == 1
+
+
+def test_what_was_captured_before_the_clock_stepped_forth_is_not_new():
+    """Its stamp is later than that of data captured after it; what is captured later counts at once."""
+    data = FreshInput(latency=math.inf)
+    assert data.take(START - 0.1, at(0.0))
+    assert not data.take(START + 2.25 - 0.9, at(0.25, 2.25)) and data.age(at(0.25, 2.25)) == 0.25
+    assert data.take(START + 2.3 - 0.1, at(0.3, 2.3)) and data.age(at(0.3, 2.3)) == 0.0
