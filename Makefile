@@ -31,7 +31,7 @@ demo: build
 
 test: build
 	python3 tools/ros_env/prerequisites.py
-	$(ENV) && exec python3 -m pytest $(TESTS)
+	$(ENV) && exec python3 -m pytest -n auto --dist loadgroup --no-loadscope-reorder $(TESTS)
 
 # Without QUICK, it also updates the README's table of measured values.
 report: build

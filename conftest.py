@@ -5,9 +5,18 @@ import os
 import pytest
 
 # Test runs side by side do not hear each other's nodes. Above 101, ports collide with those the kernel lends.
-os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 101))
+if 'PYTEST_XDIST_WORKER' in os.environ or 'ROS_DOMAIN_ID' not in os.environ:
+    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
 # Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
 os.environ['AV_STRICT'] = '1'
+
+
+def pytest_collection_modifyitems(items):
+    """Tests of one file share a process; those that start nodes come last, one after the other (with `-n`, `--dist loadgroup`)."""
+    items.sort(key=lambda item: item.get_closest_marker('system') is not None)
+    for item in items:
+        group = 'system' if item.get_closest_marker('system') else item.path.name
+        item.add_marker(pytest.mark.xdist_group(group))
 
 
 def pytest_sessionfinish(session):
