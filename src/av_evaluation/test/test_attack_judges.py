@@ -79,8 +79,8 @@ def test_tracking_is_back_after_half_a_second_of_true_bearings():
     check = BearingCheck()
     for number in range(40):
         now = START + 0.05 * number
-        check.on_truth('rig', odometry(now, 0.0))
-        check.on_truth('target', odometry(now, 10.0))
+        check.on_truth('rig', odometry(now, 0.0), now)
+        check.on_truth('target', odometry(now, 10.0), now)
         bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, resolved=True, azimuth=0.5 if number < 16 else 0.02)
         bearing.header.stamp = to_stamp(now)
         check.on_bearing(bearing, now)
@@ -89,6 +89,7 @@ def test_tracking_is_back_after_half_a_second_of_true_bearings():
     assert check.recovered(START + 0.3) == pytest.approx(0.5, abs=0.01)
     assert check.recovered(START + 1.8) is None
     assert check.share(START, START + 5.0) == pytest.approx(24 / 40)
+    assert check.faults(START, START + 5.0) == 'true 24, elsewhere 16'
 
 
 def test_verdicts_name_what_failed():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 
 from nav_msgs.msg import Odometry
 
@@ -15,6 +15,7 @@ from av_interfaces.msg import Bearing
 LARGEST_ERROR = math.radians(5.0)
 STEADY = 0.5              # s during which all bearings are true before tracking counts as back
 LARGEST_GAP = 0.3         # s between bearings
+FARTHEST_STAMP = 0.5      # s from a bearing's stamp to its publication
 FARTHEST_TRUTH = 0.1      # s from a bearing to the truth that it is compared with
 
 
@@ -26,26 +27,30 @@ class BearingCheck:
     def __init__(self) -> None:
         self._truth: dict[str, deque[tuple[float, float, float, float]]] = {
             'rig': deque(maxlen=400), 'target': deque(maxlen=400)}
+        self._truth_from = -math.inf
         self._waiting: deque[tuple[float, float, Bearing]] = deque(maxlen=1000)
-        self._verdicts: deque[tuple[float, bool]] = deque(maxlen=6000)
+        self._verdicts: deque[tuple[float, str]] = deque(maxlen=6000)
 
-    def on_truth(self, name: str, message: Odometry) -> None:
-        """The true state of `rig` or `target`."""
+    def on_truth(self, name: str, message: Odometry, published: float) -> None:
+        """The true state of `rig` or `target`, published at a time (s)."""
+        if published < self._truth_from:
+            return
         position, orientation = message.pose.pose.position, message.pose.pose.orientation
         self._truth[name].append((to_seconds(message.header.stamp), position.x, position.y, yaw_of(attitude_of(orientation))))
 
-    def on_bearing(self, message: Bearing, now: float) -> None:
-        """A bearing, and the time (s) of its arrival. Raises ValueError for a stamp that is none."""
-        self._waiting.append((now, to_seconds(message.header.stamp), message))
+    def on_bearing(self, message: Bearing, published: float) -> None:
+        """A bearing, and the time (s) of its publication. Raises ValueError for a stamp that is none."""
+        self._waiting.append((published, to_seconds(message.header.stamp), message))
 
     def judge(self, now: float) -> None:
-        """Compare the bearings that arrived long enough before `now` (s)."""
+        """Compare the bearings published long enough before `now` (s)."""
         while self._waiting and self._waiting[0][0] < now - self.DELAY:
             time, stamp, message = self._waiting.popleft()
-            self._verdicts.append((time, self._is_true(stamp, message)))
+            self._verdicts.append((time, self._fault(time, stamp, message)))
 
-    def forget_truth(self) -> None:
-        """Drop what an attack may have said about the truth."""
+    def forget_truth(self, until: float) -> None:
+        """Drop what an attack, which ended at `until` (s), may have said about the truth."""
+        self._truth_from = until
         for rows in self._truth.values():
             rows.clear()
         self._waiting.clear()
@@ -54,9 +59,10 @@ class BearingCheck:
         """Time (s) after `since` from which on bearings are true for half a second; None where they are not yet."""
         start: float | None = None
         before = math.nan
-        for time, true in self._verdicts:
+        for time, fault in self._verdicts:
             if time < since:
                 continue
+            true = not fault
             if not true or time - before > LARGEST_GAP:
                 start = None
             if true and start is None:
@@ -68,14 +74,22 @@ class BearingCheck:
 
     def share(self, begin: float, end: float) -> float:
         """Share of true bearings (0 to 1) between two times (s); 0 without any."""
-        chosen = [true for time, true in self._verdicts if begin <= time <= end]
+        chosen = [not fault for time, fault in self._verdicts if begin <= time <= end]
         return sum(chosen) / max(len(chosen), 1)
 
-    def _is_true(self, stamp: float, message: Bearing) -> bool:
-        if message.state == Bearing.STATE_NONE or not message.resolved or not math.isfinite(message.azimuth):
-            return False
+    def faults(self, begin: float, end: float) -> str:
+        """What was wrong with the bearings between two times (s), with the number of each fault."""
+        found = Counter(fault for time, fault in self._verdicts if begin <= time <= end)
+        return ', '.join(f'{fault or "true"} {count}' for fault, count in found.most_common())
+
+    def _fault(self, published: float, stamp: float, message: Bearing) -> str:
+        """What is wrong with a bearing with a `stamp` (s), empty for a true one."""
+        if message.state == Bearing.STATE_NONE or not math.isfinite(message.azimuth):
+            return 'no bearing'
         rig, target = (min(rows, key=lambda row: abs(row[0] - stamp), default=None) for rows in self._truth.values())
         if rig is None or target is None or max(abs(rig[0] - stamp), abs(target[0] - stamp)) > FARTHEST_TRUTH:
-            return False
+            return 'no truth of its time' if abs(stamp - published) < FARTHEST_STAMP else 'stamp of another time'
         azimuth = math.atan2(target[2] - rig[2], target[1] - rig[1]) - rig[3]
-        return abs(float(wrap(message.azimuth - azimuth))) < LARGEST_ERROR
+        if abs(float(wrap(message.azimuth - azimuth))) >= LARGEST_ERROR:
+            return 'elsewhere'
+        return '' if message.resolved else 'not resolved'

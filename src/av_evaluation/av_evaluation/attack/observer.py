@@ -80,8 +80,8 @@ class Observer(Node):
     def _on_command(self, message: PointingCommand, _: float) -> None:
         self.judge.on_command(message, to_seconds(message.header.stamp), time.time())
 
-    def _on_bearing(self, message: Bearing, _: float) -> None:
-        self.check.on_bearing(message, time.time())
+    def _on_bearing(self, message: Bearing, published: float) -> None:
+        self.check.on_bearing(message, published)
 
     def _on_measurement(self, field: str, message: Any, published: float) -> None:
         if len(getattr(message, field)) > 0:
@@ -90,8 +90,8 @@ class Observer(Node):
     def _on_odometry(self, message: Odometry, published: float) -> None:
         self.judge.on_input('odometry', published, to_seconds(message.header.stamp))
 
-    def _on_truth(self, name: str, message: Odometry, _: float) -> None:
-        self.check.on_truth(name, message)
+    def _on_truth(self, name: str, message: Odometry, published: float) -> None:
+        self.check.on_truth(name, message, published)
 
     def _on_diagnostics(self, message: DiagnosticArray, _: float) -> None:
         self._problems.update({status.name: status.message for status in message.status})
@@ -104,9 +104,9 @@ class Observer(Node):
         """What was stopped or disabled goes on from now on, and may move."""
         self.judge.end(time.time())
 
-    def quiet(self) -> None:
-        """The attack is over: what it said about the truth does not count."""
-        self.check.forget_truth()
+    def quiet(self, since: float) -> None:
+        """The attack is over since a time (s): what it said about the truth does not count."""
+        self.check.forget_truth(since)
 
     def recovered(self, since: float) -> float | None:
         """Time (s) after `since` from which on bearings are true; None where they are not yet."""
@@ -115,6 +115,10 @@ class Observer(Node):
     def share(self, begin: float, end: float) -> float:
         """Share of true bearings between two times (s)."""
         return self.check.share(begin, end)
+
+    def faults(self, begin: float, end: float) -> str:
+        """What was wrong with the bearings between two times (s)."""
+        return self.check.faults(begin, end)
 
     def findings(self) -> dict[str, Any]:
         """What was found since `begin`, and the newest state in the diagnostics of each node."""
@@ -129,8 +133,8 @@ def main() -> None:
     def idle(seconds: float) -> None:
         observer.look()
         time.sleep(seconds)
-    functions = (observer.begin, observer.end, observer.quiet, observer.recovered, observer.share, observer.findings,
-                 observer.judge.forget)
+    functions = (observer.begin, observer.end, observer.quiet, observer.recovered, observer.share, observer.faults,
+                 observer.findings, observer.judge.forget)
     serve({function.__name__: function for function in functions}, idle)
     rclpy.try_shutdown()
 

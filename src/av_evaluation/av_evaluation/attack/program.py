@@ -218,8 +218,10 @@ class Program:
             lost = arena.messages.call('restore', timeout=60.0)   # a shutdown ends a process that is not started again
             result.faults += [f'{name} cannot be active again' for name in lost if not name.endswith(NOT_RESPAWNED)]
             result.ended = time.time()
-        arena.observer.call('quiet')
+        arena.observer.call('quiet', since=result.ended)
         result.recovery = self._tracks(result.ended, PATIENCE)
+        until = result.ended + (PATIENCE if result.recovery is None else result.recovery)
+        result.meanwhile = arena.observer.call('faults', begin=result.ended, end=until)
         found = arena.observer.call('findings')
         for key in ('commands', 'bad', 'moves', 'bad_count', 'move_count', 'largest_yaw_rate'):
             setattr(result, key, found[key])
@@ -248,6 +250,8 @@ class Program:
         print(f'{spent:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} deaths, '
               f'{result.bad_count} bad commands, {result.move_count} wrong moves, memory {result.largest_growth:+.1f} MiB, '
               f'tracking back: {back} (load {load:.0f})', flush=True)
+        if result.recovery is None or result.recovery > result.most_recovery:
+            print(f'         bearings meanwhile: {result.meanwhile}', flush=True)
         for fault in (*result.deaths, *result.bad[:2], *result.moves[:2], *result.faults, *result.late):
             print(f'         {fault}', flush=True)
 

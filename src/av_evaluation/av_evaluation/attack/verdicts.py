@@ -30,6 +30,7 @@ class Result:
         growth (MiB): of the memory of each process.
         ended (s): time of its end, of a kill that of the signal; None until then.
         recovery (s): from the end until tracking was back; None where it did not come back.
+        meanwhile: what was wrong with the bearings until then.
         most_recovery (s): that is permitted.
         respawn (s): time until a killed process ran again; None where it did not, or none was killed.
         faults, late: further reasons why the attack succeeded; `late` those that a busy machine alone may cause.
@@ -49,6 +50,7 @@ class Result:
     growth: dict[str, float] = field(default_factory=dict)
     ended: float | None = None
     recovery: float | None = None
+    meanwhile: str = ''
     most_recovery: float = MOST_RECOVERY
     respawn: float | None = None
     faults: list[str] = field(default_factory=list)
@@ -80,9 +82,9 @@ def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, l
         others += [f'{result.name}: {fault}' for fault in result.faults]
         in_time += [f'{result.name}: {fault}' for fault in result.late]
         if result.recovery is None:
-            in_time.append(f'{result.name}: tracking is not back')
+            in_time.append(f'{result.name}: tracking is not back ({result.meanwhile})')
         elif result.recovery > result.most_recovery:
-            in_time.append(f'{result.name}: tracking is back after {result.recovery:.1f} s')
+            in_time.append(f'{result.name}: tracking is back after {result.recovery:.1f} s ({result.meanwhile})')
         memory += [f'{result.name}: {name} {grown:.0f} MiB' for name, grown in result.growth.items() if grown >= MOST_GROWTH]
     memory += [f'whole run: {name} {grown:.0f} MiB' for name, grown in growth.items() if grown >= MOST_GROWTH]
     return failed
