@@ -12,7 +12,7 @@ os.environ['AV_STRICT'] = '1'
 
 
 def pytest_collection_modifyitems(items):
-    """Tests of one file share a process; those that start nodes come last, one after the other (with `-n`, `--dist loadgroup`)."""
+    """With `-n`, tests of one file share a process, and those that start nodes come last, one after the other."""
     items.sort(key=lambda item: item.get_closest_marker('system') is not None)
     for item in items:
         group = 'system' if item.get_closest_marker('system') else item.path.name
