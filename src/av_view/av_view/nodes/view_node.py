@@ -16,6 +16,7 @@ from visualization_msgs.msg import MarkerArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_view.access import Access
+from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.foxglove_port import FoxglovePort
 from av_view.health import Health
@@ -49,7 +50,7 @@ class ViewNode(RigNode):
         """Serve the page. Raises OSError where the address cannot be bound."""
         settings = self._settings
         self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
-        self._control = RigControl(self)
+        self._control = RigControl(self, BagFolder(settings.bags))
         self.server = ViewServer(
             ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
                            self._own), self._access, self._control.act)
@@ -109,7 +110,9 @@ class ViewNode(RigNode):
         """What is done once a second: find rigs and true poses, and report health."""
         self.server.set_rigs(self._rigs())
         for rig, watch in self._watches.items():
-            watch.find_truths()
+            watch.find_topics()
+            if self._settings.view_control:
+                self._control.open_marks(rig)
             report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': self._control.offers(rig)}
             self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
 

@@ -3,15 +3,15 @@
 
 const WINDOW_S = 60, TAIL_S = 15, RIM = 84, RETRY_MS = 1000;
 const STATE_WORDS = { none: 'no target', sight: 'by sight', sound: 'by sound', coasting: 'predicted' };
-const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, , DELAY] = Array(12).keys();
+const [TIME, SOUND, MIRROR, SIGHT, FUSED, SIGMA, TRUTH, SOUND_CONFIDENCE, SIGHT_CONFIDENCE, STATE, DELAY, SNR] = Array(12).keys(), DELAY_MS = 12;
 const $ = id => document.getElementById(id);
 const color = name => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
 if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
 
-let socket, number = 0, rig = null, rows = [], arrived = null, state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
+let socket, pending, bagsAsked = -Infinity, number = 0, rig = null, rows = [], arrived = null, state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
 let pictureUrl = '';
-const answers = new Map(), tails = new Map();
+const answers = new Map(), tails = new Map(), mapTails = new Map();
 
 function connect() {
   socket = new WebSocket(`ws://${location.host}/feed`);
@@ -66,7 +66,7 @@ function show() {
   $('bearing').value = known ? `${signed(bearing.azimuth)}° ± ${bearing.sigma ?? '?'}°${bearing.range ? `, ${Math.round(bearing.range)} m` : ''}` : '';
   $('reason').textContent = [fusion?.reason, known && !bearing.resolved ? 'front and back not resolved' : '',
     fusion?.missing.length ? `missing: ${fusion.missing.join(', ')}` : ''].filter(Boolean).join('; ');
-  showOverlay(); showPolar(); showAzimuths(); showConfidences(); showDelays(); showSpectrum(); showCommand();
+  showOverlay(); showPolar(); showMap(); showAzimuths(); showConfidences(); showSnr(); showDelays(); showSpectrum(); showCommand();
 }
 
 const signed = value => (value > 0 ? '+' : '') + value.toFixed(1);
@@ -104,9 +104,11 @@ function at(azimuth, radius) {
   return [-radius * Math.sin(turn), -radius * Math.cos(turn)];
 }
 
+const points = places => places.map(place => place.map(value => value.toFixed(1)).join(',')).join(' ');
+
 function wedge(from, to, inner, outer) {
   const steps = Math.max(2, Math.ceil(Math.abs(to - from) / 4)), edge = radius => Array.from({ length: steps + 1 }, (_, i) => at(from + (to - from) * i / steps, radius));
-  return [...edge(outer), ...edge(inner).reverse()].map(point => point.map(v => v.toFixed(1)).join(',')).join(' ');
+  return points([...edge(outer), ...edge(inner).reverse()]);
 }
 
 function spoke(svg, kind, azimuth, from, to, opacity = 1) {
@@ -115,7 +117,7 @@ function spoke(svg, kind, azimuth, from, to, opacity = 1) {
 }
 
 function showPolar() {
-  const svg = $('polar'), { bearing, camera, sound, sight, truth, tracks, heading } = state;
+  const svg = $('polar'), { bearing, camera, sound, sight, truth, tracks, heading, posterior } = state, bins = posterior.length;
   svg.replaceChildren();
   for (const radius of [RIM / 2, RIM]) element(svg, 'circle', { class: 'rim', r: radius });
   const marks = northUp ? { E: 0, N: 90, W: 180, S: -90 } : { ahead: 0, left: 90, behind: 180, right: -90 };
@@ -124,10 +126,10 @@ function showPolar() {
     element(svg, 'text', { x, y: y + 3, 'text-anchor': 'middle' }, name);
   }
   if (camera) element(svg, 'polygon', { class: 'view', points: wedge(camera.azimuth - camera.view / 2, camera.azimuth + camera.view / 2, 6, RIM) });
+  const ring = height => posterior.map((value, i) => at(-180 + (i + 0.5) * 360 / bins, RIM + 1 + height * value));
+  if (bins) element(svg, 'polygon', { class: 'ring', points: points([...ring(18), ...ring(0).reverse()]) });
   if (bearing && bearing.state !== 'none') {
-    const sigma = Math.min(bearing.sigma ?? 180, 180), bins = bearing.ring.length;
-    if (bins) element(svg, 'polygon', { class: 'ring', points: [...bearing.ring.map((value, i) => at(-180 + (i + 0.5) * 360 / bins, RIM + 2 + 17 * value)),
-      ...bearing.ring.map((_, i) => at(-180 + (i + 0.5) * 360 / bins, RIM + 1)).reverse()].map(point => point.map(v => v.toFixed(1)).join(',')).join(' ') });
+    const sigma = Math.min(bearing.sigma ?? 180, 180);
     element(svg, 'polygon', { class: 'sigma', points: wedge(bearing.azimuth - sigma, bearing.azimuth + sigma, 6, RIM) });
   }
   for (const group of sound?.groups ?? []) for (const image of group.images) spoke(svg, 'image', image.azimuth, 8, RIM, imageOpacity(image.azimuth, group));
@@ -150,17 +152,47 @@ function imageOpacity(azimuth, group) {
 const difference = (a, b) => ((a - b + 540) % 360) - 180;
 
 function showTracks(svg, tracks) {
-  for (const id of tails.keys()) if (!tracks.some(track => track.id === id)) tails.delete(id);
+  const level = track => RIM * (track.range ? Math.min(Math.log10(1 + track.range) / 3, 1) : 1);
+  follow(tails, tracks, track => [track.azimuth_world ?? track.azimuth, level(track)]);
   for (const track of tracks) {
-    const tail = tails.get(track.id) ?? [], level = RIM * (track.range ? Math.min(Math.log10(1 + track.range) / 3, 1) : 1);
-    tail.push([state.time, track.azimuth_world ?? track.azimuth, level]);
-    while (tail[0][0] < state.time - TAIL_S) tail.shift();
-    tails.set(track.id, tail);
-    const offset = track.azimuth_world === null ? 0 : track.azimuth - track.azimuth_world, [cx, cy] = at(track.azimuth, level);
-    element(svg, 'polyline', { class: 'tail', points: tail.map(([, azimuth, radius]) => at(azimuth + offset, radius).map(v => v.toFixed(1)).join(',')).join(' ') });
+    const offset = track.azimuth_world === null ? 0 : track.azimuth - track.azimuth_world, [cx, cy] = at(track.azimuth, level(track));
+    element(svg, 'polyline', { class: 'tail', points: points(tails.get(track.id).map(([, azimuth, radius]) => at(azimuth + offset, radius))) });
     element(svg, 'circle', { class: `track ${track.selected ? 'selected' : ''}`, cx, cy, r: 3.5 });
     element(svg, 'text', { class: 'name', x: cx + 6, y: cy + 3 }, `#${track.id} ${track.name}${track.range ? ` ${Math.round(track.range)} m` : ''}`);
   }
+}
+
+// Keep where each track was in the last seconds; those that have ended are forgotten.
+function follow(kept, tracks, place) {
+  for (const id of kept.keys()) if (!tracks.some(track => track.id === id)) kept.delete(id);
+  for (const track of tracks) {
+    const tail = (kept.get(track.id) ?? []).filter(([time]) => time >= state.time - TAIL_S && time < state.time);
+    kept.set(track.id, [...tail, [state.time, ...place(track)]]);
+  }
+}
+
+// Positions of rigs and targets in metres, north up, with ellipses of one standard deviation.
+function showMap() {
+  const svg = $('map'), { rigs, tracks } = state.world ?? { rigs: [], tracks: [] }, all = [...rigs, ...tracks];
+  follow(mapTails, tracks, track => [track.x, track.y]);
+  svg.replaceChildren(); $('map-box').hidden = !all.length;
+  if (!all.length) return;
+  const [low, high] = [Math.min, Math.max].map(bound => ['x', 'y'].map(axis => bound(...all.map(one => one[axis]))));
+  const needed = Math.max(10, 0.65 * (high[0] - low[0]) * 9 / 16, 0.65 * (high[1] - low[1])), step = 10 ** Math.floor(Math.log10(needed));
+  const half = step * [1, 2, 5, 10].find(one => one * step >= needed), scale = 90 / half, place = (x, y) => [(x - (low[0] + high[0]) / 2) * scale, ((low[1] + high[1]) / 2 - y) * scale];
+  const text = (x, y, words) => element(svg, 'text', { x: x + 6, y: y + 3, class: 'name' }, words);
+  for (const track of tracks) {
+    const [cx, cy] = place(track.x, track.y), [long, short, angle] = track.ellipse;
+    for (const rig of rigs) if (track.rigs.includes(rig.name)) { const [x1, y1] = place(rig.x, rig.y); element(svg, 'line', { class: 'sight-line', x1, y1, x2: cx, y2: cy }); }
+    element(svg, 'polyline', { class: 'tail', points: points(mapTails.get(track.id).map(([, x, y]) => place(x, y))) });
+    if (track.positioned) element(svg, 'ellipse', { class: 'sigma', cx, cy, rx: long * scale, ry: short * scale, transform: `rotate(${-angle} ${cx} ${cy})` });
+    element(svg, 'circle', { class: `track ${track.positioned ? 'selected' : ''}`, cx, cy, r: 3 });
+    text(cx, cy, `#${track.id} ${track.name}${track.positioned ? `, ${Math.round(track.z)} m up` : ', distance unknown'}`);
+  }
+  for (const rig of rigs) { const [x, y] = place(rig.x, rig.y); element(svg, 'rect', { class: 'rig', x: x - 3, y: y - 3, width: 6, height: 6 }); text(x, y, rig.name || 'rig'); }
+  element(svg, 'line', { class: 'scale', x1: -150, x2: -150 + half * scale / 2, y1: 82, y2: 82 });
+  element(svg, 'text', { x: -150, y: 78 }, `${half / 2} m`);
+  $('map-note').textContent = `${tracks.length} ${tracks.length === 1 ? 'target' : 'targets'} by ${rigs.length} rigs, north is up`;
 }
 
 // A diagram of the last minute; returns its context and scales.
@@ -207,6 +239,8 @@ function showAzimuths() {
   context.globalAlpha = 1;
   dots(scale, MIRROR, 'sound', 2.5, 0.35); dots(scale, SOUND, 'sound', 2.5, 0.8); dots(scale, SIGHT, 'sight', 3.5);
   line(scale, TRUTH, 'truth', 1.5, [5, 4], 180); line(scale, FUSED, 'fused', 2, [], 180);
+  context.fillStyle = color('text'); context.textAlign = 'left';
+  for (const [time, words] of state.marks) if (x(time) >= scale.left) { context.fillRect(x(time), 0, 1, scale.height); context.fillText(words, x(time) + 4, 12); }
 }
 
 function showConfidences() {
@@ -215,10 +249,12 @@ function showConfidences() {
   for (const row of rows) if (row[STATE] !== 'none') { context.fillStyle = color(row[STATE]); context.fillRect(x(row[TIME]) - 1, y(-0.03), 2.5, 5); }
 }
 
+function showSnr() { line(diagram('snr', -20, 30, [-20, 0, 20]), SNR, 'sound', 1.5); }
+
 function showDelays() {
   const most = Math.max(0.1, ...rows.map(row => row[DELAY] ?? 0)), top = most > 0.5 ? Math.ceil(most) * 1000 : Math.ceil(most * 10) * 100;
-  rows.forEach(row => { row[12] = row[DELAY] === null ? null : 1000 * row[DELAY]; });
-  line(diagram('delays', 0, top, [0, top / 2, top]), 12, 'fused', 1.5);
+  rows.forEach(row => { row[DELAY_MS] = row[DELAY] === null ? null : 1000 * row[DELAY]; });
+  line(diagram('delays', 0, top, [0, top / 2, top]), DELAY_MS, 'fused', 1.5);
 }
 
 function showSpectrum() {
@@ -247,8 +283,17 @@ function showPointing() {
   $('moves').textContent = enabled ? 'Commands move the rig.' : 'Commands move nothing.';
   $('enable').textContent = enabled ? 'Stop: commands shall move nothing' : 'Let commands move the rig…';
   $('enable').className = enabled ? 'danger' : '';
-  for (const button of [$('enable'), $('record'), $('pause')]) { button.disabled = !control || !token; button.hidden = !offers.includes(button.id); }
+  const permitted = control && token, unresolved = state?.bearing && state.bearing.state !== 'none' && !state.bearing.resolved;
+  for (const button of ['enable', 'turn', 'select', 'record', 'pause'].map($)) { button.disabled = !permitted; button.hidden = !offers.includes(button.id); }
   $('enable').hidden = false; $('enable').disabled ||= !offers.includes('enable');
+  $('turn').disabled ||= !enabled || !unresolved;
+  $('turn').title = !enabled ? 'Commands move nothing.' : unresolved ? '' : 'Front and back are told apart, or there is no target.';
+  options('select', [[0, 'Follow a target by policy'], ...(state?.tracks ?? []).map(({ id, name }) => [id, `Follow #${id} ${name}`])]);
+  $('mark').hidden = !permitted; $('open').hidden = $('pause').hidden || $('open').length < 2;
+  if (permitted && !$('pause').hidden && performance.now() - bagsAsked > 10000) {
+    bagsAsked = performance.now();
+    request('bags', {}).then(({ bags }) => options('open', [['', 'Open a bag…'], ...(bags ?? []).map(name => [name, name])]));
+  }
   if (!control || !token) $('answer').textContent = control ? 'Read-only: open the address with the token.' : 'Read-only. The rig is controlled here with view_control:=true.';
   const recording = nodes.some(one => one.node.endsWith('/recorder_node') && one.words !== 'not active');
   $('record').textContent = recording ? 'Stop recording' : 'Start recording'; $('record').value = recording ? '' : 'yes';
@@ -269,10 +314,24 @@ async function act(action, values) {
 
 $('enable').onclick = () => {
   if (valueOf('pointing_node', 'enabled') === 'True') { act('enable', { value: false }); return; }
-  $('ask-words').textContent = `From now on ${whatMoves()} will move by itself towards the bearing, within the limits of pointing_node. Is everybody clear of it?`;
-  $('ask').showModal();
+  confirmMove(`From now on ${whatMoves()} will move by itself towards the bearing`, 'enable', { value: true });
 };
-$('ask').onclose = () => { if ($('ask').returnValue === 'yes') act('enable', { value: true }); $('ask').returnValue = ''; };
+$('turn').onclick = () => confirmMove('The body of the rig will turn until front and back are told apart, for 10 s at most', 'turn', {});
+$('select').onchange = () => {
+  const value = Number($('select').value), wanted = ['select', { value }];
+  if (valueOf('pointing_node', 'enabled') !== 'True') act(...wanted);
+  else confirmMove(`${whatMoves()} will move towards ${value ? `target #${value}` : 'the target that the policy chooses'}`, ...wanted);
+};
+$('open').onchange = () => { act('open', { value: $('open').value }); $('open').value = ''; };
+$('mark').onsubmit = event => { event.preventDefault(); act('mark', { value: $('mark-text').value }); $('mark-text').value = ''; };
+
+// Ask before something moves.
+function confirmMove(words, ...wanted) {
+  pending = wanted;
+  $('ask-words').textContent = `${words}, within the limits of pointing_node. Is everybody clear of it?`;
+  $('ask').showModal();
+}
+$('ask').onclose = () => { if ($('ask').returnValue === 'yes') act(...pending); $('ask').returnValue = ''; };
 for (const id of ['record', 'pause']) $(id).onclick = () => act(id, { value: Boolean($(id).value) });
 $('seek').onchange = () => { act('set', { node: `${rig}/player_node`, name: 'position', value: Number($('seek').value) }); $('seek').blur(); };
 $('orientation').onclick = () => { northUp = !northUp; $('orientation').textContent = northUp ? 'north' : 'ahead'; };
@@ -296,8 +355,16 @@ function showHealth() {
     for (const [key, value] of node.values) { const row = made(table, 'tr', ''); made(row, 'td', key); made(row, 'td', value); }
     for (const advice of node.advice) made(item, 'p', advice, 'advice');
   }
-  const names = nodes.map(node => node.node).sort(), shown = [...$('nodes').options].slice(1).map(option => option.value);
-  if (names.join() !== shown.join()) { const chosen = $('nodes').value; $('nodes').replaceChildren(new Option('', '')); for (const name of names) $('nodes').add(new Option(name.slice(1), name)); $('nodes').value = chosen; }
+  options('nodes', [['', ''], ...nodes.map(({ node }) => [node, node.slice(1)]).sort()]);
+}
+
+// Change what a list offers, and keep what is chosen.
+function options(id, entries) {
+  const list = $(id), offered = JSON.stringify(entries), chosen = list.value;
+  if (list.dataset.offered === offered) return;
+  list.dataset.offered = offered;
+  list.replaceChildren(...entries.map(([value, text]) => new Option(text, value)));
+  list.value = entries.some(([value]) => String(value) === chosen) ? chosen : entries[0]?.[0];
 }
 
 $('nodes').onchange = async () => {
@@ -324,9 +391,9 @@ $('nodes').onchange = async () => {
 
 function showRigs(rigs) {
   $('rigs').hidden = rigs.length < 2;
-  $('rigs').replaceChildren(...rigs.map(name => new Option(name.slice(1) || '(no namespace)', name)));
+  options('rigs', rigs.map(name => [name, name.slice(1) || '(no namespace)']));
   $('rigs').value = rig;
 }
-$('rigs').onchange = () => { rig = $('rigs').value; rows = []; tails.clear(); pictureTime = 0; ask('watch', { rig }); };
+$('rigs').onchange = () => { rig = $('rigs').value; rows = []; tails.clear(); bagsAsked = -Infinity; pictureTime = 0; ask('watch', { rig }); };
 
 connect();
