@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import stft
 
 SEGMENT = 256  # samples
 LOWEST_HZ, HIGHEST_HZ = 500.0, 8000.0  # below, noise of the surroundings is common to close microphones, too
@@ -35,10 +35,12 @@ class Coherence:
         block = np.asarray(samples, float)
         if block.ndim != 2 or block.shape[1] < 2 or len(block) < SEGMENT or not rate > 0.0:
             return math.nan
-        frequencies, _, lines = stft(block.T, rate, nperseg=SEGMENT, boundary=None, padded=False)
-        lines = lines[:, (frequencies >= LOWEST_HZ) & (frequencies <= HIGHEST_HZ)]
-        common = (lines[1:] * lines[:-1].conj()).mean(axis=2)
-        power = np.sqrt((np.abs(lines[1:]) ** 2).mean(axis=2) * (np.abs(lines[:-1]) ** 2).mean(axis=2))
+        segments = sliding_window_view(block, SEGMENT, axis=0)[::SEGMENT // 2] * np.hanning(SEGMENT)  # (n, channels, samples)
+        frequencies = np.fft.rfftfreq(SEGMENT, 1.0 / rate)
+        lines = np.fft.rfft(segments)[..., (frequencies >= LOWEST_HZ) & (frequencies <= HIGHEST_HZ)]
+        common = (lines[:, 1:] * lines[:, :-1].conj()).mean(axis=0)
+        powers = np.square(np.abs(lines)).mean(axis=0)
+        power = np.sqrt(powers[1:] * powers[:-1])
         if self._common is None or self._power is None or self._common.shape != common.shape:
             self._common, self._power = common, power
         kept = math.exp(-max(since, 0.0) / MEMORY_S)
