@@ -36,7 +36,8 @@ class Rig:
     """A rig that publishes pictures and bearings, offers ~/enable, and is looked at by a view_node of the same process."""
 
     def __init__(self, *parameters):
-        rclpy.init(args=['--ros-args', *(word for one in ('port:=0', 'linger:=0.5', 'niceness:=0', *parameters) for word in ('-p', one))])
+        values = ('port:=0', 'linger:=0.5', 'niceness:=0', *parameters)
+        rclpy.init(args=['--ros-args', *(word for one in values for word in ('-p', one))])
         self.node = rclpy.create_node('pointing_node')
         self.enabled = []
         self.node.create_service(SetBool, '~/enable', self.on_enable)

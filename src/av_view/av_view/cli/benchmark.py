@@ -93,8 +93,8 @@ async def measure(address: str, process: psutil.Process, viewers: int, seconds: 
     await asyncio.sleep(seconds)
     share, found = (sum(process.cpu_times()[:2]) - before) / seconds, list(delays.values)
     await watching
-    means = [sum(column) / (viewers * seconds) for column in zip(*counts, strict=True)] if counts else [0.0, 0.0, 0.0]
-    return Phase(share, *means, found)
+    updates, pictures, size = (sum(column) / max(viewers * seconds, 1.0) for column in zip((0, 0, 0), *counts, strict=True))
+    return Phase(share, updates, pictures, size, found)
 
 
 def row(viewers: int, phases: list[Phase]) -> str:
