@@ -29,6 +29,7 @@ from av_fusion.launching import (
 BAG_TIME = {'use_sim_time': True}
 ARGUMENTS = {
     'bag': (None, 'the recording: a file or a folder, mcap or sqlite3 (.db3)', None),
+    'bags': ('', 'folder whose other bags the page may open; it then waits at the end of each', None),
     'only': ('raw', 'the stage that is played; later stages are computed', ['raw', 'doa', 'bearing', 'all']),
     'rate': ('1.0', 'speed of the player, relative to the recording', None),
     'start': ('0.0', 'time after the start of the bag at which playing starts (s)', None),
@@ -76,7 +77,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', frames))
     receivers += recorder_nodes(arguments, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
-    processes = [*others, *receivers, *view_nodes(arguments, BAG_TIME), player]
+    processes = [*others, *receivers, *view_nodes(arguments, {'bags': arguments['bags'], **BAG_TIME}), player]
     return [*ends_with(player, processes), *processes]
 
 
@@ -87,7 +88,7 @@ def player_node(arguments: Arguments, receivers: list[str]) -> Node:
         arguments: the launch arguments.
         receivers: names of the nodes for which the player waits before it starts.
     """
-    texts = {name: arguments[name] for name in ('bag', 'only', 'recorded_namespace', 'audio_format')}
+    texts = {name: arguments[name] for name in ('bag', 'bags', 'only', 'recorded_namespace', 'audio_format')}
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
     return Node(package='av_bags', executable='player_node', name='player_node', namespace=arguments['namespace'],

@@ -95,7 +95,9 @@ def test_a_replay_is_held_and_moved_from_the_page(tmp_path):
 
 def it_moves(browser):
     """Picture, ring and strips are others after a while."""
-    seen = [PIXELS, '$("polar").innerHTML', '$("azimuths").toDataURL()', '$("confidences").toDataURL()', 'rows.length']
+    assert browser.wait_for('$("polar").querySelector(".ring")')
+    seen = [PIXELS, '$("polar").querySelector(".ring")?.getAttribute("points")', '$("azimuths").toDataURL()', 'rows.length',
+            *(f'$("{strip}").toDataURL()' for strip in ('confidences', 'snr', 'delays', 'spectrum'))]
     before = [browser.value(expression) for expression in seen]
     for expression, value in zip(seen, before, strict=True):
         assert browser.wait_for(f'{expression} !== {json.dumps(value)}'), expression
@@ -125,6 +127,12 @@ def it_controls_with_the_token(browser, listener):
     assert browser.wait_for('$("enable").textContent.startsWith("Stop")')
     browser.value('$("enable").click()')
     assert listener.wait_for(lambda: enabled() == 'False')
+    it_marks(browser)
+
+
+def it_marks(browser):
+    browser.value('$("mark-text").value = "a gust", $("mark").requestSubmit()')
+    assert browser.wait_for('state.marks.some(([, words]) => words === "a gust")'), browser.value('$("answer").textContent')
 
 
 def a_stalled_viewer_does_no_harm(browser):

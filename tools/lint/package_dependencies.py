@@ -23,7 +23,7 @@ KEYS = {
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'foxglove', 'lz4', 'onnx', 'pyroadacoustics', 'pyroomacoustics',
-            'px4_msgs', 'stonesoup', 'zstandard', 'setuptools', 'websockets'}
+            'px4_msgs', 'rerun', 'stonesoup', 'zstandard', 'setuptools', 'websockets'}
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},

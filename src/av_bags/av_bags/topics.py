@@ -12,7 +12,7 @@ AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/c
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
 TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
-GIMBAL, TARGETS = 'gimbal/state', 'targets'
+GIMBAL, TARGETS, MARKS = 'gimbal/state', 'targets', 'marks'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
 # Types of each topic that can be read: the rig's own type first, then those that are converted to it.
@@ -33,9 +33,10 @@ KINDS: dict[str, tuple[str, ...]] = {
     MOTORS: ('std_msgs/msg/Float32MultiArray',),
     GIMBAL: ('av_interfaces/msg/GimbalState',),
     TARGETS: ('av_interfaces/msg/TrackArray',),
+    MARKS: ('rcl_interfaces/msg/Log',),
 }
 
-_CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES)
+_CONTEXT = (CAMERA, VISIBILITY, ODOMETRY, GIMBAL, TRUE_TARGET, TRUE_RIG, FRAMES, MARKS)
 # Topics to play for each stage from which on the results are computed again.
 STAGES: dict[str, tuple[str, ...]] = {
     'raw': (AUDIO, MOTORS, IMAGE, DETECTIONS, *_CONTEXT),

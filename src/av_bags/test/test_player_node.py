@@ -21,9 +21,10 @@ LONG_S = 30.0
 class Replay:
     """A player and a node that listens to /clock."""
 
-    def __init__(self, bag):
+    def __init__(self, bag, **values):
         rclpy.init()
-        overrides = [Parameter('bag', value=str(bag)), Parameter('only', value='all'), Parameter('clock_rate', value=50.0)]
+        values = {'bag': str(bag), 'only': 'all', 'clock_rate': 50.0, **values}
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.player = PlayerNode(parameter_overrides=overrides)
         self.listener = rclpy.create_node('listener')
         self.times = []
@@ -54,8 +55,11 @@ class Replay:
         self.spin_until(answer.done)
         assert answer.result().success
 
+    def set(self, name, value):
+        return self.player.set_parameters([Parameter(name, value=value)])[0].successful
+
     def go_to(self, position):
-        return self.player.set_parameters([Parameter('position', value=position)])[0].successful
+        return self.set('position', position)
 
     def close(self):
         self.player.close()
@@ -95,3 +99,34 @@ def test_it_goes_to_another_time_forwards_backwards_and_paused(replay):
     replay.spin_until(lambda: 8.0 <= replay.times[-1] - begin < 9.5)
     assert not replay.go_to(100.0)  # beyond the end
     assert not replay.go_to(-1.0)
+
+
+def test_it_opens_other_bags_of_its_folder_and_waits_at_their_ends(tmp_path):
+    folder, elsewhere = tmp_path / 'bags', tmp_path / 'elsewhere'
+    folder.mkdir(), elsewhere.mkdir()
+    flight(folder / 'first.mcap', duration=20.0)
+    flight(folder / 'second.mcap', duration=3.0)
+    flight(elsewhere / 'third.mcap', duration=3.0)
+    (folder / 'broken.mcap').write_bytes(b'no bag')
+    replay = Replay(folder / 'first.mcap', bags=str(folder), rate=4.0)
+    try:
+        for wrong in (elsewhere / 'third.mcap', folder / '..' / 'elsewhere' / 'third.mcap', folder / 'broken.mcap',
+                      folder / 'none.mcap', folder, ''):
+            assert not replay.set('bag', str(wrong)), wrong
+        begin = replay.times[0]
+        assert replay.go_to(15.0)
+        replay.spin_until(lambda: replay.times[-1] > begin + 15.0)
+        assert replay.set('bag', str(folder / 'second.mcap'))
+        for _ in range(2):  # to its end, and again from its beginning
+            replay.spin_until(lambda: replay.times[-1] - begin < 1.0)
+            replay.spin_until(lambda: 2.5 < replay.times[-1] - begin < 3.5)
+            replay.spin(0.5)
+            assert not replay.player.done.done()
+            assert replay.go_to(0.0)
+    finally:
+        replay.close()
+
+
+def test_without_a_folder_no_other_bag_is_opened(replay, tmp_path):
+    flight(tmp_path / 'other.mcap', duration=3.0)
+    assert not replay.set('bag', str(tmp_path / 'other.mcap'))

@@ -10,21 +10,23 @@ from typing import Any, NamedTuple, Protocol
 
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
+from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
+from av_fusion.filter.azimuth_posterior import azimuth_posterior
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
 from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
-from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
+from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
@@ -193,6 +195,12 @@ class FusionStage:
             self._last_output = now - self._period
         while self.due <= now:
             yield self._output(self.due)
+
+    def posterior(self, now: float) -> AzimuthPosterior:
+        """Where the targets may be at `now`; without sectors for a tracker that has no posterior."""
+        densities = self.tracker.densities()
+        probability = azimuth_posterior(densities, self.tracker.motion, now).tolist() if densities else []
+        return AzimuthPosterior(header=Header(stamp=to_stamp(now), frame_id=self.settings.base_frame), probability=probability)
 
     def missing(self, now: float) -> list[str]:
         """Names of inputs without recent messages; odometry also where its attitude is old, frozen or not known."""

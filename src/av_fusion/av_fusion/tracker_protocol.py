@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from av_common.track import Targets, Track
+from av_fusion.disambiguation.rotation import RotationPlanner
+from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
@@ -19,6 +21,10 @@ class Tracker(Protocol):
     @property
     def motion(self) -> RigMotion:
         """The rig's attitude and path."""
+
+    @property
+    def planner(self) -> RotationPlanner:
+        """Plans rotations of the rig that resolve the front-back ambiguity."""
 
     def reset(self) -> None:
         """Discard the track, but keep the rig's motion and the result of calibration."""
@@ -37,6 +43,9 @@ class Tracker(Protocol):
 
     def targets(self, track: Track) -> Targets:
         """All targets at the time of the newest estimate, `track`."""
+
+    def densities(self) -> Sequence[TargetDensity]:
+        """The posterior of each target that may exist; empty for a tracker without one."""
 
     def select(self, identifier: int) -> None:
         """Follow the target with this id as long as it is tracked; 0: follow the one of the policy.

@@ -22,16 +22,11 @@ from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.vectors import angles
 from av_pointing.controller import Mode
 from av_view.camera_view import CameraView
-from av_view.posterior_ring import posterior_ring
+from av_view.numbers import LONGEST_NAME, LONGEST_TEXT, MOST_BOXES, MOST_GROUPS, MOST_TRACKS, STALE_S, degrees, number
+from av_view.world_map import WorldMap
 
-LONGEST_TEXT = 300  # characters of a text that comes from a message
-MOST_BOXES, MOST_TRACKS, MOST_GROUPS = 50, 50, 8
-STALE_S = 1.0  # age from which a measurement is no longer shown
-MOST_DELAYS = 100  # of which the median is shown
+MOST_DELAYS, MOST_MARKS, MOST_SECTORS = 100, 50, 720  # of the delays the median is shown
 STATES = {State.NONE: 'none', State.VISUAL_ACTIVE: 'sight', State.ACOUSTIC_ACTIVE: 'sound', State.COASTING: 'coasting'}
-# What the columns of a row are; azimuths in degrees, confidences 0..1, delay in s.
-COLUMNS = ('time', 'sound', 'mirror', 'sight', 'fused', 'sigma', 'truth', 'sound_confidence', 'sight_confidence', 'state',
-           'level', 'delay')
 
 
 class RigState:
@@ -40,11 +35,13 @@ class RigState:
     Attributes:
         camera: the camera as it is turned; None while it is unknown.
         sound: the newest directions of arrival in the body frame, the most confident first.
+        world: the map of several rigs.
     """
 
     def __init__(self) -> None:
         self.camera: CameraView | None = None
         self.sound: Sequence[DoaMeasurement] = ()
+        self.world = WorldMap()
         self._bearing: Any = None
         self._fusion: Any = None
         self._doa: Any = None
@@ -56,6 +53,9 @@ class RigState:
         self._rig_truth: Any = None
         self._truths: dict[str, Any] = {}
         self._spectrum: list[float] = []
+        self._snr = math.nan
+        self._posterior: Any = None
+        self._marks: deque[tuple[float, str]] = deque(maxlen=MOST_MARKS)
         self._delays: deque[float] = deque(maxlen=MOST_DELAYS)
 
     def on_bearing(self, message: Any, arrival: float) -> None:
@@ -121,9 +121,26 @@ class RigState:
         elif name in self._truths or len(self._truths) < MOST_TRACKS:
             self._truths[name] = message
 
-    def on_spectrum(self, levels: Sequence[float]) -> None:
-        """Take the levels (dB) of the sound in the bands of `av_view.spectrum`."""
-        self._spectrum = [round(float(level), 1) for level in levels]
+    def on_posterior(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take an `AzimuthPosterior`. Raises ValueError for one that has too many sectors, or numbers that are none."""
+        to_seconds(message.header.stamp)
+        probability = np.asarray(message.probability, float)
+        if len(probability) > MOST_SECTORS or not (np.isfinite(probability) & (probability >= 0.0)).all():
+            raise ValueError(f'a posterior of {len(probability)} sectors, expected up to {MOST_SECTORS} probabilities')
+        self._posterior = message
+
+    def on_mark(self, message: Any, _arrival: float = 0.0) -> None:
+        """Take a mark, a `Log`. Raises ValueError for an impossible stamp."""
+        self._marks.append((round(to_seconds(message.stamp), 2), message.msg[:LONGEST_NAME]))
+
+    def on_spectrum(self, levels: Sequence[float], snr: float) -> None:
+        """Take what is known of the sound.
+
+        Parameters:
+            levels (dB): in the bands of `av_view.spectrum`.
+            snr (dB): signal-to-noise ratio; nan while unknown.
+        """
+        self._spectrum, self._snr = [round(float(level), 1) for level in levels], snr
 
     def snapshot(self, now: float) -> dict[str, Any]:
         """What is known at `now` (s), as values that JSON can hold; parts are None where nothing is known."""
@@ -132,7 +149,8 @@ class RigState:
             'bearing': self._bearing_part(now), 'fusion': self._fusion_part(), 'sound': self._sound_part(now),
             'sight': self._sight_part(now), 'camera': self._camera_part(), 'tracks': self._tracks_part(now),
             'truth': self._truth_part(), 'command': self._command_part(now), 'spectrum': self._spectrum,
-            'delay': self._delay()}
+            'snr': number(self._snr, 1), 'delay': self._delay(), 'posterior': self._posterior_part(now),
+            'marks': [mark for mark in self._marks if mark[0] <= now], 'world': self.world.part(now)}
 
     def _bearing_part(self, now: float) -> dict[str, Any] | None:
         message = self._bearing
@@ -140,7 +158,6 @@ class RigState:
             return None
         measured = to_seconds(message.measured)
         sigma = _sigma(message.azimuth_variance)
-        mirror = self._mirror(message.azimuth)
         return {
             'state': STATES[State(message.state)], 'azimuth': degrees(message.azimuth), 'sigma': sigma,
             'elevation': degrees(message.elevation) if _sigma(message.elevation_variance) is not None else None,
@@ -149,19 +166,17 @@ class RigState:
             'rate_world': degrees(message.azimuth_world_rate), 'range': number(message.range),
             'range_sigma': number(math.sqrt(max(message.range_variance, 0.0))), 'source': _sources(message.source),
             'probability': number(message.hemisphere_probability, 3), 'resolved': bool(message.resolved),
-            'mirror': None if mirror is None else degrees(mirror), 'turn': degrees(message.requested_rotation),
+            'turn': degrees(message.requested_rotation),
             'look': degrees(message.look_azimuth) if message.look_requested else None,
             'age': number(now - measured, 2) if measured > 0.0 else None,
-            'ring': posterior_ring(message.azimuth, message.azimuth_variance, mirror, message.hemisphere_probability)
-            if message.state != State.NONE else [],
             'line': self._line(message), 'band': self._band(message), 'centre': self._centre(message)}
 
-    def _mirror(self, azimuth: float) -> float | None:
-        """The mirror image (rad) of the bearing in what is heard: that hypothesis which is farthest from it."""
-        images = self.sound[0].hypotheses if self.sound else ()
-        if len(images) < 2:
-            return None
-        return max((image.azimuth for image in images), key=lambda image: abs(wrap(image - azimuth)))
+    def _posterior_part(self, now: float) -> list[float]:
+        """Probabilities of the sectors relative to the most probable one; empty without recent ones."""
+        message = self._posterior
+        if message is None or now - to_seconds(message.header.stamp) > STALE_S or not any(message.probability):
+            return []
+        return [round(float(value), 3) for value in np.asarray(message.probability, float) / max(message.probability)]
 
     def _line(self, message: Any) -> list[list[float]]:
         return self.camera.meridian(message.azimuth) if self.camera and message.state != State.NONE else []
@@ -224,7 +239,7 @@ class RigState:
     def _track(self, track: Any, selected: bool) -> dict[str, Any]:
         level = max(math.cos(track.elevation_world), 0.1) if math.isfinite(track.elevation_world) else 1.0
         return {
-            'id': int(track.id), 'name': track.class_id[:40], 'azimuth': degrees(track.azimuth),
+            'id': int(track.id), 'name': track.class_id[:LONGEST_NAME], 'azimuth': degrees(track.azimuth),
             'elevation': degrees(track.elevation), 'azimuth_world': degrees(track.azimuth_world),
             'sigma': _sigma(track.covariance_world[0] / level**2), 'existence': number(track.existence),
             'drone': number(track.drone_probability), 'range': number(track.range), 'source': _sources(track.source),
@@ -258,33 +273,6 @@ class RigState:
         return number(float(np.median(self._delays)), 3) if self._delays else None
 
 
-def row_of(snapshot: dict[str, Any]) -> list[float | str | None]:
-    """The values of COLUMNS in a snapshot, for diagrams against time."""
-    bearing, sound, sight, truth = (snapshot[name] for name in ('bearing', 'sound', 'sight', 'truth'))
-    azimuths = [image['azimuth'] for group in (sound['groups'][:1] if sound else ()) for image in group['images']]
-    boxes = [box for box in sight['boxes'] if None not in (box['azimuth'], box['score'])] if sight else []
-    best = max(boxes, key=lambda box: box['score'], default={'azimuth': None, 'score': 0.0})
-    known = bearing is not None and bearing['state'] != 'none'
-    return [snapshot['time'], *[*azimuths, None, None][:2], best['azimuth'], *([bearing['azimuth'], bearing['sigma']] if known
-            else [None, None]), truth[0]['azimuth'] if truth else None, sound and sound['confidence'], best['score'],
-            bearing['state'] if bearing else 'none', sound and sound['level'], snapshot['delay']]
-
-
-def number(value: float, digits: int = 2) -> float | None:
-    """A rounded number; None for one that is not finite.
-
-    Parameters:
-        value: the number.
-        digits: after the point.
-    """
-    return round(float(value), digits) if math.isfinite(value) else None
-
-
-def degrees(angle: float) -> float | None:
-    """An angle (rad) in degrees; None where it is not finite."""
-    return number(math.degrees(angle), 1)
-
-
 def _sigma(variance: float) -> float | None:
     """Standard deviation in degrees of a variance (rad^2); None where it says nothing."""
     return degrees(math.sqrt(variance)) if 0.0 <= variance <= math.pi**2 else None
@@ -303,5 +291,5 @@ def _box(detection: Any, camera: CameraView | None) -> dict[str, Any]:
     share: Mapping[str, float | None] = {} if camera is None else {
         'x': number((x - 0.5 * width) / camera.model.width, 4), 'y': number((y - 0.5 * height) / camera.model.height, 4),
         'width': number(width / camera.model.width, 4), 'height': number(height / camera.model.height, 4)}
-    return {**share, 'name': best.class_id[:40], 'score': number(best.score), 'azimuth': degrees(azimuth),
-            'track': detection.id[:40]}
+    return {**share, 'name': best.class_id[:LONGEST_NAME], 'score': number(best.score), 'azimuth': degrees(azimuth),
+            'track': detection.id[:LONGEST_NAME]}

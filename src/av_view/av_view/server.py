@@ -31,8 +31,8 @@ PING_S = 15.0  # a viewer that answers no ping for as long again is gone
 END = '{"type":"end"}'  # of what is sent at once; the viewer then asks for the next
 READ_ONLY = 'this page is read-only: start the rig with view_control:=true'
 WRONG_TOKEN_S = 1.0  # delay of the answer to a wrong token
-PAGE = {'/': ('index.html', 'text/html'), '/view.js': ('view.js', 'text/javascript'), '/view.css': ('view.css', 'text/css'),
-        '/icon.svg': ('icon.svg', 'image/svg+xml')}
+PAGE = {'/': ('index.html', 'text/html'), '/view.css': ('view.css', 'text/css'), '/icon.svg': ('icon.svg', 'image/svg+xml'),
+        '/view.js': ('view.js', 'text/javascript'), '/draw.js': ('draw.js', 'text/javascript')}
 SECURITY = {
     'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
                                "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",

@@ -145,6 +145,25 @@ def test_files_that_contradict_each_other(parameters, words, tmp_path):
     assert any(words in finding.words and finding.remedy for finding in found), found
 
 
+@pytest.mark.parametrize(('old', 'new', 'words'), [
+    ('rpy_deg: [0.0, 0.0, 0.0]', 'rpy_deg: [0.0, 0.0, 90.0]', 'the camera looks'),
+    ('rpy_deg: [0.0, 0.0, 0.0]', 'rpy_deg: [90.0, 0.0, 0.0]', 'above one another'),
+    ('position: [0.0, 0.0, 0.10]', 'position: [0.0, 0.0, 100.0]', 'from the middle of the body')])
+def test_an_array_that_does_not_fit_the_rig(old, new, words, tmp_path):
+    text = (CONFIG / 'rig.yaml').read_text().replace('arrays/', f'{CONFIG}/arrays/')
+    assert old in text
+    (tmp_path / 'rig.yaml').write_text(text.replace(old, new, 1))
+    found, _ = judge_files(tmp_path / 'rig.yaml', [CONFIG / 'rig_params.yaml'])
+    assert any(words in finding.words and finding.remedy for finding in found), found
+
+
+def test_another_array_file_than_that_of_the_rig_is_an_error(tmp_path):
+    file = tmp_path / 'params.yaml'
+    file.write_text(f'/**/doa_node: {{ros__parameters: {{array_file: {CONFIG}/arrays/respeaker_4.yaml}}}}')
+    found, _ = judge_files(CONFIG / 'rig.yaml', [file])
+    assert 'error' in levels(found) and any('respeaker_4' in finding.words for finding in found)
+
+
 def test_the_camera_is_opened_as_the_node_does(tmp_path):
     """A file stands for a camera: OpenCV opens both."""
     file, parameters = tmp_path / 'video.avi', tmp_path / 'params.yaml'

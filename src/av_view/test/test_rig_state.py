@@ -6,13 +6,15 @@ import json
 import math
 
 import pytest
+from rcl_interfaces.msg import Log
 from view_messages import CAMERA, NOW, bearing, heard, pose, seen
 from vision_msgs.msg import Detection2DArray
 
 from av_common.stamps import to_stamp
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
-from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
-from av_view.rig_state import COLUMNS, RigState, row_of
+from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, PointingCommand, Track, TrackArray
+from av_view.rig_state import RigState
+from av_view.rows import COLUMNS, row_of
 
 
 def test_without_messages_everything_is_unknown():
@@ -22,13 +24,12 @@ def test_without_messages_everything_is_unknown():
     json.dumps(snapshot, allow_nan=False)
 
 
-def test_a_bearing_in_degrees_with_its_mirror_image():
+def test_a_bearing_in_degrees():
     state = RigState()
     state.camera = CAMERA
-    state.on_doa(*heard())
     state.on_bearing(bearing(), NOW)
     part = state.snapshot(NOW)['bearing']
-    assert (part['azimuth'], part['sigma'], part['mirror']) == pytest.approx((5.7, 1.1, 174.3), abs=0.06)
+    assert (part['azimuth'], part['sigma']) == pytest.approx((5.7, 1.1), abs=0.06)
     assert part['state'] == 'sound' and part['elevation'] is None and part['range'] is None and part['age'] == 0.2
     assert part['band'] and part['line'] and part['centre'] is None
     assert state.snapshot(NOW)['delay'] == pytest.approx(0.2)
@@ -40,7 +41,7 @@ def test_a_bearing_without_a_target_shows_nothing():
     state.camera = CAMERA
     state.on_bearing(bearing(state=Bearing.STATE_NONE, azimuth=math.nan, azimuth_variance=math.inf), NOW)
     part = state.snapshot(NOW)['bearing']
-    assert part['state'] == 'none' and part['ring'] == part['band'] == part['line'] == [] and part['azimuth'] is None
+    assert part['state'] == 'none' and part['band'] == part['line'] == [] and part['azimuth'] is None
     assert row_of(state.snapshot(NOW))[COLUMNS.index('fused')] is None
 
 
@@ -84,6 +85,34 @@ def test_tracks_with_their_names():
     assert part['sigma'] == pytest.approx(math.degrees(0.1), abs=0.1)
 
 
+def posterior(*probability, stamp=NOW):
+    message = AzimuthPosterior(probability=probability)
+    message.header.stamp = to_stamp(stamp)
+    return message
+
+
+def test_the_posterior_is_relative_to_its_peak_while_it_is_recent():
+    state = RigState()
+    state.on_posterior(posterior(0.0, 0.2, 0.1))
+    assert state.snapshot(NOW)['posterior'] == [0.0, 1.0, 0.5]
+    assert state.snapshot(NOW + 5.0)['posterior'] == []
+    state.on_posterior(posterior(0.0, 0.0))
+    assert state.snapshot(NOW)['posterior'] == []
+    for wrong in (posterior(math.nan, 1.0), posterior(-0.1, 1.0), posterior(*[0.1] * 10_000)):
+        with pytest.raises(ValueError, match='sectors'):
+            state.on_posterior(wrong)
+    assert state.snapshot(NOW)['posterior'] == []
+
+
+def test_marks_are_kept_and_those_of_a_later_time_wait_for_it():
+    state = RigState()
+    for number in range(100):
+        state.on_mark(Log(stamp=to_stamp(NOW + number), msg=f'{number} ' + 'x' * 1000))
+    marks = state.snapshot(NOW + 90.0)['marks']
+    assert marks[-1][0] == NOW + 90.0 and marks[-1][1].startswith('90 x') and len(marks[-1][1]) < 100
+    assert len(state.snapshot(NOW + 1000.0)['marks']) < 100
+
+
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e38])
 def test_numbers_that_json_cannot_hold_are_unknown(value):
     state = RigState()
@@ -97,6 +126,7 @@ def test_numbers_that_json_cannot_hold_are_unknown(value):
     state.on_fusion(FusionState(sound_confidence=value, visibility=value, front_probability=value))
     state.on_command(PointingCommand(pan=value, move_gimbal=True, header=heard()[0].header))
     state.on_detections(seen(value, value, value, value, value), None)
+    state.on_spectrum([0.0], value)
     state.on_truth('rig', pose(0.0, 0.0, 0.0))
     state.on_truth('target', pose(value, value, 0.0))
     message = TrackArray(tracks=[Track(azimuth=value, elevation_world=value, range=value, covariance_world=[value] * 4)])

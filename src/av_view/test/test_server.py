@@ -94,7 +94,7 @@ def test_the_page_comes_with_all_it_needs_and_may_load_nothing_else(page):
     assert answer.status == 200 and b'view.js' in content
     assert "default-src 'none'" in answer.headers['Content-Security-Policy'] and 'http' not in answer.headers[
         'Content-Security-Policy']
-    for path in ('/', '/view.js', '/view.css', '/icon.svg'):
+    for path in ('/', '/view.js', '/draw.js', '/view.css', '/icon.svg'):
         content = page.get(path)[1].replace(b'http://www.w3.org/2000/svg', b'')  # the name of a language
         assert b'http://' not in content and b'https://' not in content and len(content) > 100
 

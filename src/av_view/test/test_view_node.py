@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
 pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
@@ -22,7 +23,8 @@ from websockets.sync.client import connect
 from av_common.node import Executor
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
-from av_interfaces.msg import Bearing
+from av_interfaces.msg import AzimuthPosterior, Bearing, WorldTrackArray
+from av_interfaces.srv import SelectTarget
 from av_view.nodes.view_node import ViewNode
 from av_vision.messages import image_message
 
@@ -34,7 +36,8 @@ class Rig:
     """A rig that publishes pictures and bearings, offers ~/enable, and is looked at by a view_node of the same process."""
 
     def __init__(self, *parameters):
-        rclpy.init(args=['--ros-args', *(word for one in ('port:=0', 'linger:=0.5', *parameters) for word in ('-p', one))])
+        values = ('port:=0', 'linger:=0.5', 'niceness:=0', *parameters)
+        rclpy.init(args=['--ros-args', *(word for one in values for word in ('-p', one))])
         self.node = rclpy.create_node('pointing_node')
         self.enabled = []
         self.node.create_service(SetBool, '~/enable', self.on_enable)
@@ -42,11 +45,16 @@ class Rig:
         self.images = self.node.create_publisher(type(image_message(Header(), np.zeros((2, 2, 3), np.uint8))),
                                                  'camera/image_raw', RESULT)
         self.diagnostics = self.node.create_publisher(DiagnosticArray, '/diagnostics', RESULT)
+        self.fusion, self.asked = rclpy.create_node('fusion_node'), []
+        self.fusion.create_service(SelectTarget, '~/select', self.on_select)
+        self.fusion.create_service(Trigger, '~/request_rotation', self.on_turn)
+        self.posteriors = self.fusion.create_publisher(AzimuthPosterior, 'fusion/posterior', RESULT)
+        self.worlds = self.fusion.create_publisher(WorldTrackArray, '/anywhere/tracks', RESULT)
         self.node.create_timer(0.05, self.publish)
         self.view = ViewNode()
         self.executor = Executor()
-        self.executor.add_node(self.node)
-        self.executor.add_node(self.view)
+        for node in (self.node, self.fusion, self.view):
+            self.executor.add_node(node)
         self.azimuth = 0.5
         self.ending = threading.Event()
         self.thread = threading.Thread(target=self.spin)
@@ -62,8 +70,21 @@ class Rig:
         response.success, response.message = True, 'commands move the rig'
         return response
 
+    def on_select(self, request, response):
+        self.asked.append(request.id)
+        response.success = request.id in (0, 3)
+        response.message = '' if response.success else f'target {request.id} is not tracked'
+        return response
+
+    def on_turn(self, _request, response):
+        self.asked.append('turn')
+        response.success, response.message = True, 'a rotation is requested'
+        return response
+
     def publish(self):
         now = self.view.now()
+        self.posteriors.publish(AzimuthPosterior(header=Header(stamp=to_stamp(now)), probability=[0.0, 0.5]))
+        self.worlds.publish(WorldTrackArray(header=Header(stamp=to_stamp(now))))
         self.bearings.publish(Bearing(state=Bearing.STATE_VISUAL_ACTIVE, azimuth=self.azimuth, azimuth_variance=0.01,
                                       measured=to_stamp(now)))
         self.images.publish(image_message(Header(stamp=to_stamp(now)), np.full((480, 960, 3), 90, np.uint8)))
@@ -84,6 +105,7 @@ class Rig:
         self.view.close()
         self.view.destroy_node()
         self.node.destroy_node()
+        self.fusion.destroy_node()
         rclpy.try_shutdown()
 
 
@@ -162,6 +184,60 @@ def test_enable_reaches_the_rig_with_the_token_only(rig):
         assert not ask(viewer, rig, do='enable', value='yes')['done'] and rig.enabled == [True]
         assert 'not offered' in ask(viewer, rig, do='record', value=True)['words']
         assert 'expected' in ask(viewer, rig, do='arm')['words']
+
+
+def test_a_target_is_selected_and_a_turn_is_asked_for_with_the_token_only(rig):
+    with rig.viewer() as viewer:
+        for request in ({'do': 'select', 'value': 3}, {'do': 'turn'}):
+            assert ask(viewer, rig, **request, token='wrong')['done'] is False and rig.asked == []
+        assert ask(viewer, rig, do='select', value=3)['done'] and rig.asked == [3]
+        assert ask(viewer, rig, do='select', value=4)['words'] == 'target 4 is not tracked'
+        assert ask(viewer, rig, do='turn')['words'] == 'a rotation is requested' and rig.asked[-1] == 'turn'
+        for value in (-1, 2**32, 1.5, '3', None, True, [3]):
+            assert 'expected' in ask(viewer, rig, do='select', value=value)['words']
+
+
+def test_marks_are_published_and_shown(rig):
+    heard = []
+    rig.node.create_subscription(Log, 'marks', heard.append, RESULT)
+    with rig.viewer() as viewer:
+        receive(viewer, is_state)
+        assert wait_for(lambda: rig.node.count_publishers('/marks') == 1)
+        assert ask(viewer, rig, do='mark', value='no', token='')['done'] is False
+        assert ask(viewer, rig, do='mark', value='  gust ' + 'x' * 1000)['done']
+        assert wait_for(lambda: heard) and heard[0].msg.startswith('gust x') and len(heard) == 1
+        assert abs(heard[0].stamp.sec - time.time()) < LONG_S
+        state = receive(viewer, lambda content: is_state(content) and content['state']['marks'])
+        assert state['state']['marks'][0][1].startswith('gust')
+
+
+def test_the_posterior_and_the_map_reach_the_page(rig):
+    with rig.viewer() as viewer:
+        state = receive(viewer, lambda content: is_state(content) and content['state']['posterior']
+                        and content['state']['world'])['state']
+        assert state['posterior'] == [0.0, 1.0] and state['world'] == {'tracks': [], 'rigs': []}
+
+
+def test_bags_are_listed_and_only_those_of_the_folder_are_opened(tmp_path):
+    (tmp_path / 'bags').mkdir()
+    for name in ('bags/walk.mcap', 'secret.mcap'):
+        (tmp_path / name).touch()
+    rig = Rig('view_control:=true', f'bags:={tmp_path}/bags')
+    player = rclpy.create_node('player_node')
+    player.declare_parameter('bag', '')
+    rig.executor.add_node(player)
+    try:
+        with rig.viewer() as viewer:
+            receive(viewer, is_state)
+            assert ask(viewer, rig, do='bags', token='')['done'] is False
+            assert ask(viewer, rig, do='bags')['bags'] == ['walk.mcap']
+            for name in ('../secret.mcap', f'{tmp_path}/secret.mcap', None, ''):
+                assert 'no bag' in ask(viewer, rig, do='open', value=name)['words']
+            assert wait_for(lambda: ask(viewer, rig, do='open', value='walk.mcap')['done'])
+            assert player.get_parameter('bag').value == str(tmp_path / 'bags' / 'walk.mcap')
+    finally:
+        rig.close()
+        player.destroy_node()
 
 
 def test_parameters_are_described_and_set_within_their_bounds(rig):

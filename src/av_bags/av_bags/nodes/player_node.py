@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterable
 from itertools import chain
+from pathlib import Path
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -22,7 +23,7 @@ from av_bags.errors import BagError
 from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.nodes.player_node_parameters import player_node as parameters
 from av_bags.reader import FOREVER, Bag
-from av_bags.topics import STAGES, find_topics, parse_remappings
+from av_bags.topics import STAGES, Found, find_topics, parse_remappings
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED
 from av_common.stamps import to_stamp
@@ -39,10 +40,11 @@ PAUSE_STEP_S = 0.05
 class PlayerNode(RigNode):
     """Plays a bag on a separate thread and ends the process at the end of the bag.
 
-    The service ~/pause holds and continues, the parameter `position` goes to another time; /clock stands still, or jumps.
+    The service ~/pause holds and continues, the parameter `position` goes to another time; /clock stands still, or jumps. The
+    parameter `bag` opens another bag of the folder `bags`, at whose end the player waits.
     """
 
-    RUNTIME_PARAMETERS: ClassVar = frozenset({'position'})
+    RUNTIME_PARAMETERS: ClassVar = frozenset({'position', 'bag'})
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('player_node', parameters, **kwargs)
@@ -50,11 +52,17 @@ class PlayerNode(RigNode):
     def configure(self) -> None:
         """Open the bag and the publishers. Raises BagError when there is nothing to play."""
         self._settings = settings = self.settings
-        self._bag = bag = Bag(settings.bag)
-        found = find_topics(bag, self._wanted(), parse_remappings(settings.remap), settings.recorded_namespace)
-        if not found.topics:
-            raise BagError(f'{settings.bag} has nothing to play for only={settings.only}: '
-                           f'{"; ".join(found.missing.values())}')
+        self._open(settings.bag, settings.position)
+        played = self._wanted() if settings.bags else self._topics
+        self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
+                         for name in played if name != names.FRAMES}
+        self._clock_output = self.create_publisher(Clock, '/clock', 10)
+        self._played = 0
+
+    def _open(self, path: str, position: float) -> None:
+        """Open a bag at a position (s). Raises BagError when there is nothing to play."""
+        settings, bag = self._settings, Bag(path)
+        found = self._find(bag)
         for reason in found.missing.values():
             self.get_logger().info(reason)
         layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
@@ -62,14 +70,20 @@ class PlayerNode(RigNode):
         start_ns = bag.start_ns + round(settings.start * SECOND)
         stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
         self._static_topic = found.topics.pop(names.FRAMES, None)
-        self._topics, self._layout, self._range_ns = found.topics, layout, (start_ns, stop_ns)
-        self._feed = self._feed_from(settings.position)
+        self._bag, self._path, self._topics, self._layout = bag, path, found.topics, layout
+        self._range_ns = (start_ns, stop_ns)
+        self._feed = self._feed_from(position)
         self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
-        self._outputs = {name: self.create_publisher(get_message(names.KINDS[name][0]), name, PLAYED)
-                            for name in found.topics}
-        self._clock_output = self.create_publisher(Clock, '/clock', 10)
-        self._played, self._position = 0, settings.position
-        self._wanted_position, self._seek = settings.position, False
+        self._position = self._wanted_position = position
+        self._seek = False
+
+    def _find(self, bag: Bag) -> Found:
+        """The topics of a bag that are played. Raises BagError where there are none."""
+        settings = self._settings
+        found = find_topics(bag, self._wanted(), parse_remappings(settings.remap), settings.recorded_namespace)
+        if not found.topics:
+            raise BagError(f'{bag.path} has nothing to play for only={settings.only}: {"; ".join(found.missing.values())}')
+        return found
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
@@ -82,11 +96,15 @@ class PlayerNode(RigNode):
 
     def activate(self) -> None:
         """Publish the static transforms and start to play."""
-        if self._static_topic is not None:
-            publisher = self.while_active(self.create_publisher, TFMessage, names.FRAMES, LATCHED)
-            publisher.publish(self._static_transforms(self._static_topic))
+        self._frames_output = self.while_active(self.create_publisher, TFMessage, names.FRAMES, LATCHED)
         self._stopping, self._paused = threading.Event(), threading.Event()
         self.while_active(self.create_service, SetBool, '~/pause', self._on_pause)
+        self._start()
+
+    def _start(self) -> None:
+        if self._static_topic is not None:
+            self._frames_output.publish(self._static_transforms(self._static_topic))
+        self._stopping.clear()
         self._thread = threading.Thread(target=self._run, name='play', daemon=True)
         self._thread.start()
 
@@ -100,14 +118,27 @@ class PlayerNode(RigNode):
         self._bag.close()
 
     def check_change(self, settings: Any) -> None:
-        """The position must be within the bag."""
-        if settings.position > self._length:
+        """The position must be within the bag, another bag within the folder and playable."""
+        if settings.bag != self._path:
+            if not settings.bags or Path(settings.bag).resolve().parent != Path(settings.bags).resolve():
+                raise ValueError(f'bag is {settings.bag}, expected a bag of the folder bags: {settings.bags or "none is set"}')
+            with Bag(settings.bag) as bag:
+                self._find(bag)
+        elif settings.position > self._length:
             raise ValueError(f'position is {settings.position}, expected at most {self._length:.1f}, the length of the bag (s)')
 
     def apply_parameters(self) -> None:
-        """Go to another position."""
-        if self.settings.position != self._wanted_position:
+        """Open another bag, or go to another position."""
+        if self.settings.bag == self._path:
             self._wanted_position, self._seek = self.settings.position, True
+            return
+        playing = self.is_active
+        if playing:
+            self.deactivate()
+        self._bag.close()
+        self._open(self.settings.bag, 0.0)
+        if playing:
+            self._start()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._paused.set() if request.data else self._paused.clear()
@@ -120,18 +151,21 @@ class PlayerNode(RigNode):
         return Feed(self._bag, self._topics, self._layout, start_ns + round(position * SECOND), stop_ns, decode=False)
 
     def _run(self) -> None:
-        records = iter(self._feed)
-        first = next(records, None)
-        if first is not None:
-            self._wait_for_subscribers(first.arrival)
-        while first is not None:
-            self._play(chain([first], records), first.arrival)
-            if not self._seek:
+        waited = False
+        while True:
+            records = iter(self._feed)
+            first = next(records, None)
+            if first is not None:
+                if not waited:
+                    self._wait_for_subscribers(first.arrival)
+                    waited = True
+                self._play(chain([first], records), first.arrival)
+            while self._settings.bags and not self._seek and not self._stopping.wait(PAUSE_STEP_S):
+                pass
+            if not self._seek or self._stopping.is_set():
                 break
             self._seek, self._position = False, self._wanted_position
             self._feed = self._feed_from(self._wanted_position)
-            records = iter(self._feed)
-            first = next(records, None)
         for problem in (*self._bag.problems, *self._feed.problems):
             self.get_logger().error(problem)
         self.get_logger().info(f'played {self._played} messages, {self._position:.1f} s')
@@ -191,7 +225,7 @@ class PlayerNode(RigNode):
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report the position in the bag and the problems so far."""
-        status.add('bag', self._settings.bag)
+        status.add('bag', self._path)
         status.add('position', f'{self._position:.1f} of {self._length:.1f} s')
         status.add('paused', str(self._paused.is_set()))
         status.add('messages', str(self._played))

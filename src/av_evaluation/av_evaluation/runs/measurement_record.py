@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 from av_common.track import Targets, Track
 from av_evaluation.metrics.run_log import RunLog, Series
+from av_fusion.disambiguation.rotation import RotationPlanner
+from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.tracker_protocol import Tracker
@@ -74,6 +76,11 @@ class RecordingTracker:
         """See `Tracker`."""
         return self._tracker.motion
 
+    @property
+    def planner(self) -> RotationPlanner:
+        """See `Tracker`."""
+        return self._tracker.planner
+
     def reset(self) -> None:
         """See `Tracker`."""
         self._tracker.reset()
@@ -101,6 +108,10 @@ class RecordingTracker:
     def targets(self, track: Track) -> Targets:
         """See `Tracker`."""
         return self._tracker.targets(track)
+
+    def densities(self) -> Sequence[TargetDensity]:
+        """See `Tracker`."""
+        return self._tracker.densities()
 
     def select(self, identifier: int) -> None:
         """See `Tracker`."""

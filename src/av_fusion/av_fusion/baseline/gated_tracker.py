@@ -18,6 +18,7 @@ from av_fusion.disambiguation.rotation import Candidate, RotationPlanner, Rotati
 from av_fusion.filter.normal_distribution import share_within
 from av_fusion.filter.single_target import SingleTarget
 from av_fusion.filter.state_machine import MachineSettings, StateMachine
+from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
     Detection,
@@ -187,6 +188,10 @@ class GatedTracker:
     def targets(self, track: Track) -> Targets:
         """See `Tracker`."""
         return self._named.targets(track)
+
+    def densities(self) -> list[TargetDensity]:
+        """See `Tracker`: there is no filter."""
+        return []
 
     def select(self, identifier: int) -> None:
         """See `Tracker`."""

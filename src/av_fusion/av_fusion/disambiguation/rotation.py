@@ -23,6 +23,7 @@ DONE = math.radians(2.0)  # a rotation is complete when less than this is left
 REVERSAL_GAIN_S = 2.0  # predicted gain of time for which the rig reverses its rotation
 REPLAN_S = 0.2  # time between predictions
 FORGET_S = 5.0  # time after which the direction of the last rotation is discarded
+ASKED_S = 10.0  # for which a rotation that a person asks for is requested
 TILT_S = 0.5  # for which a tilt continues at its present rate
 LEAST_TILT_RATE = math.radians(3.0)  # rad/s, from which the rig may wait for its tilt instead of turning
 SIGHT_NATS = 6.0  # information of an image of one of the directions, in clear air
@@ -121,6 +122,22 @@ class RotationPlanner:
         self._planned = -math.inf
         self._pairs: Sequence[Sequence[Candidate]] = ()
         self._centre: float | None = None
+        self._asked = -math.inf
+
+    def ask(self, time: float) -> None:
+        """Request a rotation from `time` (s) on until the ambiguity is resolved, for at most ASKED_S.
+
+        Without `patience`, and before looks. Raises ValueError while there is no ambiguity, or rotations are not enabled.
+        """
+        if not self.settings.enabled:
+            raise ValueError('rotation.enabled is false, expected true for rotations to be requested')
+        if self._since is None:
+            raise ValueError('a rotation decides nothing now: front and back are told apart, or nothing is heard')
+        self._asked = time
+
+    def is_asked(self, time: float) -> bool:
+        """Whether a rotation that was asked for is requested at `time` (s)."""
+        return 0.0 <= time - self._asked < ASKED_S
 
     def cancel(self) -> None:
         """Cancel the rotation because the ambiguity is resolved.
@@ -128,6 +145,7 @@ class RotationPlanner:
         A new ambiguity within FORGET_S continues the rotation in the same direction.
         """
         self._since = self._target = self._centre = None
+        self._asked = -math.inf
 
     def plan(self, time: float, yaw: float, find_candidates: Callable[[], Sequence[Sequence[Candidate]]], tilt: Tilt,
              visibility: float) -> float:
@@ -140,7 +158,7 @@ class RotationPlanner:
             tilt: the axis between the mirror images, and how the rig tilts.
             visibility: visibility 0..1, NaN if unknown.
         """
-        settings = self.settings
+        settings, asked = self.settings, self.is_asked(time)
         replan = not abs(time - self._planned) < REPLAN_S
         if not abs(time - self._planned) < FORGET_S:
             self._direction = 0.0
@@ -151,7 +169,7 @@ class RotationPlanner:
             self.cancel()
             return 0.0
         self._since = time if self._since is None else self._since
-        if time - self._since < settings.patience:
+        if time - self._since < settings.patience and not asked:
             return 0.0
         self._centre = yaw if self._centre is None else self._centre
         offset = float(wrap(yaw - self._centre))
@@ -166,7 +184,7 @@ class RotationPlanner:
             known = visibility if math.isfinite(visibility) else 0.0
             *expected, waiting = np.mean([expected_times(turns, first, second, tilt, known, settings)
                                           for first, second in self._pairs], axis=0)
-            if tilt.continues and waiting <= min(expected):
+            if tilt.continues and waiting <= min(expected) and not asked:
                 self._direction = 0.0
                 return 0.0
             gains = [REVERSAL_GAIN_S * (direction == self._direction) for direction in left]

@@ -17,6 +17,7 @@ from av_fusion.filter.posterior import Posterior
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.single_target import SingleTarget
 from av_fusion.filter.state_machine import StateMachine
+from av_fusion.filter.target_density import TargetDensity
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
@@ -153,6 +154,10 @@ class BayesTracker:
         """See `Tracker`."""
         return self._target.targets(track, max(1.0 - self._posterior.mixture.background, 0.0))
 
+    def densities(self) -> list[TargetDensity]:
+        """See `Tracker`."""
+        return [self._posterior]
+
     def select(self, identifier: int) -> None:
         """See `Tracker`."""
         self._target.select(identifier)
@@ -196,7 +201,7 @@ class BayesTracker:
                                  self._visibility)
 
     def _plan_look(self, time: float, state: State) -> tuple[float, float] | None:
-        if self.looks is None:
+        if self.looks is None or self.planner.is_asked(time):
             return None
         if state == State.VISUAL_ACTIVE:
             self.looks.planner.cancel()

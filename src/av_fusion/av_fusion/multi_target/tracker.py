@@ -11,6 +11,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner, Tilt
 from av_fusion.filter.camera_looks import CameraLooks
 from av_fusion.filter.doa_likelihood import mirror_axis
 from av_fusion.filter.state_machine import StateMachine
+from av_fusion.filter.target_density import TargetDensity
 from av_fusion.filter.tracker import MAX_GAP_S, SOURCES, UNKNOWN
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
@@ -128,6 +129,10 @@ class MultiTargetTracker:
         """See `Tracker`."""
         return self._targets
 
+    def densities(self) -> list[TargetDensity]:
+        """See `Tracker`."""
+        return list(self.filter.tracks)
+
     def select(self, identifier: int) -> None:
         """See `Tracker`."""
         if identifier and all(target.id != identifier for target in self._targets.targets):
@@ -183,7 +188,7 @@ class MultiTargetTracker:
 
     def _plan_look(self, time: float, state: State, tracks: Sequence[BernoulliTrack]) -> tuple[float, float] | None:
         """Where a look decides most about the tracks that are not resolved, or about the followed one."""
-        if self.looks is None:
+        if self.looks is None or self.planner.is_asked(time):
             return None
         if state == State.VISUAL_ACTIVE:
             self.looks.planner.cancel()

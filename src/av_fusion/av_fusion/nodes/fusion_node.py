@@ -8,6 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
+from std_srvs.srv import Trigger
 from vision_msgs.msg import Detection2DArray
 
 from av_common.gimbal_history import GimbalHistory
@@ -19,8 +20,10 @@ from av_common.tf_rotations import TfRotations
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
-from av_interfaces.msg import Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
+from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 from av_interfaces.srv import SelectTarget
+
+POSTERIOR_PERIOD_S = 0.1
 
 
 class FusionNode(RigNode):
@@ -45,6 +48,7 @@ class FusionNode(RigNode):
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
         self._targets_publisher = self.create_publisher(TrackArray, 'targets', RESULT)
+        self._posterior_publisher = self.create_publisher(AzimuthPosterior, 'fusion/posterior', RESULT)
 
     def activate(self) -> None:
         """Subscribe to the sensors."""
@@ -55,6 +59,8 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
         self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
+        self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
+        self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
@@ -84,6 +90,18 @@ class FusionNode(RigNode):
         except ValueError as error:
             response.message = str(error)
         return response
+
+    def _on_request_rotation(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            self._stage.tracker.planner.ask(self.now())
+            response.success, response.message = True, 'a rotation is requested until front and back are told apart'
+        except ValueError as error:
+            response.message = str(error)
+        return response
+
+    def _publish_posterior(self) -> None:
+        if self._posterior_publisher.get_subscription_count():
+            self._posterior_publisher.publish(self._stage.posterior(self.now()))
 
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self.now()))

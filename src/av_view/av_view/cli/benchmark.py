@@ -1,6 +1,7 @@
-"""What the page of a running rig costs: `ros2 run av_view benchmark`.
+"""What the page of a running rig costs, and whether the rig notices: `ros2 run av_view benchmark`.
 
-Prints the processor time of view_node without viewers and with some, and what each viewer gets.
+Prints the processor time of view_node without viewers and with some, what each viewer gets, and beside it the rig's delay from
+a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times.
 """
 
 from __future__ import annotations
@@ -9,14 +10,60 @@ import argparse
 import asyncio
 import json
 import sys
+import threading
 import time
+from typing import NamedTuple
 from urllib.parse import urlsplit
 
+import numpy as np
 import psutil
+import rclpy
 from websockets.asyncio.client import connect
+
+from av_common.qos import RESULT
+from av_common.stamps import to_seconds
+from av_interfaces.msg import Bearing
 
 SETTLE_S = 3.0
 ENDED_S = 25.0  # until the node has ended its subscriptions: its parameter `linger`, and some
+
+
+class Delays:
+    """The delays (s) from the capture of each new measurement to the arrival of its bearing, in a thread of its own.
+
+    Parameters:
+        topic: the bearing's.
+    """
+
+    def __init__(self, topic: str) -> None:
+        rclpy.init()
+        self._node = rclpy.create_node('view_benchmark')
+        self._node.create_subscription(Bearing, topic, self._on_bearing, RESULT)
+        self._measured = 0.0
+        self.values: list[float] = []
+        threading.Thread(target=rclpy.spin, args=(self._node,), daemon=True).start()
+
+    def _on_bearing(self, message: Bearing) -> None:
+        measured = to_seconds(message.measured)
+        if message.state != Bearing.STATE_NONE and measured > self._measured:
+            self.values.append(time.time() - measured)
+        self._measured = measured
+
+
+class Phase(NamedTuple):
+    """What was measured for some seconds with a number of viewers.
+
+    Parameters:
+        share: of a core that view_node used.
+        updates, pictures (1/s), size (bytes/s): what one viewer got.
+        delays (s): of the rig's bearings.
+    """
+
+    share: float
+    updates: float
+    pictures: float
+    size: float
+    delays: list[float]
 
 
 async def watch(address: str, seconds: float, counts: list[tuple[int, int, int]]) -> None:
@@ -36,17 +83,27 @@ async def watch(address: str, seconds: float, counts: list[tuple[int, int, int]]
     counts.append((updates, pictures, size))
 
 
-async def measure(address: str, process: psutil.Process, viewers: int, seconds: float) -> str:
-    """A row of the table: share of a core, and per viewer updates and pictures a second, and kB/s."""
+async def measure(address: str, process: psutil.Process, viewers: int, seconds: float, delays: Delays) -> Phase:
+    """What `viewers` viewers cost and get within some seconds, and the rig's delays meanwhile."""
     counts: list[tuple[int, int, int]] = []
     watching = asyncio.gather(*(watch(address, seconds, counts) for _ in range(viewers)))
     await asyncio.sleep(SETTLE_S)
     before = sum(process.cpu_times()[:2])
+    delays.values.clear()
     await asyncio.sleep(seconds)
-    share = (sum(process.cpu_times()[:2]) - before) / seconds
+    share, found = (sum(process.cpu_times()[:2]) - before) / seconds, list(delays.values)
     await watching
-    means = [sum(column) / (viewers * seconds) for column in zip(*counts, strict=True)] if counts else [0.0, 0.0, 0.0]
-    return f'{viewers:7d}  {100.0 * share:15.1f}  {means[0]:9.1f}  {means[1]:10.1f}  {1e-3 * means[2]:6.0f}'
+    updates, pictures, size = (sum(column) / max(viewers * seconds, 1.0) for column in zip((0, 0, 0), *counts, strict=True))
+    return Phase(share, updates, pictures, size, found)
+
+
+def row(viewers: int, phases: list[Phase]) -> str:
+    """A row of the table: means of the phases, and quantiles of all delays in ms."""
+    delays = 1000.0 * np.array([delay for phase in phases for delay in phase.delays] or [np.nan])
+    share, updates, pictures, size = (float(np.mean([phase[column] for phase in phases])) for column in range(4))
+    median, late = np.quantile(delays, (0.5, 0.95))
+    return (f'{viewers:7d}  {100.0 * share:15.1f}  {updates:9.1f}  {pictures:10.1f}  {1e-3 * size:6.0f}  '
+            f'{median:9.0f}  {late:7.0f}  {len(delays):8d}')
 
 
 def process_at(port: int) -> psutil.Process | None:
@@ -62,14 +119,21 @@ def main() -> None:
     parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
     parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
     parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
+    parser.add_argument('--rounds', type=int, default=1, help='how often the numbers of viewers take turns')
+    parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
     options = parser.parse_args()
     process = process_at(urlsplit(options.address).port or 80)
     if process is None:
         sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
-    print('viewers  % of one core  updates/s  pictures/s    kB/s')
+    delays = Delays(f'{options.rig}/target/bearing')
+    phases: dict[int, list[Phase]] = {viewers: [] for viewers in options.viewers}
     watched = False
-    for viewers in options.viewers:
-        if watched and not viewers:
-            time.sleep(ENDED_S)
-        watched = viewers > 0
-        print(asyncio.run(measure(options.address, process, viewers, options.seconds)), flush=True)
+    for _ in range(options.rounds):
+        for viewers in options.viewers:
+            if watched and not viewers:
+                time.sleep(ENDED_S)
+            watched = viewers > 0
+            phases[viewers].append(asyncio.run(measure(options.address, process, viewers, options.seconds, delays)))
+    print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     95 %  bearings')
+    for viewers, found in phases.items():
+        print(row(viewers, found))

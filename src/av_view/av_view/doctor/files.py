@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from av_common.parameters import check_parameter_file, node_parameters
 from av_common.rig import Rig, load_rig
 from av_view.doctor.finding import Finding
@@ -13,6 +15,8 @@ from av_view.doctor.finding import Finding
 AREA = 'files'
 SPACINGS = (0.03, 0.6)  # m, between the outermost microphones
 FOV_TOLERANCE_DEG = 3.0
+FARTHEST = 3.0  # m, of a microphone from the middle of the body
+UPRIGHT, ALIGNED = 0.8, 0.87  # cosines of the array's axis with the vertical, and with the camera's direction
 
 
 def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> tuple[list[Finding], Rig | None]:
@@ -29,9 +33,10 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
             check_parameter_file(file)
         audio = node_parameters('av_audio', 'audio_node', parameter_files)
         camera = node_parameters('av_vision', 'camera_node', parameter_files)
+        array_file = node_parameters('av_audio', 'doa_node', parameter_files).array_file
     except (OSError, ValueError) as error:
         return [Finding(AREA, 'error', str(error), 'correct the file, or write another: ros2 run av_view setup')], None
-    found = [*_array_findings(array, list(audio.channels)), *_camera_findings(rig, camera)]
+    found = [*_array_findings(array, list(audio.channels)), *_mount_findings(rig, array_file), *_camera_findings(rig, camera)]
     return found or [Finding(AREA, 'ok', f'{Path(rig_file).name}: {array.channels} microphones ({array.name}), camera '
                              f'{rig.camera.width}x{rig.camera.height}, {rig.camera.horizontal_fov_deg:.0f} degrees')], rig
 
@@ -45,6 +50,29 @@ def _array_findings(array: Any, channels: list[int]) -> list[Finding]:
     if not SPACINGS[0] <= array.aperture <= SPACINGS[1]:
         found.append(Finding(AREA, 'warning', f'the microphones of {array.name} are {array.aperture:.3f} m apart; 0.1 to 0.2 m '
                              'suit drones', 'measure again; positions are in metres'))
+    return found
+
+
+def _mount_findings(rig: Rig, array_file: str) -> list[Finding]:
+    """The array against the rig: which file counts, where it is, and what it can tell apart there."""
+    found, array = [], rig.array
+    if array_file and Path(array_file).resolve() != array.file.resolve():
+        found.append(Finding(AREA, 'error', f'doa_node uses {array_file}, the rig\'s description {array.file}',
+                             'remove array_file from the parameters: the launch sets it'))
+    far = float(np.linalg.norm(array.positions, axis=1).max())
+    if far > FARTHEST:
+        found.append(Finding(AREA, 'warning', f'a microphone is {far:.1f} m from the middle of the body',
+                             'are the position of the array, and those in its file, in metres?'))
+    if array.geometry.basis.shape[1] == 1:
+        axis = array.mount.rotation @ array.geometry.basis[:, 0]
+        ahead = rig.camera.mount.rotation[:, 0] if rig.gimbal is None else np.array([1.0, 0.0, 0.0])
+        if abs(axis[2]) > UPRIGHT:
+            found.append(Finding(AREA, 'error', f'the microphones of {array.geometry.name} are above one another: they tell no '
+                                 'azimuth', 'mount them side by side, or correct rpy_deg of the array'))
+        elif abs(axis @ ahead) > ALIGNED:
+            found.append(Finding(AREA, 'warning', f'the microphones of {array.geometry.name} are in line with the direction in '
+                                 'which the camera looks, where they are least accurate',
+                                 'mount them across, or correct rpy_deg of the array'))
     return found
 
 

@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,14 @@ from av_audio.device_source import DeviceSource as SoundDevice
 from av_audio.ring_buffer import RingBuffer
 from av_common.parameters import node_parameters
 from av_common.rig import Rig
+from av_view.doctor.camera_modes import Mode, judge_modes, modes_of_realsense, modes_of_v4l2
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
 from av_view.doctor.microphones import judge_clap, judge_sound
 from av_vision.models import shipped_model
 from av_vision.sources.capture import SourceError
+from av_vision.sources.realsense import RealSenseSource, sdk
 from av_vision.sources.v4l2 import DeviceSource as Camera
 from av_vision.yolo import Detector
 
@@ -44,10 +46,38 @@ def devices() -> list[Finding]:
             'microphones', 'error', 'no capture device is found', 'plug it in; sudo usermod -aG audio $USER, and log in again'))
     except ImportError as error:
         found.append(Finding('microphones', 'error', str(error), 'sudo apt-get install libportaudio2; pip install sounddevice'))
-    videos = sorted(Path('/sys/class/video4linux').glob('video*'))
-    names = '; '.join(f'/dev/{one.name}: {(one / "name").read_text().strip()}' for one in videos)
-    found.append(Finding('camera', 'ok', names) if videos else Finding(
-        'camera', 'error', 'no camera is found', 'plug it in; sudo usermod -aG video $USER, and log in again'))
+    return [*found, *_cameras()]
+
+
+def _cameras() -> list[Finding]:
+    """The cameras, those of Intel's SDK also by their serial numbers and their USB."""
+    videos = {f'/dev/{one.name}': (one / 'name').read_text().strip()
+              for one in sorted(Path('/sys/class/video4linux').glob('video*'))}
+    try:
+        depth = realsense_devices(sdk())
+    except SourceError as error:
+        depth = [Finding('camera', 'warning', str(error), 'pip install pyrealsense2')
+                 ] if any('RealSense' in name for name in videos.values()) else []
+    named = [Finding('camera', 'ok', '; '.join(f'{path}: {name}' for path, name in videos.items()))] if videos else []
+    return [*named, *depth] or [Finding('camera', 'error', 'no camera is found',
+                                        'plug it in; sudo usermod -aG video $USER, and log in again')]
+
+
+def realsense_devices(rs: Any, devices: Iterable[Any] | None = None) -> list[Finding]:
+    """The cameras that Intel's SDK finds.
+
+    Parameters:
+        rs: the SDK.
+        devices: of the SDK, instead of those that are plugged in.
+    """
+    found = []
+    for device in rs.context().query_devices() if devices is None else devices:
+        facts = {key: device.get_info(getattr(rs.camera_info, key))
+                 for key in ('name', 'serial_number', 'usb_type_descriptor') if device.supports(getattr(rs.camera_info, key))}
+        words = f'realsense:{facts.get("serial_number", "")}: {facts.get("name", "RealSense")}'
+        usb = facts.get('usb_type_descriptor', '')
+        found.append(Finding('camera', 'warning', f'{words}, at USB {usb}', 'a port and a cable of USB 3, without a hub')
+                     if usb.startswith('2') else Finding('camera', 'ok', words))
     return found
 
 
@@ -91,9 +121,9 @@ def camera(parameter_files: Sequence[str | Path], seconds: float) -> list[Findin
         seconds (s): to look.
     """
     settings = node_parameters('av_vision', 'camera_node', parameter_files, {'source': 'device'})
-    if settings.device.startswith('realsense'):
-        return [Finding('camera', 'unknown', 'a RealSense camera is not looked at here', 'realsense-viewer')]
-    source = Camera(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms)
+    kind, _, serial = settings.device.partition(':')
+    asked = settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms
+    source = RealSenseSource(serial, *asked) if kind == 'realsense' else Camera(settings.device, *asked)
     times: list[float] = []
     images: list[NDArray[Any]] = []
     try:
@@ -107,7 +137,21 @@ def camera(parameter_files: Sequence[str | Path], seconds: float) -> list[Findin
         return [Finding('camera', 'error', str(error), 'does another program use it? sudo fuser -v /dev/video*')]
     finally:
         source.close()
-    return judge_images(times, images, settings.rate, (settings.width, settings.height))
+    return [*judge_modes(_modes(kind, serial, settings.device), settings.width, settings.height, settings.rate),
+            *judge_images(times, images, settings.rate, (settings.width, settings.height))]
+
+
+def _modes(kind: str, serial: str, device: str) -> list[Mode]:
+    """The modes of a camera; none where the system does not tell."""
+    if kind == 'realsense':
+        rs = sdk()
+        return [mode for one in rs.context().query_devices() if serial in ('', one.get_info(rs.camera_info.serial_number))
+                for mode in modes_of_realsense(one, rs.stream.color)]
+    path = f'/dev/video{device}' if device.isdigit() else device
+    if not path.startswith('/dev/video') or shutil.which('v4l2-ctl') is None:
+        return []
+    command = ['v4l2-ctl', '--device', path, '--list-formats-ext']
+    return modes_of_v4l2(subprocess.run(command, capture_output=True, text=True, timeout=5.0, check=False).stdout)
 
 
 def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:

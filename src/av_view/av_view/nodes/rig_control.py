@@ -1,4 +1,4 @@
-"""What viewers with the token may ask of a rig: each action is a service that the rig itself offers."""
+"""What viewers with the token may ask of a rig: each action is a service, a parameter or a topic of the rig itself."""
 
 from __future__ import annotations
 
@@ -7,25 +7,62 @@ import queue
 import re
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any
+from typing import Any, NamedTuple
 
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
-from rcl_interfaces.msg import ParameterDescriptor, ParameterType
+from rcl_interfaces.msg import Log, ParameterDescriptor, ParameterType
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from std_srvs.srv import SetBool
+from rclpy.publisher import Publisher
+from std_srvs.srv import SetBool, Trigger
+
+from av_common.qos import RESULT
+from av_interfaces.srv import SelectTarget
+from av_view.bag_folder import BagFolder
 
 TIMEOUT_S = 5.0
 NODE_NAME = re.compile(r'(/[A-Za-z_]\w*)+')
-MOST_PARAMETERS = 200
+MOST_PARAMETERS, LONGEST_MARK = 200, 200
 # Values of parameters that a page can enter.
 KINDS = {ParameterType.PARAMETER_BOOL: Parameter.Type.BOOL, ParameterType.PARAMETER_INTEGER: Parameter.Type.INTEGER,
          ParameterType.PARAMETER_DOUBLE: Parameter.Type.DOUBLE, ParameterType.PARAMETER_STRING: Parameter.Type.STRING}
-# Services of a rig by the action that needs them.
-SERVICES = {'enable': 'pointing_node/enable', 'record': 'recorder_node/change_state', 'pause': 'player_node/pause'}
 Done = Callable[[dict[str, Any]], None]
+
+
+def _flag(values: dict[str, Any]) -> bool:
+    if not isinstance(values['value'], bool):
+        raise ValueError(f'value is {values["value"]!r}, expected true or false')
+    return values['value']
+
+
+def _identifier(values: dict[str, Any]) -> int:
+    number = values['value']
+    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 2**32:
+        raise ValueError(f'value is {str(number)[:40]}, expected the id of a target, or 0')
+    return number
+
+
+def _transition(values: dict[str, Any]) -> ChangeState.Request:
+    change = Transition.TRANSITION_ACTIVATE if _flag(values) else Transition.TRANSITION_DEACTIVATE
+    return ChangeState.Request(transition=Transition(id=change))
+
+
+class _Service(NamedTuple):
+    """A service of the rig: its name in the rig's namespace, its type, and its request from the values of the viewer's."""
+
+    name: str
+    kind: Any
+    request: Callable[[dict[str, Any]], Any]
+
+
+SERVICES = {
+    'enable': _Service('pointing_node/enable', SetBool, lambda values: SetBool.Request(data=_flag(values))),
+    'select': _Service('fusion_node/select', SelectTarget, lambda values: SelectTarget.Request(id=_identifier(values))),
+    'turn': _Service('fusion_node/request_rotation', Trigger, lambda _: Trigger.Request()),
+    'record': _Service('recorder_node/change_state', ChangeState, _transition),
+    'pause': _Service('player_node/pause', SetBool, lambda values: SetBool.Request(data=_flag(values)))}
 
 
 class RigControl:
@@ -33,19 +70,21 @@ class RigControl:
 
     Parameters:
         node: calls the services.
+        bags: bags that may be opened.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, bags: BagFolder) -> None:
+        self._node, self._bags = node, bags
         self._work: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._clients: dict[str, Any] = {}
         self._parameters: dict[str, AsyncParameterClient] = {}
+        self._marks: dict[str, Publisher] = {}
 
     async def act(self, name: str, rig: str, request: dict[str, Any]) -> dict[str, Any]:
         """Carry out a request. Raises ValueError, TypeError or KeyError for one that is none, TimeoutError without an answer.
 
         Parameters:
-            name: of the action: `enable`, `record`, `pause`, `parameters` or `set`.
+            name: of the action: one of SERVICES, `mark`, `bags`, `open`, `parameters` or `set`.
             rig: namespace of the rig.
             request: values of the action.
         """
@@ -69,15 +108,26 @@ class RigControl:
     def offers(self, rig: str) -> list[str]:
         """The actions for which a rig has the service."""
         present = {name for name, _ in self._node.get_service_names_and_types()}
-        return [action for action, service in SERVICES.items() if f'{rig}/{service}' in present]
+        return [action for action, service in SERVICES.items() if f'{rig}/{service.name}' in present]
+
+    def open_marks(self, rig: str) -> None:
+        """Make the topic of a rig's marks known before the first one, so that recorders and viewers get it."""
+        if rig not in self._marks:
+            self._marks[rig] = self._node.create_publisher(Log, f'{rig}/marks', RESULT)
 
     def _starter(self, name: str, rig: str, request: dict[str, Any]) -> Callable[[Done], None]:
         """What begins the action in the thread of the node."""
         if name in SERVICES:
-            service, value = f'{rig}/{SERVICES[name]}', request['value']
-            if not isinstance(value, bool):
-                raise ValueError(f'value is {value!r}, expected true or false')
-            return lambda done: self._switch(name, service, value, done)
+            service = SERVICES[name]
+            wanted = service.request(request)
+            return lambda done: self._call(f'{rig}/{service.name}', service.kind, wanted, done)
+        if name == 'mark':
+            text = str(request['value']).strip()[:LONGEST_MARK]
+            return lambda done: self._mark(rig, text, done)
+        if name == 'bags':
+            return lambda done: done({'done': True, 'words': '', 'bags': self._bags.names()})
+        if name == 'open':
+            return lambda done: self._set(f'{rig}/player_node', 'bag', self._bags.path(request['value']), done)
         if name in ('parameters', 'set'):
             node = str(request['node'])
             if not NODE_NAME.fullmatch(node) or node.rpartition('/')[0] != rig:
@@ -86,21 +136,24 @@ class RigControl:
                 return lambda done: self._describe(node, done)
             parameter, value = str(request['name']), request['value']
             return lambda done: self._set(node, parameter, value, done)
-        raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, parameters or set')
+        raise ValueError(f'do is {name[:40]!r}, expected {", ".join(SERVICES)}, mark, bags, open, parameters or set')
 
-    def _switch(self, action: str, service: str, value: bool, done: Done) -> None:
-        """Call a service that switches something on or off."""
-        kind, wanted = SetBool, SetBool.Request(data=value)
-        if action == 'record':
-            change = Transition.TRANSITION_ACTIVATE if value else Transition.TRANSITION_DEACTIVATE
-            kind, wanted = ChangeState, ChangeState.Request(transition=Transition(id=change))
+    def _call(self, service: str, kind: Any, wanted: Any, done: Done) -> None:
         if service not in self._clients:
             self._clients[service] = self._node.create_client(kind, service)
         client = self._clients[service]
         if not client.service_is_ready():
-            raise ValueError(f'{service} is not offered at the moment')
+            raise ValueError(f'{service} is not offered at the moment: try again')
         client.call_async(wanted).add_done_callback(lambda future: done(
             {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+
+    def _mark(self, rig: str, text: str, done: Done) -> None:
+        """Publish a mark with the time of the rig's clock."""
+        if rig not in self._marks:
+            raise ValueError('nobody looks at this rig')
+        self._marks[rig].publish(Log(stamp=self._node.get_clock().now().to_msg(), level=Log.INFO, name=self._node.get_name(),
+                                     msg=text or 'mark'))
+        done({'done': True, 'words': f'marked: {text or "mark"}'})
 
     def _client(self, node: str) -> AsyncParameterClient:
         if node not in self._parameters:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Log
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from vision_msgs.msg import Detection2DArray
@@ -24,22 +25,26 @@ from av_common.tf_rotations import TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import (
     AudioFrame,
+    AzimuthPosterior,
     Bearing,
     DoaArray,
     FusionState,
     PointingCommand,
     TrackArray,
+    WorldTrackArray,
 )
 from av_view.camera_view import CameraView
+from av_view.coherence import Coherence
 from av_view.feed import Feed
 from av_view.foxglove_port import Shown
 from av_view.markers import markers
 from av_view.picture import Picture
-from av_view.rig_state import RigState, row_of
+from av_view.rig_state import RigState
+from av_view.rows import row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
-TRUTH = 'truth/'
+TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
 SPECTRUM_PERIOD_S = 0.25
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
@@ -64,7 +69,7 @@ class RigWatch:
         self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
         self._state = state = RigState()
         self.shown = Shown(state.snapshot(node.now()), None)
-        self._spectrum_time = 0.0
+        self._spectrum_time, self._coherence = 0.0, Coherence()
         self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
         self._topics: dict[str, tuple[Any, Take]] = {}
         before = set(node.entities())
@@ -76,19 +81,23 @@ class RigWatch:
         self._subscribe(Bearing, 'target/bearing', state.on_bearing, RESULT)
         self._subscribe(FusionState, 'fusion/state', state.on_fusion, RESULT)
         self._subscribe(TrackArray, 'targets', state.on_tracks, RESULT)
+        self._subscribe(AzimuthPosterior, 'fusion/posterior', state.on_posterior, RESULT)
+        self._subscribe(Log, 'marks', state.on_mark, RESULT)
         self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
         self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
         self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
         self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM)
         self._entities = [entity for entity in node.entities() if entity not in before]
 
-    def find_truths(self) -> None:
-        """Subscribe to the true poses of a simulation as they appear."""
+    def find_topics(self) -> None:
+        """Subscribe to the true poses of a simulation, and to the tracks of several rigs, as they appear."""
         beginning, before = f'{self._rig}/{TRUTH}', set(self._node.entities())
         for topic, kinds in self._node.get_topic_names_and_types():
             name = topic.removeprefix(beginning)
             if topic.startswith(beginning) and 'nav_msgs/msg/Odometry' in kinds and f'{TRUTH}{name}' not in self._topics:
                 self._subscribe(Odometry, f'{TRUTH}{name}', partial(self._state.on_truth, name), STREAM)
+            elif WORLD in kinds and WORLD not in self._topics:
+                self._subscribe(WorldTrackArray, WORLD, self._state.world.on_tracks, RESULT, topic)
         self._entities += [entity for entity in self._node.entities() if entity not in before]
 
     def update(self) -> None:
@@ -110,12 +119,13 @@ class RigWatch:
         """End the subscriptions."""
         self._node.destroy_entities(self._entities)
 
-    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile) -> None:
+    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile, name: str = '') -> None:
+        """Keep the newest message of a topic, which has another `name` where it is not one of the rig."""
         def wait(data: bytes) -> None:
             self._waiting[topic] = data, time.monotonic()
 
         self._topics[topic] = kind, take
-        self._node.create_subscription(kind, f'{self._rig}/{topic}', wait, qos, raw=True)
+        self._node.create_subscription(kind, name or f'{self._rig}/{topic}', wait, qos, raw=True)
 
     def _take(self, topic: str, data: bytes, arrival: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
@@ -139,7 +149,9 @@ class RigWatch:
 
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
         if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
-            self._spectrum_time = arrival
+            since, self._spectrum_time = arrival - self._spectrum_time, arrival
             samples = np.asarray(message.samples, np.float32)
             whole = len(samples) - len(samples) % message.channels
-            self._state.on_spectrum(spectrum(samples[:whole].reshape(-1, message.channels), message.sample_rate).tolist())
+            block = samples[:whole].reshape(-1, message.channels)
+            self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
+                                    self._coherence.add(block, message.sample_rate, since))

@@ -6,6 +6,8 @@ import json
 import os
 import time
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -16,15 +18,17 @@ from visualization_msgs.msg import MarkerArray
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
 from av_view.access import Access
+from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.foxglove_port import FoxglovePort
 from av_view.health import Health
 from av_view.nodes.rig_control import RigControl
-from av_view.nodes.rig_watch import RigWatch
 from av_view.nodes.view_node_parameters import view_node as parameters
 from av_view.server import ServerSettings, ViewServer
 
-NICENESS = 10  # the rig's own nodes go before
+if TYPE_CHECKING:
+    from av_view.nodes.rig_watch import RigWatch
+
 HEALTH_PERIOD_S = 1.0
 BEARING = '/target/bearing'  # by which a rig is found
 
@@ -49,7 +53,7 @@ class ViewNode(RigNode):
         """Serve the page. Raises OSError where the address cannot be bound."""
         settings = self._settings
         self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
-        self._control = RigControl(self)
+        self._control = RigControl(self, BagFolder(settings.bags))
         self.server = ViewServer(
             ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
                            self._own), self._access, self._control.act)
@@ -59,6 +63,8 @@ class ViewNode(RigNode):
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
                           'a second one choose another port') from error
         self.get_logger().info(f'the rig in your browser: {self._address()}')
+        if settings.niceness:
+            lower_priority(settings.niceness)
         self.while_active(self.create_subscription, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
         self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -90,7 +96,7 @@ class ViewNode(RigNode):
             return
         for rig in wanted:
             if rig not in self._watches and rig in self._rigs():
-                self._watches[rig] = RigWatch(self, rig, partial(self.server.put, rig=rig))
+                self._watches[rig] = self._watch(rig)
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
             if now - watch.seen > self._settings.linger:
@@ -109,7 +115,9 @@ class ViewNode(RigNode):
         """What is done once a second: find rigs and true poses, and report health."""
         self.server.set_rigs(self._rigs())
         for rig, watch in self._watches.items():
-            watch.find_truths()
+            watch.find_topics()
+            if self._settings.view_control:
+                self._control.open_marks(rig)
             report = {'type': 'health', 'nodes': self._health.report(now, rig), 'offers': self._control.offers(rig)}
             self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
 
@@ -117,6 +125,11 @@ class ViewNode(RigNode):
         """Namespaces in which a bearing is published, and this node's own."""
         found = {topic.removesuffix(BEARING) for topic, _ in self.get_topic_names_and_types() if topic.endswith(BEARING)}
         return tuple(sorted(found | {self._own}))
+
+    def _watch(self, rig: str) -> RigWatch:
+        from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
+
+        return RigWatch(self, rig, partial(self.server.put, rig=rig))
 
     def _unwatch(self, rig: str) -> None:
         self._watches.pop(rig).close()
@@ -129,7 +142,16 @@ class ViewNode(RigNode):
         status.add('requests refused', str(self.server.refused))
 
 
+def lower_priority(niceness: int) -> None:
+    """Put all threads of this process behind those of others, which Linux does for each thread.
+
+    Parameters:
+        niceness: 0 to 19.
+    """
+    for thread in Path('/proc/self/task').iterdir():
+        os.setpriority(os.PRIO_PROCESS, int(thread.name), niceness)
+
+
 def main() -> None:
-    """Run the node behind those of the rig."""
-    os.nice(NICENESS)
+    """Run the node."""
     run(ViewNode)

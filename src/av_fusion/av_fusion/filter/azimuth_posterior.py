@@ -1,0 +1,46 @@
+"""The posterior of the targets' azimuth in the body frame, in equal sectors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from av_fusion.filter.target_density import TargetDensity
+from av_fusion.filter.tracker import MAX_GAP_S
+from av_fusion.measurement.rig_motion import RigMotion
+
+SECTORS = 120
+EDGES = np.linspace(-math.pi, math.pi, SECTORS + 1)
+TURNS = math.tau * np.arange(-2, 3)[:, None]  # beyond which a normal distribution has nothing at deviations up to pi
+LEAST_SIGMA, LARGEST_SIGMA = 1e-4, math.pi  # rad
+
+
+def azimuth_posterior(densities: Iterable[TargetDensity], motion: RigMotion, time: float) -> NDArray[np.float64]:
+    """Expected number of targets in each of SECTORS sectors from -pi on, at a time after the newest measurement.
+
+    Each component is a wrapped normal distribution of the azimuth; what the background holds is nowhere.
+
+    Parameters:
+        densities: of the targets.
+        motion: attitude and path of the rig.
+        time (s): the time.
+    """
+    total, attitude = np.zeros(SECTORS), motion.attitude(time)
+    for density in densities:
+        if density.time is not None and abs(time - density.time) < MAX_GAP_S:
+            ahead, noise, moved = time - density.time, density.noise_scale(time), motion.moved(density.time, time)
+            for component in density.mixture.components:
+                found = density.mixture.predicted(component, ahead, noise, moved).in_body(attitude)
+                total += component.weight * _wrapped_normal(found.azimuth, found.azimuth_variance)
+    return total
+
+
+def _wrapped_normal(azimuth: float, variance: float) -> NDArray[np.float64]:
+    """Probability of each sector."""
+    sigma = min(max(math.sqrt(variance), LEAST_SIGMA), LARGEST_SIGMA)
+    inside = np.diff(ndtr((EDGES + TURNS - azimuth) / sigma), axis=1).sum(axis=0)
+    return inside / inside.sum()
