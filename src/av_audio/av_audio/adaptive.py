@@ -45,6 +45,7 @@ class Adaptive:
         self._inside = slice(inside[0], inside[-1] + 1)
         self._likelihood = Correlation(array, frequencies[self._inside], response[self._inside], speed_of_sound, weighting,
                                        ego_noise)
+        self.ego_noise = ego_noise
         self._even = EvenPhases(array, frequencies, speed_of_sound) if ego_noise is None else None
 
     def estimate(self, spectra: NDArray) -> Peak:

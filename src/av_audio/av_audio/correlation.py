@@ -40,7 +40,7 @@ class Correlation(SteeredResponse):
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
                  weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
         super().__init__(array, frequencies, speed_of_sound, CLUSTER_HZ)
-        self._ego_noise = ego_noise
+        self.ego_noise = ego_noise
         self._weighting = weighting
         self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
         self._drift = DriftEstimator(array, frequencies, speed_of_sound)
@@ -59,8 +59,8 @@ class Correlation(SteeredResponse):
         pairs = self._array.pairs
         cross = cross_spectra(spectra, pairs)
         ego_noise = None
-        if self._ego_noise is not None:
-            ego_noise = self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
+        if self.ego_noise is not None:
+            ego_noise = self.ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
             cross = cross - ego_noise
         magnitude = np.abs(spectra)
         power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]

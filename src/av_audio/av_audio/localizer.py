@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from av_audio.correlation import Correlation
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
+from av_audio.further_sources import MOST_SOURCES, FurtherSources
 from av_audio.health import FULL_SCALE
 from av_audio.narrowband import Music, Mvdr
 from av_audio.spectra import SpectrumAnalyzer
@@ -55,6 +56,7 @@ class LocalizerSettings:
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
         estimated_rotors: number of the rig's own rotors whose speeds are estimated from the sound and notched, 0 to 16.
         wideband: whether `ml` also uses phases above the band, as high as spacing and sample rate allow.
+        max_sources: largest number of sources in one window, 1 to MOST_SOURCES; other arrays than linear ones find one.
 
     Raises ValueError when one is out of bounds.
     """
@@ -67,6 +69,7 @@ class LocalizerSettings:
     elevation_deg: tuple[float, float] = (0.0, 90.0)
     estimated_rotors: int = 0
     wideband: bool = True
+    max_sources: int = 1
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.window_s <= 10.0:
@@ -77,6 +80,8 @@ class LocalizerSettings:
             raise ValueError(f'method={self.method!r}, expected one of {", ".join(METHODS)}')
         if not 0 <= self.estimated_rotors <= 16:
             raise ValueError(f'estimated_rotors={self.estimated_rotors}, expected 0..16')
+        if not 1 <= self.max_sources <= MOST_SOURCES:
+            raise ValueError(f'max_sources={self.max_sources}, expected 1..{MOST_SOURCES}')
         low, high = self.band_hz
         if not 0.0 < low < high < np.inf:
             raise ValueError(f'band_low is {low:g} Hz, expected more than 0 and less than band_high ({high:g} Hz)')
@@ -88,7 +93,7 @@ class LocalizerSettings:
 
 @dataclass(frozen=True)
 class DoaEstimate:
-    """Directions of arrival in one window. Arrays (k,) have one entry per hypothesis; k = 0 when the window is silent.
+    """Direction of the strongest source in one window. Arrays (k,) have one entry per hypothesis; k = 0 in silence.
 
     Parameters:
         time (s): centre of the window since sample 0.
@@ -105,6 +110,7 @@ class DoaEstimate:
         cosine: cosine of the estimated angle to the axis of a linear array (see `directions.cone_cosine`). NaN for other
             arrays and in silence.
         cosine_variance: variance of its error, reflections included; NaN as the cosine.
+        further: estimates of the other sources in the same window.
     """
 
     time: float
@@ -120,6 +126,12 @@ class DoaEstimate:
     q: Array
     cosine: float = np.nan
     cosine_variance: float = np.nan
+    further: tuple[DoaEstimate, ...] = ()
+
+    @property
+    def sources(self) -> tuple[DoaEstimate, ...]:
+        """The estimates of all sources, the strongest first."""
+        return (self, *self.further)
 
 
 class Localizer:
@@ -154,6 +166,10 @@ class Localizer:
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting,
                                     None if ego_noise is None else self._ego_noise_model(ego_noise))
+        self._further = None
+        if settings.max_sources > 1 and array.rank == 1:
+            self._further = FurtherSources(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c),
+                                           self._estimator.ego_noise)
         self._elevations = np.radians(settings.elevation_deg)
         # Room for two windows, so that a window slides by its full length before it is copied back to the beginning.
         self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
@@ -227,7 +243,15 @@ class Localizer:
             empty = np.zeros(0)
             return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
                                np.zeros(0, int), np.zeros(0, bool), level, empty)
-        peak = self._estimator.estimate(self._without_ego_rotors(spectra))
+        spectra = self._without_ego_rotors(spectra)
+        peak = self._estimator.estimate(spectra)
+        peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
+        if peaks:
+            peak = replace(peak, main_share=max(peak.main_share, peaks[0].main_share))
+        further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(peaks[1:]))
+        return replace(self._estimate_of(peak, 0, window, centre, level), further=further)
+
+    def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
         q, slope = undo_delay_curve(self.array, peak.q)
         covariance = slope**2 * (peak.covariance + peak.bias)
         angles, variances = to_directions(self.array, q, slope**2 * peak.covariance)
@@ -242,7 +266,7 @@ class Localizer:
         return DoaEstimate(
             centre / self.sample_rate, centre, azimuth=angles[0, kept], elevation=angles[1, kept],
             azimuth_variance=variances[0, kept], elevation_variance=variances[1, kept],
-            confidence=np.full(count, self._confidence(peak, window)), group=np.zeros(count, int),
+            confidence=np.full(count, self._confidence(peak, window)), group=np.full(count, group),
             end_fire=np.full(count, is_end_fire(self.array, q)), level_dbfs=level, q=peak.q,
             cosine=cosine, cosine_variance=cosine_variance)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +45,7 @@ def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: in
 
 
 def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
-              method: str, drone_probability: float = math.nan) -> DoaArray:
+              method: str, drone_probabilities: Sequence[float] = ()) -> DoaArray:
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
@@ -58,20 +59,27 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         frame_id: the array's frame.
         window_s (s): length of the window.
         method: name of the estimator.
-        drone_probability: probability that the source is a drone, NaN while unknown.
+        drone_probabilities: probability that each source is a drone, NaN while unknown; empty if all are.
     """
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
                        level=float(estimate.level_dbfs), axis=_vector(axis))
-    directions = angles_to_direction(estimate.azimuth, estimate.elevation)
-    cosine = float(np.clip(estimate.cosine, -1.0, 1.0))  # NaN stays NaN
-    message.hypotheses = [Doa(
-        direction=_vector(direction), azimuth=float(estimate.azimuth[k]), elevation=float(estimate.elevation[k]),
-        azimuth_variance=float(estimate.azimuth_variance[k]), elevation_variance=float(estimate.elevation_variance[k]),
-        cosine=cosine, cosine_variance=float(estimate.cosine_variance),
-        confidence=float(estimate.confidence[k]), ambiguity_group=int(estimate.group[k]),
-        end_fire=bool(estimate.end_fire[k]), drone_probability=drone_probability) for k, direction in enumerate(directions)]
+    judged = drone_probabilities or [math.nan] * len(estimate.sources)
+    message.hypotheses = [image for source, probability in zip(estimate.sources, judged, strict=True)
+                          for image in _images(source, probability)]
     return message
+
+
+def _images(source: DoaEstimate, drone_probability: float) -> list[Doa]:
+    """The hypotheses of one source."""
+    cosine = float(np.clip(source.cosine, -1.0, 1.0))  # NaN stays NaN
+    directions = angles_to_direction(source.azimuth, source.elevation)
+    return [Doa(
+        direction=_vector(direction), azimuth=float(source.azimuth[k]), elevation=float(source.elevation[k]),
+        azimuth_variance=float(source.azimuth_variance[k]), elevation_variance=float(source.elevation_variance[k]),
+        cosine=cosine, cosine_variance=float(source.cosine_variance),
+        confidence=float(source.confidence[k]), ambiguity_group=int(source.group[k]),
+        end_fire=bool(source.end_fire[k]), drone_probability=drone_probability) for k, direction in enumerate(directions)]
 
 
 def _vector(values: NDArray[np.float64]) -> Vector3:

@@ -41,8 +41,8 @@ class NarrowbandSearch(Correlation):
     def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
         bands = spectra[:, :self._used].reshape(len(spectra), self._bands, -1).transpose(1, 0, 2)
         covariances = bands @ bands.conj().swapaxes(1, 2)
-        if self._ego_noise is not None:
-            covariances = self._without_ego_noise(covariances, self._ego_noise.covariance_in(spectra))
+        if self.ego_noise is not None:
+            covariances = self._without_ego_noise(covariances, self.ego_noise.covariance_in(spectra))
         trace = np.trace(covariances, axis1=1, axis2=2).real
         covariances = covariances / np.maximum(trace, np.finfo(np.float32).tiny)[:, None, None]
         matrices = self._matrices(covariances)

@@ -51,7 +51,7 @@ class DoaStage:
         self._classifier: DroneClassifier | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
-        self.drone_probability = math.nan  # of the newest direction; NaN while unknown
+        self.drone_probability = math.nan  # of the strongest source; NaN while unknown
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.swaps = 0  # how often the two channels seem to have changed places
@@ -104,10 +104,11 @@ class DoaStage:
             self.latest = estimate
             if self._swap_detector is not None:
                 self.swaps += self._swap_detector.update(estimate)
-            self.drone_probability = self._judge(estimate)
+            judged = [self._judge(source) for source in estimate.sources]
+            self.drone_probability = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
-                                      self._settings.method, self.drone_probability))
+                                      self._settings.method, judged))
         return messages
 
     def _judge(self, estimate: DoaEstimate) -> float:
@@ -151,7 +152,7 @@ def localizer_settings(parameters: Any, **changes: Any) -> LocalizerSettings:
     """Settings of the parameters of doa_node, with `changes` of fields of LocalizerSettings. Raises ValueError."""
     given = {
         'window_s': parameters.window, 'hop_s': parameters.hop, 'band_hz': (parameters.band_low, parameters.band_high),
-        'method': parameters.method, 'wideband': parameters.wideband,
+        'method': parameters.method, 'wideband': parameters.wideband, 'max_sources': parameters.max_sources,
         'temperature_c': parameters.temperature,
         'elevation_deg': (parameters.elevation_min_deg, parameters.elevation_max_deg),
         'estimated_rotors': parameters.ego_rotor_count if parameters.ego_rotors == 'estimated' else 0}

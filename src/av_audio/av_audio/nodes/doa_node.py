@@ -27,8 +27,8 @@ class DoaNode(RigNode):
         'own_rotor_count': 'ego_rotor_count'}
 
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({
-        'method', 'window', 'hop', 'band_low', 'band_high', 'wideband', 'temperature', 'elevation_min_deg', 'elevation_max_deg',
-        'ego_rotor_count'})
+        'method', 'window', 'hop', 'band_low', 'band_high', 'wideband', 'max_sources', 'temperature', 'elevation_min_deg',
+        'elevation_max_deg', 'ego_rotor_count'})
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('doa_node', parameters, **kwargs)
@@ -83,6 +83,7 @@ class DoaNode(RigNode):
         status.add('sudden swaps of the channels', str(self._stage.swaps))
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')
+            status.add('sources', str(len(latest.sources)))
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
             status.add('drone probability', f'{self._stage.drone_probability:.2f}')
         if self._frames.age > SILENT_S:

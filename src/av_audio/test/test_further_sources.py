@@ -1,0 +1,82 @@
+"""Several sources in one window: the sound of rotors with exact delays."""
+
+import numpy as np
+import pytest
+
+from av_audio.benchmark.signals import RATE, add_noise, rotors
+from av_audio.localizer import Localizer, LocalizerSettings
+from av_audio.messages import doa_array
+from av_common.acoustics import speed_of_sound
+from av_common.angles import wrap
+from av_common.microphone_array import MicrophoneArray
+
+PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]])
+C = speed_of_sound(20.0)
+SECONDS = 0.5
+
+
+def sources(rng, azimuths, levels_db):
+    """Sound (n, 2) of rotors (s,) at azimuths (rad) and levels (dB), 20 dB above noise in each microphone."""
+    total = 0.0
+    for azimuth, level in zip(azimuths, levels_db, strict=True):
+        wave = rotors(rng, SECONDS, -PAIR.positions[:, 1] * np.sin(azimuth) / C)
+        total += 10.0 ** (level / 20.0) * wave / wave.std()
+    return add_noise(rng, total, 20.0)
+
+
+def located(sound, **settings):
+    given = {'max_sources': 4, **settings}
+    estimate, = Localizer(PAIR, RATE, LocalizerSettings(window_s=SECONDS, hop_s=SECONDS, **given)).process(sound, 0)
+    return estimate
+
+
+def error(source, azimuth):
+    return float(np.min(np.abs(wrap(source.azimuth - azimuth))))
+
+
+@pytest.mark.parametrize(('azimuths_deg', 'levels_db', 'found'), [
+    ((-40.0, 20.0), (0.0, 0.0), 0.95),
+    ((-40.0, 20.0), (0.0, -5.0), 0.8),
+    ((-50.0, 0.0, 40.0), (0.0, 0.0, 0.0), 0.7)])
+def test_each_source_has_a_direction_with_an_honest_sigma(azimuths_deg, levels_db, found):
+    rng = np.random.default_rng(1)
+    within, seen, first = [], 0, []
+    for _ in range(20):
+        azimuths = np.radians(azimuths_deg) + rng.uniform(-0.05, 0.05, len(azimuths_deg))
+        estimate = located(sources(rng, azimuths, levels_db))
+        first.append(error(estimate, azimuths[0]))
+        for azimuth in azimuths:
+            near = min(estimate.sources, key=lambda source: error(source, azimuth))
+            if error(near, azimuth) < np.radians(8.0):
+                seen += 1
+                within.append(error(near, azimuth) < 1.64 * np.sqrt(near.azimuth_variance[0]))
+    assert seen / (20 * len(azimuths_deg)) >= found
+    assert np.mean(within) > 0.7
+    if levels_db[-1] < 0.0:
+        assert np.degrees(np.median(first)) < 1.0  # the louder is the first
+
+
+def test_one_source_is_one():
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        azimuth = rng.uniform(-1.2, 1.2)
+        estimates = located(sources(rng, [azimuth], [0.0])), located(sources(rng, [azimuth], [0.0]), max_sources=1)
+        assert all(error(estimate, azimuth) < np.radians(1.0) for estimate in estimates)
+        assert not estimates[1].further
+        assert all(further.confidence[0] < 0.9 for further in estimates[0].further)
+
+
+def test_the_message_has_a_group_for_each_source():
+    estimate = located(sources(np.random.default_rng(3), np.radians([-40.0, 20.0]), [0.0, -3.0]))
+    message = doa_array(estimate, PAIR, 10.0, 'microphones', SECONDS, 'ml', [0.9, 0.2])
+    assert [(doa.ambiguity_group, round(doa.drone_probability, 1)) for doa in message.hypotheses] == [
+        (0, 0.9), (0, 0.9), (1, 0.2), (1, 0.2)]
+    cosines = [doa.cosine for doa in message.hypotheses]
+    assert cosines[0] == cosines[1] != cosines[2] == cosines[3]
+    for doa in message.hypotheses:
+        assert doa.cosine == pytest.approx(np.sin(doa.azimuth), abs=1e-6)
+
+
+def test_the_number_of_sources_is_checked():
+    with pytest.raises(ValueError, match='max_sources=5'):
+        LocalizerSettings(max_sources=5)
