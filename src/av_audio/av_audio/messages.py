@@ -17,6 +17,7 @@ from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, Doa, DoaArray
 
 if TYPE_CHECKING:    # what computes them takes a while to import
+    from av_audio.drone_classifier import Judgement
     from av_audio.localizer import DoaEstimate
 
 
@@ -44,7 +45,7 @@ def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: in
 
 
 def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
-              method: str, drone_probability: float = math.nan) -> DoaArray:
+              method: str, judgement: Judgement | None = None) -> DoaArray:
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
@@ -58,8 +59,9 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         frame_id: the array's frame.
         window_s (s): length of the window.
         method: name of the estimator.
-        drone_probability: probability that the source is a drone, NaN while unknown.
+        judgement: what is known of the sound; None for nothing.
     """
+    probability, fundamental, variance = judgement or (math.nan, math.nan, math.nan)
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
                        level=float(estimate.level_dbfs), axis=_vector(axis))
@@ -70,7 +72,8 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         azimuth_variance=float(estimate.azimuth_variance[k]), elevation_variance=float(estimate.elevation_variance[k]),
         cosine=cosine, cosine_variance=float(estimate.cosine_variance),
         confidence=float(estimate.confidence[k]), ambiguity_group=int(estimate.group[k]),
-        end_fire=bool(estimate.end_fire[k]), drone_probability=drone_probability) for k, direction in enumerate(directions)]
+        end_fire=bool(estimate.end_fire[k]), drone_probability=probability, fundamental=fundamental,
+        fundamental_variance=variance) for k, direction in enumerate(directions)]
     return message
 
 
