@@ -1,14 +1,15 @@
-"""How likely the sound from each direction is that of a drone."""
+"""How likely the sound from each direction is that of a drone, and its fundamental."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.drone_features import HIGHEST_HZ, DroneFeatures
+from av_audio.drone_features import FUNDAMENTAL_SIGMA, HIGHEST_HZ, DroneFeatures
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.source_spectra import SourceSpectra
@@ -23,12 +24,26 @@ LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 @dataclass
 class _Source:
-    """A direction that was judged: its q, the mean of the log-odds, their weight, and when (s) it was judged last."""
+    """A direction that was judged: its q, mean log-odds and their weight, fundamental (Hz), and when (s) it was judged last."""
 
     q: NDArray
     log_odds: float
     weight: float
     time: float
+    fundamental: float = math.nan
+
+
+class Judgement(NamedTuple):
+    """What is known of the sound from a direction.
+
+    Parameters:
+        probability: that it is a drone's, if drones were as frequent as all else; NaN while unknown.
+        fundamental (Hz), variance (Hz^2): of its harmonics; NaN where none stand out.
+    """
+
+    probability: float = math.nan
+    fundamental: float = math.nan
+    variance: float = math.nan
 
 
 class DroneClassifier:
@@ -60,8 +75,8 @@ class DroneClassifier:
         if self._spectra is not None:
             self._spectra.add(samples)
 
-    def probability(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None) -> float:
-        """Probability of a drone in a direction, if drones were as frequent as all else; NaN while unknown.
+    def judge(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None) -> Judgement:
+        """What is known of the sound from a direction.
 
         Parameters:
             time (s): time of the newest sample.
@@ -69,18 +84,20 @@ class DroneClassifier:
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors.
         """
         if self._spectra is None or not self._spectra.is_full:
-            return math.nan
+            return Judgement()
         self._sources = [source for source in self._sources if 0.0 <= time - source.time <= MEMORY_S]
         known = min(self._sources, key=lambda source: _apart(source.q, q), default=None)
         if known is None or _apart(known.q, q) > SAME_SOURCE:
             known = _Source(q, 0.0, 0.0, -math.inf)
             self._sources.append(known)
         if time - known.time >= PERIOD_S or known.weight == 0.0:
-            found = float(self._model.log_odds(self._features(self._spectra.steered(q, blade_pass_hz))))
+            segment = self._spectra.steered(q, blade_pass_hz)
+            found, known.fundamental = float(self._model.log_odds(self._features(segment))), self._features.fundamental(segment)
             kept = known.weight * math.exp(-(time - known.time) / MEMORY_S) if known.weight else 0.0
             known.log_odds = (kept * known.log_odds + found) / (kept + 1.0)
             known.q, known.weight, known.time = q, kept + 1.0, time
-        return 1.0 / (1.0 + math.exp(-min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)))
+        odds = min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)
+        return Judgement(1.0 / (1.0 + math.exp(-odds)), known.fundamental, (FUNDAMENTAL_SIGMA * known.fundamental) ** 2)
 
 
 def load_model(name: str) -> DroneModel | None:

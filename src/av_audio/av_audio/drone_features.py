@@ -25,7 +25,14 @@ LOG_STEP = 0.01  # of the logarithmic frequency axis on which combs are searched
 ORDERS = 12  # harmonics of a comb
 NEIGHBOURS = (3, 6, 10, 16)  # steps from the best fundamental, at which the combs of other rotors may lie
 SHIFTS = 8  # largest change of the fundamental within a segment, in steps
+TONE_BINS = 5  # over which a line of rotors with different speeds extends
 LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)
+# The comb of a shaft's frequency has lines of imbalance between those of the blades. A multiple is the blade-pass frequency
+# where its harmonics have this share of the power. Twice needs more: reflections may weaken every second line of a true comb.
+LEAST_SHARES = {2: 0.95, 3: 0.8, 4: 0.8}
+LEAST_COMB = 1.0  # by which the lines of a comb stand out from what is between them
+HARMONICS_HZ = 6000.0  # highest of the lines of a comb
+FUNDAMENTAL_SIGMA = 0.03  # relative error of fundamentals: the rotors of one drone differ
 SPACINGS_HZ = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0, 250.0, 350.0, 500.0, 700.0)  # distances between lines
 
 
@@ -81,6 +88,30 @@ class DroneFeatures:
         whole, first, second = (self._prominence(segment, frames) for frames in (slice(None), *halves))
         combs = self._comb_features(whole, first, second)
         return np.concatenate([bands, combs, self._line_features(whole), self._spacings(whole)]).astype(np.float32)
+
+    def fundamental(self, segment: Segment) -> float:
+        """Fundamental (Hz) of the harmonics, which is the blade-pass frequency of a drone; NaN where none stand out."""
+        prominence = self._prominence(segment, slice(None))
+        lines = self._on_log_axis(prominence)
+        scores = self._combs @ lines - self._gaps @ lines
+        if scores.max() < LEAST_COMB:
+            return float('nan')
+        found = float(self._fundamentals[int(np.argmax(scores))])
+        tones = segment.power.mean(axis=0) * (1.0 - np.exp(-prominence))
+        tones = maximum_filter1d(np.maximum(tones, 0.0), TONE_BINS)
+        multiple = self._multiple(tones, found)
+        while multiple > 1 and multiple * found <= FUNDAMENTALS_HZ[1]:
+            found *= multiple
+            multiple = self._multiple(tones, found)
+        return found
+
+    def _multiple(self, tones: NDArray, fundamental: float) -> int:
+        """The multiple of a fundamental (Hz) whose harmonics hold nearly all of the power (k,) of the lines; 1 for none."""
+        orders = np.arange(1, int(HARMONICS_HZ / fundamental) + 1)
+        bins = np.round(orders * fundamental * FRAME_S).astype(int) - round(self._frequencies[0] * FRAME_S)
+        powers = np.where(bins < 0, 0.0, tones[np.maximum(bins, 0)])
+        return max((multiple for multiple, least in LEAST_SHARES.items()
+                    if powers[multiple - 1::multiple].sum() > least * powers.sum()), default=1)
 
     def _band_features(self, segment: Segment) -> NDArray:
         power, total = segment.power @ self._bands.T, segment.total @ self._bands.T

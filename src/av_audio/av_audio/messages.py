@@ -17,7 +17,10 @@ from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, Doa, DoaArray
 
+UNKNOWN = (math.nan, math.nan, math.nan)  # nothing is known of a sound
+
 if TYPE_CHECKING:    # what computes them takes a while to import
+    from av_audio.drone_classifier import Judgement
     from av_audio.localizer import DoaEstimate
 
 
@@ -45,7 +48,7 @@ def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: in
 
 
 def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
-              method: str, drone_probabilities: Sequence[float] = ()) -> DoaArray:
+              method: str, judgements: Sequence[Judgement] = ()) -> DoaArray:
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
@@ -59,19 +62,20 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         frame_id: the array's frame.
         window_s (s): length of the window.
         method: name of the estimator.
-        drone_probabilities: probability that each source is a drone, NaN while unknown; empty if all are.
+        judgements: what is known of the sound of each source; empty for nothing.
     """
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
                        level=float(estimate.level_dbfs), axis=_vector(axis))
-    judged = drone_probabilities or [math.nan] * len(estimate.sources)
-    message.hypotheses = [image for source, probability in zip(estimate.sources, judged, strict=True)
-                          for image in _images(source, probability)]
+    judged = judgements or [UNKNOWN] * len(estimate.sources)
+    message.hypotheses = [image for source, judgement in zip(estimate.sources, judged, strict=True)
+                          for image in _images(source, judgement)]
     return message
 
 
-def _images(source: DoaEstimate, drone_probability: float) -> list[Doa]:
+def _images(source: DoaEstimate, judgement: tuple[float, float, float]) -> list[Doa]:
     """The hypotheses of one source."""
+    probability, fundamental, variance = judgement
     cosine = float(np.clip(source.cosine, -1.0, 1.0))  # NaN stays NaN
     directions = angles_to_direction(source.azimuth, source.elevation)
     return [Doa(
@@ -79,7 +83,8 @@ def _images(source: DoaEstimate, drone_probability: float) -> list[Doa]:
         azimuth_variance=float(source.azimuth_variance[k]), elevation_variance=float(source.elevation_variance[k]),
         cosine=cosine, cosine_variance=float(source.cosine_variance),
         confidence=float(source.confidence[k]), ambiguity_group=int(source.group[k]),
-        end_fire=bool(source.end_fire[k]), drone_probability=drone_probability) for k, direction in enumerate(directions)]
+        end_fire=bool(source.end_fire[k]), drone_probability=probability, fundamental=fundamental,
+        fundamental_variance=variance) for k, direction in enumerate(directions)]
 
 
 def _vector(values: NDArray[np.float64]) -> Vector3:

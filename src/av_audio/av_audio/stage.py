@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray
 
-from av_audio.drone_classifier import DroneClassifier, load_model
+from av_audio.drone_classifier import DroneClassifier, Judgement, load_model
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.health import SwapDetector
@@ -51,7 +50,7 @@ class DoaStage:
         self._classifier: DroneClassifier | None = None
         self._swap_detector = SwapDetector() if array.channels == 2 else None
         self.latest: DoaEstimate | None = None
-        self.drone_probability = math.nan  # of the strongest source; NaN while unknown
+        self.judgement = Judgement()  # of the strongest source in the newest window
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.swaps = 0  # how often the two channels seem to have changed places
@@ -105,17 +104,17 @@ class DoaStage:
             if self._swap_detector is not None:
                 self.swaps += self._swap_detector.update(estimate)
             judged = [self._judge(source) for source in estimate.sources]
-            self.drone_probability = judged[0]
+            self.judgement = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
                                       self._settings.method, judged))
         return messages
 
-    def _judge(self, estimate: DoaEstimate) -> float:
-        """Probability of a drone in the direction of an estimate, from all sound that has arrived; NaN while unknown."""
+    def _judge(self, estimate: DoaEstimate) -> Judgement:
+        """What is known of the sound in the direction of an estimate, from all that has arrived."""
         if self._classifier is None or not len(estimate.q):
-            return math.nan
-        return self._classifier.probability(estimate.time, estimate.q, self._blade_pass_hz)
+            return Judgement()
+        return self._classifier.judge(estimate.time, estimate.q, self._blade_pass_hz)
 
     def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         if frame.channels != self._array.channels:

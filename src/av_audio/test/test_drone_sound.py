@@ -119,7 +119,7 @@ def test_a_drone_is_told_from_a_rumble():
     for name, sound in (('drone', multirotor(6.0, rng)), ('rumble', np.cumsum(rng.standard_normal(6 * RATE)) * 0.03)):
         classifier = DroneClassifier(SQUARE, RATE, C, load_model(''))
         classifier.add(0.05 * arriving(SQUARE, q, sound).astype(np.float32))
-        found[name] = classifier.probability(6.0, q)
+        found[name] = classifier.judge(6.0, q).probability
     assert found['drone'] > 0.5 > found['rumble']
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from av_audio.benchmark.signals import RATE, add_noise, rotors
+from av_audio.drone_classifier import Judgement
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import doa_array
 from av_common.acoustics import speed_of_sound
@@ -68,7 +69,7 @@ def test_one_source_is_one():
 
 def test_the_message_has_a_group_for_each_source():
     estimate = located(sources(np.random.default_rng(3), np.radians([-40.0, 20.0]), [0.0, -3.0]))
-    message = doa_array(estimate, PAIR, 10.0, 'microphones', SECONDS, 'ml', [0.9, 0.2])
+    message = doa_array(estimate, PAIR, 10.0, 'microphones', SECONDS, 'ml', [Judgement(0.9), Judgement(0.2)])
     assert [(doa.ambiguity_group, round(doa.drone_probability, 1)) for doa in message.hypotheses] == [
         (0, 0.9), (0, 0.9), (1, 0.2), (1, 0.2)]
     cosines = [doa.cosine for doa in message.hypotheses]

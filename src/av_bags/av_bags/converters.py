@@ -146,12 +146,14 @@ class Poses:
 
 
 def unjudged(message: Any, _: int) -> Iterable[DoaArray]:
-    """Directions of arrival of a release that did not judge whether a sound is a drone's."""
+    """Directions of arrival of an earlier release: what that did not tell of a sound is NaN."""
     directions = DoaArray()
     fields = asdict(message, dict_factory=lambda items: {name: value for name, value in items if name != '__msgtype__'})
     set_message_fields(directions, fields)
-    for hypothesis in directions.hypotheses:
-        hypothesis.drone_probability = math.nan
+    for hypothesis, recorded in zip(directions.hypotheses, message.hypotheses, strict=True):
+        for name in ('drone_probability', 'fundamental', 'fundamental_variance'):
+            if not hasattr(recorded, name):
+                setattr(hypothesis, name, math.nan)
     return [directions]
 
 

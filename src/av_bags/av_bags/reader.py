@@ -30,7 +30,8 @@ MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b
 SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 FOREVER = 2**63 - 1
 # Fields that releases added to the rig's messages; bags without them are read (`converters`), and their values are unknown.
-ADDED_FIELDS = frozenset({'Doa.drone_probability'})
+ADDED_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
+                          'Track.identity_probability', 'Track.fundamental'})
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()
 

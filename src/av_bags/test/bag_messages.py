@@ -64,7 +64,7 @@ def odometry(time, x=0.0, y=0.0, yaw=0.0, yaw_rate=0.0, frame='map', child='base
 def doa(time, azimuth, sigma=0.02, confidence=0.9, frame='microphones', window=0.5):
     """A sound and its mirror image about the y axis."""
     images = [make('av_interfaces/msg/Doa', vector(math.cos(a), math.sin(a)), a, 0.0, sigma**2, math.inf,
-                   math.sin(a), (sigma * max(abs(math.cos(a)), 0.05))**2, confidence, 0, False, math.nan)
+                   math.sin(a), (sigma * max(abs(math.cos(a)), 0.05))**2, confidence, 0, False, math.nan, math.nan, math.nan)
               for a in (azimuth, math.pi - azimuth)]
     return make('av_interfaces/msg/DoaArray', header(time, frame), window, 'test', -30.0, vector(y=1.0), images)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.gimbal_stage import JointNames
+from av_fusion.multi_target.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_fusion.tracker_protocol import Tracker
@@ -46,8 +48,27 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         steady = MultiTargetSettings().target
         return MultiTargetTracker(MultiTargetSettings(
             replace(target, acceleration_density=p.targets.acceleration_density, elevation_density=steady.elevation_density),
-            policy=p.targets.policy))
+            policy=p.targets.policy, types=types_of(p.targets.types)))
     return BayesTracker(target)
+
+
+def types_of(entries: Sequence[str]) -> dict[str, float]:
+    """Blade-pass frequencies (Hz) by type of drone. Raises ValueError for an entry that is not 'name: frequency'.
+
+    Parameters:
+        entries: such as 'hexarotor: 133'; empty ones are ignored.
+    """
+    types = {}
+    for entry in filter(None, entries):
+        name, _, frequency = entry.rpartition(':')
+        try:
+            types[name.strip()] = float(frequency)
+        except ValueError:
+            types[name.strip()] = math.nan
+        if not (name.strip() and LOWEST_HZ <= types[name.strip()] <= HIGHEST_HZ):
+            raise ValueError(f"targets.types: {entry!r}, expected a name and {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, "
+                             "such as 'hexarotor: 133'")
+    return types
 
 
 def joint_names(parameters: Any) -> JointNames:

@@ -85,7 +85,8 @@ class DoaNode(RigNode):
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')
             status.add('sources', str(len(latest.sources)))
             status.add('confidence', f'{max(latest.confidence, default=0.0):.2f}')
-            status.add('drone probability', f'{self._stage.drone_probability:.2f}')
+            status.add('drone probability', f'{self._stage.judgement.probability:.2f}')
+            status.add('fundamental', f'{self._stage.judgement.fundamental:.0f} Hz')
         if self._frames.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no audio frames')
         elif latest is not None and not len(latest.azimuth):

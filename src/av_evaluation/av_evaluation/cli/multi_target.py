@@ -7,7 +7,9 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from importlib.util import find_spec
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,19 +27,21 @@ BIRDS = {'birds_and_drones': 6}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; returns 1 where the filter is not BETTER than a peer."""
     options = _parser().parse_args(arguments)
-    names = [OWN, JPDA, PHD] if find_spec('stonesoup') else [OWN]
-    if len(names) == 1:
+    names = [OWN, JPDA, PHD] if find_spec('stonesoup') and not options.without_peers else [OWN]
+    if len(names) == 1 and not options.without_peers:
         print('stonesoup is not installed: without its trackers (pip install stonesoup)', file=sys.stderr)
     seeds = range(options.seed, options.seed + options.seeds)
-    jobs = [(scenario, seed, options.pair, name) for scenario in options.scenarios for seed in seeds for name in names]
+    jobs = [Job(scenario, seed, name, options.pair, options.alike)
+            for scenario in options.scenarios for seed in seeds for name in names]
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         found = dict(zip(jobs, pool.map(run, jobs), strict=True))
-    print(f'{"":<18}{"":<19}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"of a core":>11}')
+    print(f'{"":<18}{"":<19}{"GOSPA":>8}{"error":>9}{"missed":>8}{"false":>7}{"switches":>10}{"names kept":>12}{"identity":>10}'
+          f'{"of a core":>11}')
     worse = []
     for scenario in options.scenarios:
         means = {}
         for name in names:
-            runs = [found[scenario, seed, options.pair, name] for seed in seeds]
+            runs = [found[Job(scenario, seed, name, options.pair, options.alike)] for seed in seeds]
             means[name] = _print(scenario, name, runs)
         worse += [f'{scenario}: {means[OWN]:.2f} deg, {name} {mean:.2f} deg' for name, mean in means.items()
                   if name != OWN and means[OWN] > (1.0 - BETTER) * mean]
@@ -46,12 +50,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if worse else 0
 
 
-def run(job: tuple[str, int, bool, str]) -> MultiTargetFigures:
-    """Figures of one tracker in one run: scenario, seed, whether the microphones are a pair, name of the tracker."""
-    scenario, seed, pair, name = job
-    model = SensorModel(pair=pair, birds=BIRDS.get(scenario, 0))
-    scans = MeasurementSimulation(load_scenario(find_config(scenario, 'scenarios')), seed, model).scans()
-    return figures_of(_make(name, model), list(scans))
+class Job(NamedTuple):
+    """One tracker in one run.
+
+    Parameters:
+        scenario: its name or file.
+        seed: of the measurements.
+        tracker: its name.
+        pair: whether the microphones are a pair.
+        alike: whether all targets are of the type of the first.
+    """
+
+    scenario: str
+    seed: int
+    tracker: str
+    pair: bool = False
+    alike: bool = False
+
+
+def run(job: Job) -> MultiTargetFigures:
+    """Figures of one tracker in one run."""
+    model = SensorModel(pair=job.pair, birds=BIRDS.get(job.scenario, 0))
+    scenario = load_scenario(find_config(job.scenario, 'scenarios'))
+    if job.alike:
+        first = scenario.targets[0]
+        scenario = replace(scenario, targets=tuple(replace(target, drone=first.drone, signal=first.signal)
+                                                   for target in scenario.targets))
+    return figures_of(_make(job.tracker, model), list(MeasurementSimulation(scenario, job.seed, model).scans()))
 
 
 def _make(name: str, model: SensorModel) -> Peer:
@@ -64,11 +89,11 @@ def _make(name: str, model: SensorModel) -> Peer:
 
 def _print(scenario: str, name: str, runs: Sequence[MultiTargetFigures]) -> float:
     """Print the means of the runs; returns that of GOSPA (deg)."""
-    table = np.array([(each.gospa_deg, each.localisation_deg, each.missed, each.false, each.switches, each.percent)
-                      for each in runs])
-    mean, error, missed, false, switches, percent = table.mean(axis=0).tolist()
-    print(f'{scenario:<18}{name:<19}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}{percent:>9.1f} %',
-          flush=True)
+    table = np.array([(each.gospa_deg, each.localisation_deg, each.missed, each.false, each.switches, 100.0 * each.kept,
+                       each.identity, each.percent) for each in runs])
+    mean, error, missed, false, switches, kept, identity, percent = table.mean(axis=0).tolist()
+    print(f'{scenario:<18}{name:<19}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}{kept:>10.0f} %'
+          f'{identity:>10.2f}{percent:>9.1f} %', flush=True)
     return float(mean)
 
 
@@ -78,6 +103,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--seeds', type=int, default=5, help='runs of each scenario (%(default)s)')
     parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
+    parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
+    parser.add_argument('--without-peers', action='store_true', help='this filter alone')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser
 

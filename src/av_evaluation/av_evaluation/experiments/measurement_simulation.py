@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
-from av_simulator.scenario import Scenario
+from av_simulator.config_files import find_config
+from av_simulator.scenario import Scenario, Target
+from av_simulator.sound.profiles import load_profile
+from av_simulator.sound.rotor import RotorSignal
 from av_simulator.trajectories import RandomFlight, Trajectory
 
 LEFT = (0.0, 1.0, 0.0)
@@ -38,6 +41,8 @@ class SensorModel:
         separation (rad): of two targets from which both are detected.
         sight_clutter: expected number of false detections in an image.
         birds: number of birds that fly around the rig: silent, and detected with lower scores than drones.
+        fundamental_sigma: relative error of the blade-pass frequency of what is heard; 0 where it is not measured.
+        fundamental_wrong: share of fundamentals that are twice or half of the true one, or anything.
     """
 
     pair: bool = False
@@ -60,6 +65,8 @@ class SensorModel:
     separation: float = math.radians(1.5)
     sight_clutter: float = 0.05
     birds: int = 0
+    fundamental_sigma: float = 0.03
+    fundamental_wrong: float = 0.1
 
 
 class Scan(NamedTuple):
@@ -96,6 +103,8 @@ class MeasurementSimulation:
         self._level = self._random.normal(0.0, self._model.fluctuation, count)  # dB
         self._overlap = max(round(self._model.window * self._model.sound_rate), 1)  # windows that share noise with one
         self._noise = self._random.normal(size=(self._overlap, count, 2))  # of the parts of the newest window
+        self._blade_pass = [_blade_pass_of(target) for target in scenario.targets]
+        self._voices = np.random.default_rng([seed, 1])  # of fundamentals, so that directions do not depend on them
 
     def scans(self) -> Iterator[Scan]:
         """All scans of the scenario in order."""
@@ -136,15 +145,16 @@ class MeasurementSimulation:
             clear = all(vectors[source] @ vectors[other] < math.cos(model.resolution) for other in found)
             if clear and levels[source] > max(0.0, levels.max() - model.dynamic_range) and len(found) < model.most_sources:
                 found.append(int(source))
-        heard = [self._direction(time, vectors[k], float(levels[k]), errors[k]) for k in found]
+        heard = [self._direction(time, vectors[k], float(levels[k]), errors[k], self._blade_pass[k]) for k in found]
         for _ in range(self._random.poisson(model.sound_clutter)):
             azimuth, elevation = self._random.uniform(-math.pi, math.pi), self._random.normal(0.15, 0.15)
             false = np.array([math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation),
                               math.sin(elevation)])
-            heard.append(self._direction(time, false, self._random.uniform(0.0, 4.0), self._random.normal(size=2)))
+            heard.append(self._direction(time, false, self._random.uniform(0.0, 4.0), self._random.normal(size=2), math.nan))
         return tuple(sorted(heard, key=lambda doa: -doa.confidence)[:model.most_sources])
 
-    def _direction(self, time: float, vector: NDArray[np.float64], level: float, error: NDArray[np.float64]) -> DoaMeasurement:
+    def _direction(self, time: float, vector: NDArray[np.float64], level: float, error: NDArray[np.float64], blade_pass: float
+                   ) -> DoaMeasurement:
         """The measurement of a source `level` dB above the noise; `error` (2,) in standard deviations."""
         model = self._model
         signal = 10.0 ** (0.1 * level)
@@ -153,11 +163,23 @@ class MeasurementSimulation:
         if model.pair:
             slope = max(math.sqrt(1.0 - vector[1] ** 2), 0.1)
             cosine = float(np.clip(vector[1] + slope * sigma * error[0], -1.0, 1.0))
-            return DoaMeasurement.of_cone(time, Cone(LEFT, cosine, (slope * sigma) ** 2), confidence, model.window)
+            measured = DoaMeasurement.of_cone(time, Cone(LEFT, cosine, (slope * sigma) ** 2), confidence, model.window)
+            return self._sounding(measured, blade_pass)
         rise = sigma / model.sound_sigma * model.elevation_sigma
         azimuth = math.atan2(vector[1], vector[0]) + sigma * error[0]
         hypothesis = Hypothesis(math.remainder(azimuth, math.tau), sigma**2, math.asin(vector[2]) + rise * error[1], rise**2)
-        return DoaMeasurement(time, (hypothesis,), confidence, model.window)
+        return self._sounding(DoaMeasurement(time, (hypothesis,), confidence, model.window), blade_pass)
+
+    def _sounding(self, measurement: DoaMeasurement, blade_pass: float) -> DoaMeasurement:
+        """The measurement with its fundamental, that of a source of `blade_pass` (Hz), or any where that is NaN."""
+        model = self._model
+        if model.fundamental_sigma == 0.0:
+            return measurement
+        kind, error, anything = self._voices.random(), self._voices.normal(), 45.0 * 20.0 ** self._voices.random()
+        factor = 2.0 if kind < 0.4 * model.fundamental_wrong else 0.5 if kind < 0.8 * model.fundamental_wrong else 1.0
+        wrong = math.isnan(blade_pass) or 0.8 * model.fundamental_wrong <= kind < model.fundamental_wrong
+        found = anything if wrong else factor * blade_pass * (1.0 + model.fundamental_sigma * error)
+        return measurement._replace(fundamental=found, fundamental_variance=(model.fundamental_sigma * found) ** 2)
 
     def _see(self, time: float) -> CameraMeasurement:
         model, random, drones = self._model, self._random, len(self._scenario.targets)
@@ -185,3 +207,9 @@ class MeasurementSimulation:
         sigma = self._model.sight_sigma
         return Detection(azimuth + sigma * self._random.normal(), sigma**2, score, elevation + sigma * self._random.normal(),
                          sigma**2)
+
+
+def _blade_pass_of(target: Target) -> float:
+    """Blade-pass frequency (Hz) of a target in level flight; NaN for one without rotors."""
+    signal = target.signal or load_profile(find_config(target.drone, 'drones')).signal
+    return signal.blades * float(np.mean(signal.rotor_hz)) if isinstance(signal, RotorSignal) else math.nan

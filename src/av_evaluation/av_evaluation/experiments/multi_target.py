@@ -29,6 +29,9 @@ class Peer(Protocol):
     def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
         """Use a scan; unit vectors (3,) to the targets in the body's frame, by the name of each."""
 
+    def identity(self) -> float:
+        """Least probability that a track still follows the target that was given its name; NaN where it is not known."""
+
 
 class OwnFilter:
     """The rig's filter as a `Peer`, for a rig that stands still.
@@ -59,6 +62,11 @@ class OwnFilter:
                 found[track.id] = np.array(direction(primary.azimuth, primary.elevation))
         return found
 
+    def identity(self) -> float:
+        """See `Peer`."""
+        return min((track.identity for track in self.filter.tracks if track.existence >= self._settings.confirmed),
+                   default=math.nan)
+
 
 @dataclass(frozen=True)
 class MultiTargetFigures:
@@ -69,6 +77,8 @@ class MultiTargetFigures:
         localisation_deg, missed, false: mean of its parts: root mean square error of the assigned (deg), and numbers of
             missed and false targets.
         switches: identity switches.
+        kept: share of the targets that are followed at last under the name that they were given first.
+        identity: see `Peer`, at last.
         percent: processor time over the duration of the run, in percent.
     """
 
@@ -77,6 +87,8 @@ class MultiTargetFigures:
     missed: float
     false: float
     switches: int
+    kept: float
+    identity: float
     percent: float
 
 
@@ -101,7 +113,7 @@ def figures_of(peer: Peer, scans: Iterable[Scan]) -> MultiTargetFigures:
     distance, localisation, missed, false = np.mean(np.array(found), axis=0)
     unit = 0.5 * CUTOFF_DEG**2
     return MultiTargetFigures(float(distance), math.sqrt(localisation * len(found) / max(assigned, 1)), missed / unit,
-                              false / unit, identities.count, 100.0 * used / max(last, 1e-9))
+                              false / unit, identities.count, identities.kept, peer.identity(), 100.0 * used / max(last, 1e-9))
 
 
 def compare(scenario: Scenario, peers: dict[str, Callable[[], Peer]], seeds: Iterable[int], model: SensorModel | None = None

@@ -145,6 +145,10 @@ class StoneSoupJpda:
                        self._sensors.seen(scan), scan.time)
         return {id(track): _vector(track.state) for track in self._tracks}
 
+    def identity(self) -> float:
+        """See `Peer`."""
+        return math.nan
+
     def _step(self, associator: Any, tracks: set[Any], detections: set[Any], time: float) -> None:
         moment = START + timedelta(seconds=time)
         used = set()
@@ -192,6 +196,10 @@ class StoneSoupPhd:
             others = [component for component in self._components if not self._sensors.in_view(component)]
             self._components = others + self._step(self._sight, seen, self._sensors.seen(scan), scan.time)
         return {component.tag: _vector(component) for component in self._components if component.weight > 0.5}
+
+    def identity(self) -> float:
+        """See `Peer`."""
+        return math.nan
 
     def _step(self, updater: Any, components: Sequence[Any], detections: set[Any], time: float) -> list[Any]:
         moment = START + timedelta(seconds=time)

@@ -26,6 +26,13 @@ class IdentitySwitches:
         self.count = 0
         self._cutoff = cutoff
         self._names: dict[int, Hashable] = {}  # of the track that last followed each target
+        self._first: dict[int, Hashable] = {}  # and of that which followed it first
+
+    @property
+    def kept(self) -> float:
+        """Share of the targets whose newest track has the name of their first; NaN without any."""
+        same = [self._names[target] == name for target, name in self._first.items()]
+        return sum(same) / len(same) if same else float('nan')
 
     def add(self, distances: NDArray[np.float64], names: Sequence[Hashable]) -> None:
         """Add one instant.
@@ -44,3 +51,4 @@ class IdentitySwitches:
                 target, name = targets[row], names[tracks[column]]
                 self.count += self._names.get(target, name) != name
                 self._names[target] = name
+                self._first.setdefault(target, name)

@@ -57,9 +57,11 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         else:
             hypotheses = tuple(_hypothesis_of(rows, member) for member in members)
         confidence = max(member.confidence for member in members)
-        judged = members[0].drone_probability
-        measurements.append(DoaMeasurement(time, hypotheses, confidence, message.window, cone,
-                                           judged if 0.0 < judged <= 1.0 else math.nan))
+        sound = members[0]
+        judged, known = 0.0 < sound.drone_probability <= 1.0, 0.0 < sound.fundamental < math.inf
+        measurements.append(DoaMeasurement(
+            time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
+            *((sound.fundamental, sound.fundamental_variance) if known else (math.nan, math.nan))))
     return sorted(measurements, key=lambda measurement: -measurement.confidence * measurement.target_probability)
 
 

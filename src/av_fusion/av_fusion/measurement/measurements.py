@@ -79,6 +79,7 @@ class DoaMeasurement(NamedTuple):
         cone: the cone of a linear array, whose two images are the hypotheses; None for other arrays. Close to the axis the
             hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
         drone_probability: probability that the source is a drone, if drones were as frequent as all else; NaN if unknown.
+        fundamental (Hz), fundamental_variance (Hz^2): of the source's harmonics; NaN if unknown.
     """
 
     time: float
@@ -87,6 +88,8 @@ class DoaMeasurement(NamedTuple):
     window: float = 0.5
     cone: Cone | None = None
     drone_probability: float = math.nan
+    fundamental: float = math.nan
+    fundamental_variance: float = math.nan
 
     @property
     def target_probability(self) -> float:

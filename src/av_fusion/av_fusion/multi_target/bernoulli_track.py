@@ -15,7 +15,9 @@ from av_fusion.filter.hearing import Hearing
 from av_fusion.filter.target_density import Image, SightComparison, TargetDensity
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO
+from av_fusion.multi_target.blade_pass import BladePassFrequency
 from av_fusion.multi_target.drone_evidence import DroneEvidence
+from av_fusion.multi_target.identity import overlap
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 MANOEUVRE_GATE = 25.0  # see `TargetDensity`
@@ -31,6 +33,8 @@ class BernoulliTrack(TargetDensity):
         began (s): time of its first measurement.
         score: that of the detection that supports it in the newest image, 0 for none.
         kind: evidence of what it is.
+        blade_pass: blade-pass frequency of its sound.
+        confusions: largest probability so far that it was taken for another target, by the id of that.
         ambiguity: whether front and back are told apart.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
 
@@ -47,6 +51,8 @@ class BernoulliTrack(TargetDensity):
         self.id, self.began = identifier, time
         self.score = 0.0
         self.kind = DroneEvidence()
+        self.blade_pass = BladePassFrequency()
+        self.confusions: dict[int, float] = {}
         self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
         self.time = time
@@ -56,6 +62,20 @@ class BernoulliTrack(TargetDensity):
     def existence(self) -> float:
         """Probability that the target exists."""
         return min(max(1.0 - self.mixture.background, 0.0), 1.0)
+
+    @property
+    def identity(self) -> float:
+        """Probability that this is still the target that was given its id."""
+        return math.prod(1.0 - confusion for confusion in self.confusions.values())
+
+    def compare_identity(self, other: BernoulliTrack) -> None:
+        """Note how probable it is that this target and another one are taken for each other."""
+        one, two = self.mixture.primary(), other.mixture.primary()
+        if one is not None and two is not None:
+            alike = overlap(one, two)
+            confusion = 0.5 * alike * self.blade_pass.overlap(other.blade_pass) if alike else 0.0
+            for track, rival in ((self, other), (other, self)):
+                track.confusions[rival.id] = max(track.confusions.get(rival.id, 0.0), confusion)
 
     def begin(self, births: Sequence[BirthComponent], existence: float) -> None:
         """Start with components, whose shares are their ratios.
@@ -72,7 +92,8 @@ class BernoulliTrack(TargetDensity):
         self.mixture.reduce()
 
     def predict_heard(self, seconds: float) -> None:
-        """Predict by `seconds` whether the target can be heard: a two-state Markov chain."""
+        """Predict by `seconds` whether the target can be heard, a two-state Markov chain, and how it sounds."""
+        self.blade_pass.predict(seconds)
         rate, kept = self._multi.unheard_rate, math.exp(-seconds / self._multi.unheard_time)
         for component in self.mixture.components:
             component.p_outlier = rate + kept * (component.p_outlier - rate)

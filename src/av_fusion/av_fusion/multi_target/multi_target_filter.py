@@ -19,6 +19,7 @@ from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector
 from av_fusion.multi_target.association import free_factors, unclaimed
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
+from av_fusion.multi_target.blade_pass import fundamental_likelihoods
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
@@ -84,16 +85,23 @@ class MultiTargetFilter:
         compared = [track.compare_sound(heard, *place) for track, place in zip(self.tracks, places, strict=True)]
         ratios = np.array([track.sound_ratios(each, heard) for track, each in zip(self.tracks, compared, strict=True)]
                           ).reshape(len(self.tracks), len(heard))
+        likelihoods = fundamental_likelihoods(measurements)
+        voices = np.array([track.blade_pass.fits(likelihoods) for track in self.tracks]).reshape(ratios.shape)
+        ratios *= voices
         odds = self._undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
         free = free_factors(ratios, 1.0 + odds)
         unexplained = unclaimed(ratios, free, 1.0 + odds)
-        for track, each, factors in zip(self.tracks, compared, free, strict=True):
+        for track, each, factors in zip(self.tracks, compared, free * voices, strict=True):
             if each:
                 track.use_sound(time, each, heard, factors, fraction)
-        self._note(time, ratios * free, [_kind(measurement) for measurement in measurements])
-        for measurement, hearing, new in zip(measurements, heard, unexplained * odds / (1.0 + odds), strict=True):
-            self._begin(time, [birth._replace(newest_doa=time) for birth in hearing.births], fraction * float(new),
-                        _kind(measurement))
+        shares = self._note(time, ratios * free, [_kind(measurement) for measurement in measurements])
+        for track, row in zip(self.tracks, shares, strict=True):
+            track.blade_pass.update(likelihoods, row, fraction)
+        for j, new in enumerate(unexplained * odds / (1.0 + odds)):
+            begun = self._begin(time, [birth._replace(newest_doa=time) for birth in heard[j].births], fraction * float(new),
+                                _kind(measurements[j]))
+            if begun is not None:
+                begun.blade_pass.update(likelihoods[j:j + 1], np.ones(1), fraction)
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.
@@ -125,21 +133,28 @@ class MultiTargetFilter:
         self._detect(2.0 * measurement.half_view * UNIFORM_DENSITY * target.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
-    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float, probability: float) -> None:
+    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float, probability: float
+               ) -> BernoulliTrack | None:
         """Start a track where a measurement is not explained; `probability` that it is a drone."""
+        track = None
         if births and existence >= self._settings.least_existence:
             track = BernoulliTrack(next(self._ids), time, self._settings, self._motion)
             track.begin(births, existence)
             track.kind.note([probability], [1.0])
             self.tracks.append(track)
+        return track
 
     def _detect(self, probability: float, fraction: float) -> None:
         """Fewer targets are left that were not detected, although they could have been."""
         usual = self._settings.undetected
         self._undetected = usual + (self._undetected - usual) * (1.0 - probability) ** fraction
 
-    def _note(self, time: float, claimed: NDArray[np.float64], probabilities: Sequence[float]) -> None:
-        """Note what the measurements of one scan tell of the kind of each track, and which tracks have different ones."""
+    def _note(self, time: float, claimed: NDArray[np.float64], probabilities: Sequence[float]
+              ) -> NDArray[np.float64]:
+        """Note what the measurements of one scan tell of the kind of each track, and which tracks have different ones.
+
+        Returns the probability (t, m) of each measurement that it stems from each track.
+        """
         shares = claimed / (1.0 + claimed.sum(axis=1, keepdims=True))
         for track, row in zip(self.tracks, shares, strict=True):
             track.kind.note(probabilities, row.tolist())
@@ -148,6 +163,7 @@ class MultiTargetFilter:
         for (one, first), (other, second) in combinations(measured, 2):
             if first != second:
                 one.told_apart[other.id] = other.told_apart[one.id] = time
+        return shares
 
     def _reduce(self, time: float) -> None:
         """End tracks that hardly exist, and merge those that have been one and the same for some time."""
@@ -158,21 +174,27 @@ class MultiTargetFilter:
             if other is None:
                 kept.append(track)
             else:
-                self._merge(kept, other, track)
+                self._merge(other, track)
         self.tracks = sorted(kept, key=lambda track: track.id)
+        confirmed = [track for track in self.tracks if track.existence >= self._settings.confirmed]
+        for one, another in combinations(confirmed, 2):
+            one.compare_identity(another)
 
     def _are_one(self, first: BernoulliTrack, second: BernoulliTrack, time: float) -> bool:
         a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)
         return (a is not None and b is not None and are_mergeable(a, b)
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
-    @staticmethod
-    def _merge(kept: list[BernoulliTrack], first: BernoulliTrack, second: BernoulliTrack) -> None:
+    def _merge(self, first: BernoulliTrack, second: BernoulliTrack) -> None:
         """Keep the more certain density of two tracks of one target, under the older id."""
         first.mixture.background *= second.mixture.background
         first.mixture.reduce()
+        ended = max(first.id, second.id)
         if second.id < first.id:
             first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+            first.confusions = second.confusions
+        for track in self.tracks:
+            track.confusions.pop(ended, None)
 
 
 def _kind(measurement: DoaMeasurement) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from av_fusion.filter.settings import BayesSettings
@@ -24,6 +25,7 @@ class MultiTargetSettings:
         duplicate_time (s): two tracks that agree become one when no scan has told them apart for so long, or ever.
         most_tracks: the least certain tracks beyond this number end.
         policy: which target is followed, see `TargetSelector`.
+        types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
     """
 
     target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.001, elevation_density=0.0003))
@@ -37,3 +39,4 @@ class MultiTargetSettings:
     duplicate_time: float = 10.0
     most_tracks: int = 50
     policy: str = 'certain'
+    types: Mapping[str, float] = field(default_factory=dict)

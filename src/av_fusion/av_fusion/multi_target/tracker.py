@@ -173,7 +173,7 @@ class MultiTargetTracker:
         return Target(track.id, track.existence, placed(Track(
             time=time, state=state, source=source, measured=primary.measured, front_probability=front,
             resolved=track.ambiguity.resolved), shown, self.motion), track.kind.probability, primary.newest_doa,
-            primary.newest_sighting)
+            primary.newest_sighting, track.identity, track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
 
     def _plan_rotation(self, time: float, tracks: Sequence[BernoulliTrack]) -> float:
         """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
