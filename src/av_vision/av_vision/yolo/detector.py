@@ -14,6 +14,7 @@ from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.region import Region
+from av_vision.yolo.second_look import LEAST, MOST, SecondLook, second_probabilities, windows
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
@@ -77,7 +78,8 @@ class Detector:
         self.settings = settings
         self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
                            settings.input_size)
-        self._near = self._near_model(Path(model_path))
+        self.near = self._near_model(Path(model_path))
+        self._second = SecondLook.of_model(self.model)
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
@@ -122,7 +124,28 @@ class Detector:
             selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
         else:
             selected = np.argsort(-candidates.scores)
-        return Candidates(candidates.boxes[selected], probabilities[selected])
+        return self._looked_again(image, Candidates(candidates.boxes[selected], probabilities[selected]))
+
+    def small(self, found: Candidates, shape: tuple[int, ...]) -> NDArray[np.intp]:
+        """Indices of the candidates in an image of a shape that deserve a second look: the best that are small."""
+        least = NEAR_MODEL * max(shape[:2]) + self.model.box_padding.max()
+        return np.flatnonzero((found.sizes.max(axis=1, initial=0.0) < least) & (found.scores >= LEAST))[:MOST]
+
+    def second_probabilities(self, image: NDArray, found: Candidates) -> NDArray[np.float32]:
+        """Probabilities of names that the near network gives the middle of windows around candidates."""
+        made = windows(to_bgr8(image), found.boxes, self.model.box_padding)
+        return self._merged(second_probabilities(self.near, made))
+
+    def _looked_again(self, image: NDArray[np.uint8], found: Candidates) -> Candidates:
+        """Candidates of which the best small ones were shown to the near network once more, enlarged."""
+        some = self.small(found, image.shape)
+        if self._second is None or not len(some):
+            return found
+        first = Candidates(found.boxes[some], found.probabilities[some])
+        probabilities = found.probabilities.copy()
+        probabilities[some] = self._second.combined(first.probabilities, self.second_probabilities(image, first))
+        order = np.argsort(-probabilities.max(axis=1), kind='stable')
+        return Candidates(found.boxes[order], probabilities[order])
 
     def select(self, candidates: Candidates) -> tuple[Detections, NDArray[np.intp]]:
         """The candidates above the threshold with the names to report, and their indices."""
@@ -139,7 +162,7 @@ class Detector:
         full = Region('full', 0, 0, width, height, self.model.longest)
         if not self.model.near:
             return [full]
-        least = (NEAR if self._near is self.model else NEAR_MODEL) * max(width, height)
+        least = (NEAR if self.near is self.model else NEAR_MODEL) * max(width, height)
         return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
     def _search(self, image: NDArray[np.uint8], regions: Sequence[Region], floor: float) -> tuple[NDArray, NDArray]:
@@ -159,7 +182,7 @@ class Detector:
 
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
-        model = self._near if region.kind == 'near' else self.model
+        model = self.near if region.kind == 'near' else self.model
         size = self._input_size(region.height, region.width, region.longest)
         fitted, scale = letterbox(cut(image, region), *size)
         output = model.run(to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype))[0]
@@ -192,7 +215,11 @@ class Detector:
         good = inside & np.isfinite(boxes).all(axis=1)
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
-        return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
+        return boxes[good], self._merged(table)
+
+    def _merged(self, table: NDArray) -> NDArray[np.float32]:
+        """Largest probability (n, names) of each name from those of the model's classes (n, classes)."""
+        return np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
 
 
 def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
