@@ -22,6 +22,7 @@ from places import JUDGED, SOURCES, Place
 from renders import CLUTTER, SUN, against_sun, clutter, rendered, simulator
 from sprites import build_bank
 
+from av_vision.score_fusion import ScoreFusionModel
 from av_vision.yolo import Detector, DetectorSettings
 from av_vision.yolo.model import parsed
 
@@ -33,13 +34,16 @@ QUICK = 5
 AIMS = {'test_clip': ('known places', '0.93 / 0.80', '0.03'), 'test_scene': ('new places', '0.90 / 0.78', '0.08')}
 
 
-def real(detector: Detector, threshold: float, args: argparse.Namespace) -> list[Row]:
+def real(detector: Detector, alone: float, args: argparse.Namespace) -> list[Row]:
     """The held-out clips, by split: every third frame in order, each by itself and with time, as a rig searches them."""
     rows: list[Row] = []
+    in_time = ScoreFusionModel.from_metadata(detector.model.metadata).threshold or alone
+    print(f'threshold of single images {alone}, of tracks {in_time}')
     print('split      results       boxes    frames drones  F1@.3  F1@.5  P@.3   R@.3   AP@.3  AP@.5  <5 px  false  ECE')
     for split in ('validation', 'test_clip', 'test_scene'):
         results = detect_all(detector, args.data, split, args.regions, QUICK if args.quick else 1)
         for fused, loose in ((False, True), (False, False), (True, True), (True, False)):
+            threshold = in_time if fused else alone
             m = measure(results, detector, fused, loose)
             figures = (m.f1(threshold), m.f1(threshold, 0.5), m.precision(threshold), m.recall(threshold),
                        m.average_precision(0.3), m.average_precision(0.5), m.centred(threshold), m.false_frames(threshold),

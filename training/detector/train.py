@@ -33,7 +33,7 @@ from torch import Tensor
 # things and how much in a image is nothing.
 Batches = tuple[tuple[int, int, float], ...]
 BATCHES: Batches = ((128, 40, 0.2), (256, 14, 0.3), (416, 6, 0.3), (640, 3, 0.2))
-NEAR_BATCHES: Batches = ((128, 40, 0.5), (192, 24, 0.2), (256, 14, 0.2), (320, 9, 0.1))
+NEAR_BATCHES: Batches = ((192, 24, 0.3), (256, 14, 0.4), (320, 9, 0.3))
 WARM_UP, DECAY = 200, 0.5
 FROZEN = ('stem', 'dark2', 'dark3')  # of the near network: what COCO taught about edges and textures serves all places
 
@@ -120,7 +120,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
-    parser.add_argument('--near', action='store_true', help='train the network of the near pass and the second look')
+    parser.add_argument('--near', action='store_true', help='train the network of the near pass: pictures of the places alone')
     parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
@@ -132,9 +132,9 @@ def arguments() -> argparse.Namespace:
 def make_sampler(args: argparse.Namespace) -> Sampler | NearSampler:
     """What makes the crops, from the cache, which is filled first."""
     album = Album(args.cache, tuple(args.leave_out))
-    build_cache(args.data, args.cache)
     if args.near:
-        return NearSampler(album, Frames(args.cache, 'train'))
+        return NearSampler(album)
+    build_cache(args.data, args.cache)
     build_simulated(args.cache / 'simulated')
     simulated = Frames(args.cache / 'simulated', 'train')
     return Sampler(Frames(args.cache, 'train'), build_bank(args.cache, 'train'), simulated, album)

@@ -14,7 +14,6 @@ from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.region import Region
-from av_vision.yolo.second_look import LEAST, MOST, SecondLook, second_probabilities, windows
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
@@ -79,7 +78,6 @@ class Detector:
         self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
                            settings.input_size)
         self.near = self._near_model(Path(model_path))
-        self._second = SecondLook.of_model(self.model)
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
@@ -90,7 +88,7 @@ class Detector:
         number = np.array([self._names.index(name) for name in names], np.intp)
         self._by_name = np.argsort(number, kind='stable')
         self._first = np.searchsorted(number[self._by_name], np.arange(len(self._names)))
-        self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
+        self.kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def _near_model(self, path: Path) -> Model:
         """The network of the metadata's `near_model`, a file beside the model; the model itself without."""
@@ -124,36 +122,16 @@ class Detector:
             selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
         else:
             selected = np.argsort(-candidates.scores)
-        return self._looked_again(image, Candidates(candidates.boxes[selected], probabilities[selected]))
+        return Candidates(candidates.boxes[selected], probabilities[selected])
 
-    def small(self, found: Candidates, shape: tuple[int, ...]) -> NDArray[np.intp]:
-        """Indices of the candidates in an image of a shape that deserve a second look: the best that are small."""
-        least = NEAR_MODEL * max(shape[:2]) + self.model.box_padding.max()
-        return np.flatnonzero((found.sizes.max(axis=1, initial=0.0) < least) & (found.scores >= LEAST))[:MOST]
-
-    def second_probabilities(self, image: NDArray, found: Candidates) -> NDArray[np.float32]:
-        """Probabilities of names that the near network gives the middle of windows around candidates."""
-        made = windows(to_bgr8(image), found.boxes, self.model.box_padding)
-        return self._merged(second_probabilities(self.near, made))
-
-    def _looked_again(self, image: NDArray[np.uint8], found: Candidates) -> Candidates:
-        """Candidates of which the best small ones were shown to the near network once more, enlarged."""
-        some = self.small(found, image.shape)
-        if self._second is None or not len(some):
-            return found
-        first = Candidates(found.boxes[some], found.probabilities[some])
-        probabilities = found.probabilities.copy()
-        probabilities[some] = self._second.combined(first.probabilities, self.second_probabilities(image, first))
-        order = np.argsort(-probabilities.max(axis=1), kind='stable')
-        return Candidates(found.boxes[order], probabilities[order])
-
-    def select(self, candidates: Candidates) -> tuple[Detections, NDArray[np.intp]]:
-        """The candidates above the threshold with the names to report, and their indices."""
+    def select(self, candidates: Candidates, threshold: float = 0.0) -> tuple[Detections, NDArray[np.intp]]:
+        """The candidates above a threshold (0-1; 0: the detector's) with the names to report, and their indices."""
         if not len(candidates):
             return Detections(), np.empty(0, np.intp)
         scores, classes = candidates.scores, candidates.probabilities.argmax(axis=1)
         order = np.argsort(-scores, kind='stable')
-        selected = order[(scores[order] > self.threshold) & self._kept[classes[order]]][:self.settings.max_detections]
+        reported = (scores[order] > (threshold or self.threshold)) & self.kept[classes[order]]
+        selected = order[reported][:self.settings.max_detections]
         return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
                           tuple(self._names[i] for i in classes[selected])), selected
 
@@ -215,11 +193,7 @@ class Detector:
         good = inside & np.isfinite(boxes).all(axis=1)
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
-        return boxes[good], self._merged(table)
-
-    def _merged(self, table: NDArray) -> NDArray[np.float32]:
-        """Largest probability (n, names) of each name from those of the model's classes (n, classes)."""
-        return np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
+        return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)
 
 
 def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
