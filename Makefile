@@ -4,7 +4,7 @@
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario, VIEW=1 for a page
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
 #   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
-#   make detector   every figure of a detector's model card, COCO's beside it (MODEL=file, CACHE=folder for 9 GB, DATA=folder)
+#   make detector   every figure of a detector's model card, COCO's beside it (QUICK=1: a fifth; MODEL=file, CACHE=folder for 9 GB, DATA=folder)
 #   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
 #   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
@@ -40,7 +40,7 @@ report: build
 
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection \
-		--coco $(DATA)/models/yolox_nano_coco.onnx
+		--coco $(DATA)/models/yolox_nano_coco.onnx $(if $(QUICK),--quick)
 
 # Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked if actionlint is installed.
 lint: layers packages links

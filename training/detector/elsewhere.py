@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from measure import match, overlaps_of
+from measure import match, overlaps_of, right_between
 from numpy.typing import NDArray
 from places import Place, pictures
 from tight import without_padding
@@ -23,7 +23,7 @@ class Elsewhere:
     """Some pictures: of each drone in them its share of the picture and the score of the box that hits it (0 for none).
 
     Further of each box its score and whether it hits, and of each picture the highest score of a box that touches no drone
-    (0 for none) and the number of drones.
+    (0 for none), the number of drones, and whether it shows something without a class, a balloon.
     """
 
     shares: NDArray[np.float64]
@@ -32,15 +32,16 @@ class Elsewhere:
     hits: NDArray[np.bool_]
     false: NDArray[np.float64]
     drones: NDArray[np.intp]
+    nameless: NDArray[np.bool_]
 
     def recall(self, threshold: float, low: float = 0.0, high: float = np.inf) -> float:
         """Share of the drones found of those that take some share of their picture; NaN when there are none."""
         some = self.found[(self.shares >= low) & (self.shares < high)]
         return float(np.mean(some >= threshold)) if len(some) else np.nan
 
-    def false_pictures(self, threshold: float) -> float:
-        """Share of the pictures that show a drone where there is none."""
-        return float(np.mean(self.false >= threshold))
+    def false_pictures(self, threshold: float, some: NDArray[np.bool_] | None = None) -> float:
+        """Share of the pictures, or of some of them, in which a drone is reported where there is none."""
+        return float(np.mean((self.false if some is None else self.false[some]) >= threshold))
 
     def calibration_error(self, least: float = 0.05, bins: int = 10) -> float:
         """Expected calibration error of the boxes above a score."""
@@ -51,8 +52,7 @@ class Elsewhere:
 
     def right_at_half(self) -> tuple[float, int]:
         """Share of the boxes scored 0.4 to 0.6 that are right, and their number."""
-        some = self.hits[(self.scores >= 0.4) & (self.scores < 0.6)]
-        return float(some.mean()) if len(some) else np.nan, len(some)
+        return right_between(self.scores, self.hits)
 
 
 def together(parts: list[Elsewhere]) -> Elsewhere:
@@ -85,4 +85,4 @@ def look_at(detector: Detector, place: Place, cache: Path, count: int) -> Elsewh
             print(f'\r{place.name}: {number + 1} of {len(chosen)} pictures', end='', file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return Elsewhere(np.concatenate(shares), np.concatenate(found), np.concatenate(scores).astype(float), np.concatenate(hits),
-                     np.array(false), np.array(drones))
+                     np.array(false), np.array(drones), np.array([there[i].nameless for i in chosen], bool))

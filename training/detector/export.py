@@ -45,10 +45,10 @@ INPUT = 640  # pixels of the longer side
 NEAR_INPUT = 192  # ... and what fills much of the image is seen as large as it was in training
 LOWEST = 0.01
 FALSE = 0.05  # share of images without a drone that may show one
-# How the images of one thing belong together. Fitted once, to an earlier network's validation tracks, and held: of few clips
-# of known places it learns to be too sure at new ones (HISTORY.md). Beyond 2 s memory changes the likelihood by less than 1 %;
-# the shorter it is, the sooner a mind is changed.
-SCORE_FUSION = ScoreFusionModel(prior=-0.77, correlation=0.75, memory_s=3.0, floor=0.02)
+# How the images of one thing belong together: their errors are the same (correlation 1), so that many images are no surer than
+# their mean; of 0.5, 0.75 and 1 it makes the validation clips most likely (HISTORY.md). Beyond 2 s memory changes the
+# likelihood by less than 1 %; the shorter it is, the sooner a mind is changed.
+SCORE_FUSION = ScoreFusionModel(prior=-0.77, correlation=1.0, memory_s=3.0, floor=0.02, threshold=0.4)
 
 
 class Decoded(nn.Module):

@@ -37,6 +37,11 @@ def on_unseen(state: dict[str, Any], cache: Path, count: int) -> Elsewhere:
         return together([look_at(detector, place, cache, count) for place in SOURCES if place.name in state['left_out']])
 
 
+def trained_on(states: list[dict[str, Any]]) -> str:
+    """The sets of pictures that any of some checkpoints was trained on, for the metadata."""
+    return json.dumps([place.name for place in SOURCES if any(place.name not in state['left_out'] for state in states)])
+
+
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -50,7 +55,8 @@ def main() -> None:
     seen = together([on_unseen(state, args.cache, args.count) for state in others])
     gain, shift = fit(logit(seen.scores)[:, None], seen.hits)
     steps = ' + '.join(str(state['step']) for state in states)
-    write(Decoded(network_of(states), gain[0] * np.eye(len(CLASSES)), shift), args.out, METADATA | {'steps': steps})
+    metadata = METADATA | {'steps': steps, 'places': trained_on(states)}
+    write(Decoded(network_of(states), gain[0] * np.eye(len(CLASSES)), shift), args.out, metadata)
     print(f'{args.out}: steps {steps}, calibrated on {len(seen.hits)} boxes: gain {gain[0]:.3f}, shift {shift:.3f}')
     for threshold in (0.1, 0.2, 0.28, 0.4, 0.5, 0.6, 0.7):
         before = float(1.0 / (1.0 + np.exp(-(logit(threshold) - shift) / gain[0])))

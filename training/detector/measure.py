@@ -19,6 +19,9 @@ from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector
 from av_vision.yolo.region import Region
 
+BANDS = ((5, 8), (8, 12), (12, 20), (20, 40), (40, 80), (80, 160), (160, 300))  # sizes of drones in pixels
+Row = tuple[str, str, str]  # of the table: what, the aim, the figure
+
 
 @dataclass
 class Measurement:
@@ -76,6 +79,16 @@ class Measurement:
         gap = np.abs(np.bincount(place, self.scores[used], bins) - np.bincount(place, self.hits[used], bins))
         return float(gap.sum() / max(count.sum(), 1))
 
+    def right_at_half(self) -> tuple[float, int]:
+        """Share of the detections scored 0.4 to 0.6 that are right, and their number."""
+        return right_between(self.scores, self.hits)
+
+
+def right_between(scores: NDArray, hits: NDArray, low: float = 0.4, high: float = 0.6) -> tuple[float, int]:
+    """Share of the detections in a range of scores that are right, and their number; NaN without any."""
+    some = hits[(scores >= low) & (scores < high)]
+    return float(some.mean()) if len(some) else np.nan, len(some)
+
 
 def overlaps_of(boxes: NDArray, real: NDArray) -> NDArray[np.float64]:
     """IoU (n, k) of boxes (n, 4) with boxes (k, 4)."""
@@ -120,7 +133,7 @@ class FrameResult:
         return some[some[:, 0] == 0, 1:]
 
 
-def detect_all(detector: Detector, data: Path, split: str, regions: int = 0) -> list[FrameResult]:
+def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, every: int = 1) -> list[FrameResult]:
     """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold.
 
     Parameters:
@@ -128,9 +141,11 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0) -> 
         data: the drone_detection data set.
         split: the clips.
         regions: how many regions of each image are searched, as on a rig; 0: all of it.
+        every: every how manieth clip is shown.
     """
     results = []
-    for clip in clips_of(data, split):
+    clips = clips_of(data, split)[::every]
+    for number, clip in enumerate(clips):
         near = detector.model.near
         planner = RegionPlanner(detector.model.longest, near, regions) if regions and near else None
         temporal = TemporalDetector(detector, planner=planner)
@@ -139,7 +154,7 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0) -> 
             seen, searched = temporal.look(image, time)
             temporal.fuse(seen, time, searched)
             results.append(FrameResult(clip, time, seen, tightened(image, labels), labels, searched, process_time() - began))
-        print(f'\r{split}: {len(results)} images', end='', file=sys.stderr, flush=True)
+        print(f'\r{split}: {number + 1} of {len(clips)} clips, {len(results)} images', end='', file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return results
 

@@ -61,6 +61,34 @@ def branches(rng: Rng, side: int = 256) -> NDArray[np.uint8]:
     return image
 
 
+def insect(rng: Rng, side: int = 96) -> NDArray[np.uint8]:
+    """An insect near the camera (side, side, 4) BGRA: a dark body and pale wings, out of focus, drawn out by its flight."""
+    image = np.zeros((side, side, 4), np.uint8)
+    middle, body = (side // 2, side // 2), rng.uniform(10, 90, 3)
+    length, angle = side * rng.uniform(0.12, 0.25), rng.uniform(0, 180)
+    for turn in (-35, 35):
+        axes = (int(0.9 * length), int(0.3 * length))
+        cv2.ellipse(image, middle, axes, angle + 90 + turn, 0, 360, (*rng.uniform(120, 220, 3), 110), -1, cv2.LINE_AA)
+    cv2.ellipse(image, middle, (int(length), int(0.35 * length)), angle, 0, 360, (*body, 255), -1, cv2.LINE_AA)
+    streak = max(int(side * rng.uniform(0.0, 0.3)), 1)
+    kernel = np.zeros((streak, streak), np.float32)
+    cv2.line(kernel, (0, int(rng.integers(streak))), (streak - 1, int(rng.integers(streak))), 1.0)
+    alpha = cv2.GaussianBlur(image[..., 3].astype(np.float32), (0, 0), side * rng.uniform(0.02, 0.06))
+    image[..., 3] = np.clip(cv2.filter2D(alpha, -1, kernel / max(kernel.sum(), 1.0)), 0, 255)
+    image[..., :3][image[..., :3].sum(2) == 0] = body  # what the blur reaches
+    return image
+
+
+def sunlit(rng: Rng, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """An image with the sun in its upper half: a saturated disc and glare that falls off with the distance from it."""
+    height, width = image.shape[:2]
+    x, y, radius = rng.uniform(0, width), rng.uniform(0, 0.5 * height), rng.uniform(0.02, 0.05) * width
+    rows, columns = np.mgrid[:height, :width]
+    away = np.hypot(columns - x, rows - y) / radius
+    glare = np.where(away < 1.0, 255.0, 200.0 / np.maximum(away, 1.0) ** rng.uniform(0.6, 1.2))
+    return np.clip(image + glare[..., None] * rng.uniform([0.75, 0.9, 1.0], 1.0), 0, 255).astype(np.uint8)
+
+
 def log_uniform(rng: Rng, low: float, high: float) -> float:
     """A number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))

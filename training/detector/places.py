@@ -67,13 +67,15 @@ JUDGED = (
 class Picture:
     """A picture: its file, what it was made from (versions and frames of one source share it) and its boxes (k, 5).
 
-    A box is class, x1, y1, x2, y2, tight around the object, as shares of the picture or in `pixels`.
+    A box is class, x1, y1, x2, y2, tight around the object, as shares of the picture or in `pixels`; `nameless` says that
+    the picture also shows something that has no class here, a balloon.
     """
 
     path: Path
     source: str
     boxes: NDArray[np.float32]
     pixels: bool
+    nameless: bool = False
 
     def load(self) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """The picture, BGR, and its boxes (k, 5) in pixels; ValueError when the file is no picture."""
@@ -116,7 +118,8 @@ def pictures(place: Place, cache: Path) -> Iterator[Picture]:
         label = folder / name.replace('/images/', place.labels)[1:]
         boxes = read_corners(label, place) if place.corners else read_shares(label.with_suffix('.txt'), place)
         if len(boxes) or place.whole:
-            yield Picture(path, source_of(stem), boxes[boxes[:, 0] != NOTHING], place.corners)
+            named = boxes[:, 0] != NOTHING
+            yield Picture(path, source_of(stem), boxes[named], place.corners, not named.all())
 
 
 def source_of(stem: str) -> str:

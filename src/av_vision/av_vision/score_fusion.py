@@ -34,15 +34,18 @@ class ScoreFusionModel:
         correlation (0-1): correlation of the log-odds in any two images of one object.
         memory_s (s): time in which the weight of an image falls to 1/e; 0 treats images independently.
         floor (0-1): least probability of a candidate box, also used for images without a detection of the object.
+        threshold (0-1): least posterior of a detection; 0 uses the detector's threshold.
     """
 
     prior: float = 0.0
     correlation: float = 1.0
     memory_s: float = 0.0
     floor: float = 0.0
+    threshold: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, low, high in (('prior', -20.0, 20.0), ('correlation', 0.0, 1.0), ('memory_s', 0.0, 1e6), ('floor', 0.0, 1.0)):
+        for name, low, high in (('prior', -20.0, 20.0), ('correlation', 0.0, 1.0), ('memory_s', 0.0, 1e6), ('floor', 0.0, 1.0),
+                                ('threshold', 0.0, 1.0)):
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f'{name} is {getattr(self, name)}, expected {low} to {high}')
 
@@ -57,7 +60,7 @@ class ScoreFusionModel:
             return cls(**json.loads(text))
         except (TypeError, ValueError) as error:
             raise ValueError(f"the metadata's score_fusion is {text!r}, expected JSON with some of prior, correlation, "
-                             f'memory_s and floor: {error}') from error
+                             f'memory_s, floor and threshold: {error}') from error
 
 
 SINGLE_IMAGE = ScoreFusionModel()  # images are independent

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from av_vision.camera_pose import CameraPose, turned
 from av_vision.detections import Candidates, Detections
-from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel
+from av_vision.motion import MotionModel
+from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusionModel, logit
 from av_vision.search import BearingCue, Cue, RegionPlanner
 from av_vision.tracking import ImageTrack, Tracker
 from av_vision.yolo.detector import Detector
@@ -23,8 +24,9 @@ class TemporalDetector:
     """A detector whose scores are fused over all images of an object.
 
     With a model that has `score_fusion` in its metadata, class and score of a detection are the posterior of its track, and
-    boxes below the threshold can continue a track. With other models, or without `temporal_fusion`, the tracker only numbers
-    the detections of each image. An object is reported from its first image on.
+    boxes below the threshold can continue a track. With `motion` its path in the image counts, too. With other models, or
+    without `temporal_fusion`, the tracker only numbers the detections of each image. An object is reported from its first
+    image on.
 
     Parameters:
         detector: finds candidate boxes in one image.
@@ -39,6 +41,9 @@ class TemporalDetector:
         model = ScoreFusionModel.from_metadata(detector.model.metadata) if temporal_fusion else SINGLE_IMAGE
         # Without memory, boxes below the threshold are not used.
         self.model = replace(model, floor=min(model.floor, detector.threshold) if model.memory_s else detector.threshold)
+        # A threshold that the user sets holds for tracks, too.
+        self._threshold = detector.settings.score_threshold or self.model.threshold
+        self._motion = MotionModel.from_metadata(detector.model.metadata) if self.model.memory_s else MotionModel()
         self._tracker = Tracker(max_gap_s, self.model)
         self._shape: tuple[int, ...] | None = None
         self._pose: CameraPose | None = None
@@ -91,11 +96,18 @@ class TemporalDetector:
         followed = [(k, track) for k, track in enumerate(tracks) if track is not None]
         for _, track in followed:
             track.looked = time
-        posterior = np.array([track.scores.probabilities() for _, track in followed])
+        posterior = np.array([self._posterior(track, time) for _, track in followed])
         fused = Candidates(candidates.boxes[[k for k, _ in followed]],
                            posterior.reshape(-1, candidates.probabilities.shape[1]))
-        detections, selected = self.detector.select(fused)
+        detections, selected = self.detector.select(fused, self._threshold)
         return detections, [self._tracker.number(followed[k][1]) for k in selected]
+
+    def _posterior(self, track: ImageTrack, time: float) -> NDArray[np.float64]:
+        """Probabilities (classes,) of a track of this image from its scores and, of those that are reported, its motion."""
+        track.path.add(time, track.centre, float((track.size - self.detector.model.box_padding).max()))
+        fused = track.scores.probabilities()
+        moved = 1.0 / (1.0 + np.exp(-logit(fused) - self._motion.log_odds(track.path)))
+        return np.where(self.detector.kept, moved, fused)
 
     def searched(self, time: float) -> bool:
         """Whether the image of a capture time (s) could have shown every object: nothing else makes their absence evidence.

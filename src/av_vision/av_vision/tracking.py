@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from av_vision.detections import Candidates
+from av_vision.motion import Path
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel
 
 # A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
@@ -30,6 +31,7 @@ class ImageTrack:
         time (s): capture time of the last box.
         scores: posterior of the classes.
         looked (s): capture time of the last image that was searched for it.
+        path: where it was, for what its motion says.
         id: 0 until `Tracker.number` assigns one.
     """
 
@@ -39,6 +41,7 @@ class ImageTrack:
     time: float
     scores: ScoreFusion
     looked: float = -np.inf
+    path: Path = field(default_factory=Path)
     id: int = 0
 
     def predicted(self, time: float) -> NDArray[np.float64]:
@@ -85,6 +88,7 @@ class Tracker:
             centres = moved(np.array([track.centre for track in self._tracks]))
             for track, centre in zip(self._tracks, centres, strict=True):
                 track.centre = centre
+                track.path.turn(moved)
             self._tracks = [track for track in self._tracks if np.isfinite(track.centre).all()]
 
     def update(self, candidates: Candidates, time: float,

@@ -7,6 +7,8 @@ import pytest
 import yolo_models
 from scipy.special import expit, logit
 
+from av_vision.detections import Candidates
+from av_vision.motion import FAINT
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detector, DetectorSettings
 
@@ -59,3 +61,30 @@ def test_an_image_of_another_size_begins_anew(tmp_path):
     detection = TemporalDetector(detector(tmp_path, 0.8))
     assert detection.detect(IMAGE, 0.0)[1] == detection.detect(IMAGE, 0.1)[1] == [1]
     assert detection.detect(np.zeros((832, 832, 3), np.uint8), 0.2)[1] == [2]
+
+
+def test_tracks_have_a_threshold_of_their_own_unless_the_user_sets_one(tmp_path):
+    higher = {**NAMES, 'score_fusion': json.dumps({'memory_s': 3.0, 'floor': 0.02, 'threshold': 0.7})}
+    assert play(tmp_path, (0.6, 1), metadata=NAMES)[0] is not None
+    assert play(tmp_path, (0.6, 1), metadata=higher)[0] is None
+    assert play(tmp_path, (0.75, 1), metadata=higher)[0] is not None
+    model = detector(tmp_path, 0.6, higher).model.path
+    users = TemporalDetector(Detector(model, DetectorSettings(keep=('drone',), score_threshold=0.5)))
+    assert len(users.detect(IMAGE, 0.0)[0]) == 1
+
+
+def test_motion_counts_against_what_flies_straight(tmp_path):
+    gain, neutral = 1.0, 1.4
+    model = detector(tmp_path, 0.8, {**TIMED, 'motion': json.dumps({'gain': gain, 'neutral': neutral})})
+    times = np.arange(31) / 15.0
+    scores = {}
+    for name, bent in (('straight', 0.0), ('bent', 1.5)):
+        detection = TemporalDetector(model)
+        for time in times:
+            x, y = 100.0 + 20.0 * time, 100.0 + 0.5 * bent * 20.0 * time**2  # sizes of 20 pixels
+            box = np.array([[x - 10, y - 10, x + 10, y + 10]], np.float32)
+            found, _ = detection.fuse(Candidates(box, np.array([[0.01, 0.8]], np.float32)), time)
+        scores[name] = float(found.scores[0])
+    assert scores['straight'] - scores['bent'] < 0.0
+    difference = logit(scores['bent']) - logit(scores['straight'])
+    assert difference == pytest.approx(gain * np.log((neutral + FAINT) / FAINT), abs=0.02)

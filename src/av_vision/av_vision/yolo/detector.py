@@ -77,7 +77,7 @@ class Detector:
         self.settings = settings
         self.model = Model(model_path, settings.providers, settings.threads, settings.layout, settings.class_names,
                            settings.input_size)
-        self._near = self._near_model(Path(model_path))
+        self.near = self._near_model(Path(model_path))
         self.threshold = settings.score_threshold or self.model.score_threshold
         names = [settings.rename.get(name, name) for name in self.model.class_names]
         for name, given, known in (('rename', settings.rename, self.model.class_names), ('keep', settings.keep, names)):
@@ -88,7 +88,7 @@ class Detector:
         number = np.array([self._names.index(name) for name in names], np.intp)
         self._by_name = np.argsort(number, kind='stable')
         self._first = np.searchsorted(number[self._by_name], np.arange(len(self._names)))
-        self._kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
+        self.kept = np.array([not settings.keep or name in settings.keep for name in self._names], bool)
 
     def _near_model(self, path: Path) -> Model:
         """The network of the metadata's `near_model`, a file beside the model; the model itself without."""
@@ -124,13 +124,14 @@ class Detector:
             selected = np.argsort(-candidates.scores)
         return Candidates(candidates.boxes[selected], probabilities[selected])
 
-    def select(self, candidates: Candidates) -> tuple[Detections, NDArray[np.intp]]:
-        """The candidates above the threshold with the names to report, and their indices."""
+    def select(self, candidates: Candidates, threshold: float = 0.0) -> tuple[Detections, NDArray[np.intp]]:
+        """The candidates above a threshold (0-1; 0: the detector's) with the names to report, and their indices."""
         if not len(candidates):
             return Detections(), np.empty(0, np.intp)
         scores, classes = candidates.scores, candidates.probabilities.argmax(axis=1)
         order = np.argsort(-scores, kind='stable')
-        selected = order[(scores[order] > self.threshold) & self._kept[classes[order]]][:self.settings.max_detections]
+        reported = (scores[order] > (threshold or self.threshold)) & self.kept[classes[order]]
+        selected = order[reported][:self.settings.max_detections]
         return Detections(candidates.boxes[selected], scores[selected].astype(np.float32),
                           tuple(self._names[i] for i in classes[selected])), selected
 
@@ -139,7 +140,7 @@ class Detector:
         full = Region('full', 0, 0, width, height, self.model.longest)
         if not self.model.near:
             return [full]
-        least = (NEAR if self._near is self.model else NEAR_MODEL) * max(width, height)
+        least = (NEAR if self.near is self.model else NEAR_MODEL) * max(width, height)
         return [full, Region('near', 0, 0, width, height, self.model.near, least)]
 
     def _search(self, image: NDArray[np.uint8], regions: Sequence[Region], floor: float) -> tuple[NDArray, NDArray]:
@@ -159,7 +160,7 @@ class Detector:
 
     def _infer(self, image: NDArray[np.uint8], region: Region, floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in pixels of the image and probabilities of names in a region, before suppression."""
-        model = self._near if region.kind == 'near' else self.model
+        model = self.near if region.kind == 'near' else self.model
         size = self._input_size(region.height, region.width, region.longest)
         fitted, scale = letterbox(cut(image, region), *size)
         output = model.run(to_tensor([fitted], model.layout.rgb, model.layout.scale, model.dtype))[0]

@@ -1,0 +1,75 @@
+"""What a path in the image says about a class: against paths of known speed and acceleration."""
+
+import math
+
+import numpy as np
+import pytest
+
+from av_vision.motion import FAINT, MotionModel, Path, motion_of
+
+MODEL = MotionModel(gain=1.2, neutral=1.5, least_speed=0.3)
+SIZE, START = 20.0, np.array([300.0, 200.0])
+
+
+def flown(velocity, acceleration, seconds=1.5, rate=15.0, noise=0.0, seed=0):
+    """A path of constant acceleration, in sizes and seconds."""
+    path, rng = Path(), np.random.default_rng(seed)
+    for time in np.arange(0.0, seconds + 1e-9, 1.0 / rate):
+        centre = SIZE * (np.array(velocity) * time + 0.5 * np.array(acceleration) * time**2) + rng.normal(0, noise, 2)
+        path.add(7.0 + time, centre + START, SIZE)
+    return path
+
+
+def test_speed_and_acceleration_are_those_flown():
+    speed, acceleration = flown((1.0, 0.0), (0.0, 0.8)).motion()
+    assert speed == pytest.approx(math.hypot(1.0, 0.8 * 0.5 * 22 / 15), rel=1e-6)  # in the middle of 23 points
+    assert acceleration == pytest.approx(0.8, rel=1e-6)
+
+
+def test_noise_of_a_pixel_is_as_large_as_its_theory_says():
+    found = [motion_of(*sampled(seed))[1] for seed in range(300)]
+    # Variance of the curvature of a parabola over T from n equal samples: 4 * 180 sigma^2 / (n T^4), in each of two directions.
+    expected = math.sqrt(2 * 4 * 180 * (1.0 / SIZE) ** 2 / (23 * 1.5**4))
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(expected, rel=0.2)
+
+
+def sampled(seed):
+    times = np.arange(23) * 1.5 / 22
+    return times, np.random.default_rng(seed).normal(0, 1.0 / SIZE, (23, 2))
+
+
+def test_straight_flight_speaks_against_a_drone_and_a_bent_one_says_nothing():
+    assert MODEL.log_odds(flown((1.0, 0.5), (0.0, 0.0))) == pytest.approx(1.2 * math.log(FAINT / 1.6), abs=1e-6)
+    assert MODEL.log_odds(flown((1.0, 0.5), (0.0, 2.0))) == 0.0
+    assert MODEL.log_odds(flown((1.0, 0.5), (0.5, 0.0))) > MODEL.log_odds(flown((1.0, 0.5), (0.2, 0.0)))
+
+
+@pytest.mark.parametrize('path', [flown((0.0, 0.0), (0.0, 0.0)), flown((1.0, 0.0), (0.0, 0.0), seconds=0.7),
+                                  flown((1.0, 0.0), (0.0, 0.0), rate=3.0), Path()])
+def test_hovering_and_short_paths_are_not_judged(path):
+    assert MODEL.log_odds(path) == 0.0
+
+
+def test_a_known_rotation_of_the_camera_does_not_bend_the_path():
+    turned, straight = Path(), flown((1.0, 0.0), (0.0, 0.0))
+    shift = np.zeros(2)
+    for k, time in enumerate(np.arange(0.0, 1.5 + 1e-9, 1.0 / 15.0)):
+        step = np.array([0.0, 3.0 * math.sin(k)])  # pixels, by which the camera nods
+        turned.turn(lambda pixels, step=step: pixels + step)
+        shift = shift + step
+        turned.add(7.0 + time, SIZE * np.array([1.0, 0.0]) * time + START + shift, SIZE)
+    assert MODEL.log_odds(turned) == pytest.approx(MODEL.log_odds(straight), abs=1e-6)
+
+
+def test_what_leaves_the_image_is_forgotten():
+    path = flown((1.0, 0.0), (0.0, 0.0))
+    path.turn(lambda pixels: np.full_like(pixels, np.nan))
+    assert path.motion() == (0.0, 0.0)
+
+
+def test_metadata_says_how_or_motion_is_ignored():
+    assert MotionModel.from_metadata({}).gain == 0.0
+    assert MotionModel.from_metadata({'motion': '{"gain": 1, "neutral": 2}'}) == MotionModel(1.0, 2.0)
+    for text in ('{', '[1]', '{"gain": -1}', '{"mood": 1}', '{"gain": "x"}', '{"neutral": 0}'):
+        with pytest.raises(ValueError, match='motion'):
+            MotionModel.from_metadata({'motion': text})

@@ -1,0 +1,82 @@
+"""Fit what motion says (`av_vision.motion`) to the labelled paths of the training clips, and write it into a model's metadata.
+
+`python flight.py MODEL.onnx --data DRONE_DETECTION` needs no images. Logistic regression on the logarithm of the acceleration
+of drones against airplanes and helicopters, each class counting alike; paths that hardly move are left out, as the detector
+does. Birds bend their paths as drones do: they would only blunt what the others tell.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path as File
+
+import numpy as np
+import onnx
+from clips import RATE, STRIDE, clips_of, read_boxes
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from tight import PADDING
+
+from av_vision.motion import FAINT, HISTORY_S, MotionModel, Path
+
+OTHERS = ('AIRPLANE', 'HELICOPTER')
+EVERY_S = 0.5  # between the paths that are taken from a clip
+
+
+def paths(data: File, split: str) -> Iterator[tuple[str, float, float]]:
+    """Class, speed (sizes/s) and acceleration (sizes/s^2) of labelled paths, of clips that show one object at a time."""
+    for clip in clips_of(data, split):
+        boxes = read_boxes(data / 'labels' / f'{clip}.csv')
+        path, last, next_s = Path(), -np.inf, HISTORY_S
+        for frame in sorted(boxes)[::STRIDE]:
+            time, box = frame / RATE, np.array(boxes[frame][0][1:])
+            if len(boxes[frame]) > 1 or time - last > 0.5:  # s, a gap
+                path, next_s = Path(), time + HISTORY_S
+            last = time
+            path.add(time, 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2] - PADDING).max()))
+            if time >= next_s:
+                yield (clip.split('_')[1], *path.motion())
+                next_s = time + EVERY_S
+
+
+def fit(kinds: NDArray, speeds: NDArray, accelerations: NDArray, least_speed: float) -> MotionModel:
+    """The model under which the classes of paths (n,) are most likely."""
+    used = (speeds >= least_speed) & np.isin(kinds, ('DRONE', *OTHERS))
+    kinds, x = kinds[used], np.log(accelerations[used] + FAINT)
+    drone = kinds == 'DRONE'
+    weight = np.where(drone, 0.5 / drone.sum(), 0.0)
+    for kind in OTHERS:
+        weight[kinds == kind] = 0.5 / len(OTHERS) / np.sum(kinds == kind)
+
+    def unlikelihood(p: NDArray) -> float:
+        z = p[0] * (x - p[1])
+        return float(np.sum(weight * (np.logaddexp(0.0, z) - drone * z)))
+
+    gain, neutral = minimize(unlikelihood, [1.0, 0.0]).x
+    return MotionModel(round(float(gain), 3), round(float(np.exp(neutral) - FAINT), 3), least_speed)
+
+
+def write_metadata(path: File, **values: str) -> None:
+    """Add values to the metadata of a model."""
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, {one.key: one.value for one in model.metadata_props} | values)
+    onnx.save(model, str(path))
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('model', type=File)
+    parser.add_argument('--data', type=File, required=True)
+    args = parser.parse_args()
+    kinds, speeds, accelerations = (np.array(part) for part in zip(*paths(args.data, 'train'), strict=True))
+    model = fit(kinds, speeds, accelerations, MotionModel.least_speed)
+    write_metadata(args.model, motion=json.dumps(asdict(model)))
+    print(f'{np.isin(kinds, ("DRONE", *OTHERS)).sum()} paths: {model}')
+
+
+if __name__ == '__main__':
+    main()
