@@ -40,7 +40,8 @@ PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'pair')
 INTEGERS = {f'{sign}int{bits}': (0 if sign else -2**(bits - 1), 2**bits - 1 if sign else 2**(bits - 1) - 1)
             for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 NUMBERS = (math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-300, 1e300, -1e300, 3e38, 1e9, math.pi)
-UNKNOWN = ('variance', 'cosine', 'visibility', 'range', 'look_', 'drone_probability', 'fundamental')  # fields that may be infinite or NaN
+# Fields that may be infinite or NaN.
+UNKNOWN = ('variance', 'cosine', 'visibility', 'range', 'look_', 'drone_probability', 'fundamental')
 PLAUSIBLE = {'channels': (2,), 'sample_rate': (48000,), 'width': (640,), 'height': (480,), 'nav_state': (4, 14, 5, 23),
              'arming_state': (1, 2), 'system_id': (7,), 'target_system': (7,), 'target_component': (191,),
              'command': (1000, 1001), 'pose_frame': (1,)}
