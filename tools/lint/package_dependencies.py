@@ -22,8 +22,8 @@ KEYS = {
     'soundfile': 'python3-soundfile', 'transforms3d': 'python3-transforms3d', 'yaml': 'python3-yaml',
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
-OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'foxglove', 'lz4', 'onnx', 'pyroadacoustics', 'pyroomacoustics',
-            'px4_msgs', 'rerun', 'stonesoup', 'zstandard', 'setuptools', 'websockets'}
+OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'foxglove', 'google', 'lz4', 'onnx', 'pyroadacoustics',
+            'pyroomacoustics', 'px4_msgs', 'pytak', 'rerun', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools', 'websockets'}
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},

@@ -1,0 +1,105 @@
+"""What is reported of a target, as plain data: a bearing by a single rig, or a position by a network of rigs."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+LIKELY = 0.5  # from this probability on something is what it may be
+
+
+class BearingTrack(NamedTuple):
+    """A target of which a single rig knows the direction, and no distance.
+
+    Parameters:
+        id: stays with the target as long as its track lives.
+        time (s): instant for which the direction holds, UTC since 1970.
+        measured (s): the same of the newest measurement associated with the track; 0 for never.
+        existence, drone_probability: probabilities 0..1; the second one is NaN while unknown.
+        class_id: most probable class; empty while unknown.
+        azimuth (rad): clockwise from true north, or from the rig's forward direction without `north`; in [0, 2 pi).
+        azimuth_sigma (rad): standard deviation.
+        elevation, elevation_sigma (rad): up from the horizontal plane; NaN while unknown.
+        north: whether the azimuth counts from true north.
+        front_back: probability 0.5..1 that the direction is in the correct hemisphere, front or back.
+        resolved: front and back are resolved.
+        selected: the rig follows this target.
+    """
+
+    id: int
+    time: float
+    measured: float
+    existence: float
+    azimuth: float
+    azimuth_sigma: float
+    elevation: float = math.nan
+    elevation_sigma: float = math.nan
+    north: bool = True
+    front_back: float = 1.0
+    resolved: bool = True
+    drone_probability: float = math.nan
+    class_id: str = ''
+    selected: bool = False
+
+
+class PositionTrack(NamedTuple):
+    """A target of which several rigs know the position.
+
+    Parameters:
+        id, time, measured, existence, drone_probability, class_id: as of `BearingTrack`.
+        latitude, longitude (deg), altitude (m): WGS84, above its ellipsoid.
+        covariance (m^2): of east, north and up, three rows.
+        velocity (m/s): east, north, up.
+        velocity_sigma (m/s): standard deviations of the three.
+        rigs: names of the rigs with recent measurements.
+    """
+
+    id: int
+    time: float
+    measured: float
+    existence: float
+    latitude: float
+    longitude: float
+    altitude: float
+    covariance: tuple[tuple[float, float, float], ...]
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    velocity_sigma: tuple[float, float, float] = (math.inf, math.inf, math.inf)
+    drone_probability: float = math.nan
+    class_id: str = ''
+    rigs: tuple[str, ...] = ()
+
+
+class Place(NamedTuple):
+    """Where a rig stands: latitude, longitude (deg), altitude (m), WGS84, above its ellipsoid; standard deviation (m)."""
+
+    latitude: float
+    longitude: float
+    altitude: float
+    sigma: float = math.nan
+
+
+class Selection(NamedTuple):
+    """Which targets are reported.
+
+    Parameters:
+        min_existence: least probability that there is such a target.
+        max_age (s): longest time since the newest measurement of the track.
+        only_drones: those that are probably none are left out; those of which it is not known are reported.
+        unresolved: those whose front and back are not resolved are reported, too.
+    """
+
+    min_existence: float = LIKELY
+    max_age: float = 2.0
+    only_drones: bool = True
+    unresolved: bool = False
+
+    def takes(self, track: BearingTrack | PositionTrack, now: float) -> bool:
+        """Whether a target is reported.
+
+        Parameters:
+            track: the target.
+            now (s): UTC since 1970.
+        """
+        return (track.existence >= self.min_existence and now - track.measured <= self.max_age
+                and not (self.only_drones and track.drone_probability < LIKELY)
+                and (self.unresolved or not isinstance(track, BearingTrack) or track.resolved))

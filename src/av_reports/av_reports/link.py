@@ -1,0 +1,193 @@
+"""A connection to a peer on the network, in a thread of its own, which begins again when it breaks."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import threading
+import time
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from typing import NamedTuple, Protocol
+
+CONNECT_S, SEND_S = 10.0, 10.0  # longest time for a connection, and for a peer to take a message
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0  # between attempts; doubled with each
+STEADY_S = 30.0  # a connection that has lasted this long makes the next pause the first again
+MOST_WAITING = 256  # messages to be sent; the oldest are dropped
+MOST_RECEIVED = 16  # messages received and not taken yet; no more are read
+POLL_S = 0.05
+LONGEST_PROBLEM = 200  # characters
+JOIN_S = 3.0
+
+
+class Channel(Protocol):
+    """An open connection. Its methods raise OSError where it has ended, and ValueError for what cannot be understood."""
+
+    async def send(self, message: bytes) -> None:
+        """Send a message."""
+
+    async def receive(self) -> Sequence[bytes]:
+        """The next messages; never returns where there are none."""
+
+    def close(self) -> None:
+        """End it; may be called twice."""
+
+
+class Received(NamedTuple):
+    """What has happened since it was asked last.
+
+    Parameters:
+        session: number of the present connection; 0 while there is none.
+        messages: that arrived on it.
+    """
+
+    session: int
+    messages: list[bytes]
+
+
+class Link:
+    """Keeps a connection in a thread. Its methods return at once, and can be called from one other thread.
+
+    Attributes:
+        connections: how often it was connected.
+        sent, dropped: numbers of messages.
+        problem: why it is not connected, or was disconnected last; empty before.
+
+    Parameters:
+        connect: function that opens a connection. Whatever it raises is reported, and it is called again later.
+    """
+
+    def __init__(self, connect: Callable[[], Awaitable[Channel]]) -> None:
+        self._connect = connect
+        self.connections = self.sent = self.dropped = 0
+        self.problem = ''
+        self._session = 0
+        self._outbox: deque[bytes] = deque()
+        self._inbox: deque[tuple[int, bytes]] = deque()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._run()), name='link', daemon=True)
+        self._thread.start()
+
+    def take(self, most: int = MOST_RECEIVED) -> Received:
+        """What has arrived.
+
+        Parameters:
+            most: number of messages at the most.
+        """
+        session = self._session
+        messages: list[bytes] = []
+        while self._inbox and len(messages) < most:
+            sender, message = self._inbox.popleft()
+            if sender == session:
+                messages.append(message)
+        return Received(session, messages)
+
+    def put(self, messages: Sequence[bytes], session: int) -> None:
+        """Send messages. What belongs to an earlier connection is dropped, and the oldest where too many wait.
+
+        Parameters:
+            messages: to be sent.
+            session: number of the connection for which they are made.
+        """
+        for message in messages:
+            if session != self._session or not session:
+                self.dropped += 1
+                continue
+            self._outbox.append(message)
+            while len(self._outbox) > MOST_WAITING:
+                self._outbox.popleft()
+                self.dropped += 1
+
+    def close(self) -> None:
+        """Send what waits, within the time that a message may take, and end."""
+        self._closing.set()
+        self._thread.join(JOIN_S)
+
+    async def _run(self) -> None:
+        pause = FIRST_PAUSE_S
+        while not self._closing.is_set():
+            begun = time.monotonic()
+            try:
+                await self._hold(await asyncio.wait_for(self._connect(), CONNECT_S))
+            except Exception as error:  # noqa: BLE001  a peer and its library may cause any; none may end the thread
+                self.problem = _words(error)
+            finally:
+                self._session = 0
+            if time.monotonic() - begun > STEADY_S:
+                pause = FIRST_PAUSE_S
+            await self._wait(pause * random.uniform(0.8, 1.2))
+            pause = min(2.0 * pause, LONGEST_PAUSE_S)
+
+    async def _hold(self, channel: Channel) -> None:
+        """Serve a connection to its end."""
+        self.connections += 1
+        self._outbox.clear()
+        self._inbox.clear()
+        self._session = self.connections
+        work = [asyncio.create_task(self._send(channel)), asyncio.create_task(self._receive(channel, self._session))]
+        try:
+            done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in work:
+                task.cancel()
+            channel.close()
+            await asyncio.gather(*work, return_exceptions=True)
+
+    async def _send(self, channel: Channel) -> None:
+        """Send what waits, until the link is closed and nothing waits any more."""
+        while self._outbox or not self._closing.is_set():
+            if not self._outbox:
+                await asyncio.sleep(POLL_S)
+                continue
+            await asyncio.wait_for(channel.send(self._outbox.popleft()), SEND_S)
+            self.sent += 1
+
+    async def _receive(self, channel: Channel, session: int) -> None:
+        while True:
+            for message in await channel.receive():
+                while len(self._inbox) >= MOST_RECEIVED:
+                    await asyncio.sleep(POLL_S)
+                self._inbox.append((session, message))
+
+    async def _wait(self, seconds: float) -> None:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline and not self._closing.is_set():
+            await asyncio.sleep(POLL_S)
+
+
+class StreamChannel:
+    """A stream of TCP or TLS.
+
+    Parameters:
+        reader, writer: of asyncio.
+        frame: function from a message to its bytes on the stream.
+        feed: function from received bytes to the messages that are complete with them.
+    """
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, frame: Callable[[bytes], bytes],
+                 feed: Callable[[bytes], Sequence[bytes]]) -> None:
+        self._reader, self._writer, self._frame, self._feed = reader, writer, frame, feed
+
+    async def send(self, message: bytes) -> None:
+        """Send a message, as soon as the peer takes it."""
+        self._writer.write(self._frame(message))
+        await self._writer.drain()
+
+    async def receive(self) -> Sequence[bytes]:
+        """The messages of the next piece that arrives. Raises ConnectionError when the peer has ended the stream."""
+        data = await self._reader.read(1 << 16)
+        if not data:
+            raise ConnectionResetError('the peer has ended the connection')
+        return self._feed(data)
+
+    def close(self) -> None:
+        """End the stream, without waiting for the peer."""
+        with suppress(Exception):
+            self._writer.transport.abort() if self._writer.transport.get_write_buffer_size() else self._writer.close()
+
+
+def _words(error: BaseException) -> str:
+    return (str(error) or type(error).__name__)[:LONGEST_PROBLEM]

@@ -1,0 +1,67 @@
+"""Identifiers of SAPIENT: ULIDs of messages and objects, UUIDs of nodes."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import uuid
+from collections.abc import Callable
+
+ALPHABET = '0123456789ABCDEFGHJKMNPQRSTVWXYZ'  # Crockford's base 32
+ULID = re.compile(f'[0-7][{ALPHABET}]{{25}}')
+RANDOM_BYTES = 10
+FORGET_S = 60.0  # after this time without its track an object is another one
+NAMESPACE = uuid.UUID('d1f3b7a4-2a0c-5b0e-9f39-6a3c2f6f2b11')  # of the nodes of this suite
+
+
+def new_ulid(time: float, random: Callable[[int], bytes] = secrets.token_bytes) -> str:
+    """A ULID: 48 bits of time in ms, 80 random bits, as 26 characters. Source: github.com/ulid/spec.
+
+    Parameters:
+        time (s): UTC since 1970.
+        random: function from a number to so many random bytes.
+    """
+    milliseconds = min(max(int(time * 1000.0), 0), 2**48 - 1)
+    number = milliseconds << 8 * RANDOM_BYTES | int.from_bytes(random(RANDOM_BYTES), 'big')
+    return ''.join(ALPHABET[number >> shift & 31] for shift in range(125, -1, -5))
+
+
+def is_ulid(text: str) -> bool:
+    """Whether a text is a ULID."""
+    return ULID.fullmatch(text.upper()) is not None
+
+
+def is_uuid(text: str) -> bool:
+    """Whether a text is a UUID in its usual form with four hyphens."""
+    try:
+        return str(uuid.UUID(text)) == text.lower()
+    except ValueError:
+        return False
+
+
+def node_uuid(*names: str) -> str:
+    """The UUID of a node, always the same for the same names, such as those of host and node."""
+    return str(uuid.uuid5(NAMESPACE, '/'.join(names)))
+
+
+class ObjectIds:
+    """ULIDs of tracks: each keeps its own while it is seen, also across connections."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[str, float]] = {}  # ULID and time of the last report, by the track's id
+
+    def ulid(self, track: int, time: float) -> str:
+        """The ULID of a track that is reported now.
+
+        Parameters:
+            track: the track's id.
+            time (s): UTC since 1970.
+        """
+        self._known = {key: entry for key, entry in self._known.items() if abs(time - entry[1]) <= FORGET_S}
+        ulid = self._known[track][0] if track in self._known else new_ulid(time)
+        self._known[track] = (ulid, time)
+        return ulid
+
+    def track(self, ulid: str) -> int | None:
+        """The id of the track with a ULID; None for an unknown one."""
+        return next((track for track, (known, _) in self._known.items() if known == ulid.upper()), None)

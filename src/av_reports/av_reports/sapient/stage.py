@@ -1,0 +1,218 @@
+"""The session of a node with its fusion node: tracks and bytes in, bytes and commands out. It knows no sockets and no ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.sapient.encoder import LONGEST_REASON, bearing_report, envelope, position_report, status_report
+from av_reports.sapient.identifiers import ObjectIds
+from av_reports.sapient.protocol import Error
+from av_reports.sapient.registration import registration_message
+from av_reports.sapient.settings import SapientSettings
+from av_reports.sapient.task_desk import Answer, TaskDesk
+from av_reports.sapient.tasks import Command
+from av_reports.sapient.validation import check, parse
+
+AGAIN_S = 30.0  # after this time without an acknowledgement a node registers again
+LONGEST_PACKET = 1024  # bytes of an unusable message that are sent back
+ERROR_INTERVAL_S = 1.0  # at most one error in this time is sent, whatever comes
+Reported = BearingTrack | PositionTrack
+
+
+class Reaction(NamedTuple):
+    """What follows from an event: messages to send, each without its length, and what the rig is to do; None for nothing."""
+
+    messages: tuple[bytes, ...] = ()
+    command: Command | None = None
+
+
+class Health(NamedTuple):
+    """What a status report says of the rig.
+
+    Parameters:
+        place: where it stands; None while unknown.
+        problems: what is wrong, in words.
+        error: whether it detects nothing because of it.
+    """
+
+    place: Place | None = None
+    problems: tuple[str, ...] = ()
+    error: bool = False
+
+
+@dataclass
+class _Session:
+    """What ends with a connection.
+
+    Attributes:
+        accepted, refusal: see `SapientStage`.
+        registered, status_sent (s): when the registration and the newest status report were sent.
+        shown: what the newest status report said; None before the first.
+        reported: by id, each track as it was reported last, and when (s).
+    """
+
+    accepted: bool = False
+    refusal: str = ''
+    registered: float = -math.inf
+    status_sent: float = -math.inf
+    shown: Health | None = None
+    reported: dict[int, tuple[Reported, float]] = field(default_factory=dict)
+
+
+class SapientStage:
+    """A node of SAPIENT: it registers, reports once it has been accepted, and answers tasks.
+
+    All times are UTC in s since 1970.
+
+    Attributes:
+        problem: what was wrong with the newest unusable message.
+        desk: the tasks.
+        counts: numbers of what was sent and received, by name.
+
+    Parameters:
+        settings: what the node is and does.
+    """
+
+    def __init__(self, settings: SapientSettings) -> None:
+        self._settings = settings
+        self._objects = ObjectIds()
+        self.desk = TaskDesk(self._objects, settings.obey_tasks)
+        self._tasker = ''  # UUID of the fusion node that sent the newest task
+        self._newest_error, self.problem = -math.inf, ''
+        self.counts = dict.fromkeys(('detection reports', 'status reports', 'unusable messages', 'messages for others'), 0)
+        self._session = _Session()
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the fusion node has accepted the registration."""
+        return self._session.accepted
+
+    @property
+    def refusal(self) -> str:
+        """Why it has not; empty while it has not answered."""
+        return self._session.refusal
+
+    def on_connected(self, now: float) -> Reaction:
+        """Register with a fusion node that has just been connected to."""
+        self._session = _Session(registered=now)
+        return Reaction((self._pack(now, registration=registration_message(self._settings)),))
+
+    def on_disconnected(self) -> Reaction:
+        """End the task, as nobody watches over it any longer."""
+        self._session = _Session()
+        return Reaction(command=self.desk.abandon().command)
+
+    def on_message(self, data: bytes, place: Place | None, now: float) -> Reaction:
+        """Answer a message of the fusion node.
+
+        Parameters:
+            data: the message without its length.
+            place: where the rig stands; None while unknown.
+            now (s): time of its arrival.
+        """
+        try:
+            message = parse(data)
+        except ValueError as error:
+            return self._on_unusable(data, str(error), now)
+        if message.destination_id and message.destination_id.lower() != self._settings.node_id:
+            self.counts['messages for others'] += 1
+            return Reaction()
+        kind = message.WhichOneof('content')
+        if kind == 'registration_ack':
+            answer = message.registration_ack
+            self._session.accepted = answer.acceptance
+            self._session.refusal = '' if answer.acceptance else '; '.join(answer.ack_response_reason)[:LONGEST_REASON]
+        elif kind == 'task':
+            self._tasker = message.node_id
+            return self._answer(self.desk.on_task(message.task, place, now), now)
+        return Reaction()
+
+    def on_done(self, command: Command, reason: str, now: float) -> Reaction:
+        """The rig has begun what the command of a task asked, or cannot.
+
+        Parameters:
+            command: what was asked.
+            reason: why it cannot; empty if it has begun.
+            now (s): the time.
+        """
+        return self._answer(self.desk.on_done(command, reason), now)
+
+    def on_tracks(self, tracks: Sequence[Reported], now: float) -> Reaction:
+        """Report tracks, and for the last time those that are no longer among them.
+
+        Parameters:
+            tracks: all that are to be reported; of the kind that the settings name.
+            now (s): the time.
+        """
+        if not self.accepted:
+            return Reaction()
+        reported = self._session.reported
+        messages: list[bytes] = []
+        command = None
+        for gone in set(reported) - {track.id for track in tracks}:
+            messages.append(self._detection(reported.pop(gone)[0], now, lost=True))
+            ended = self._answer(self.desk.on_lost(gone), now)
+            messages += ended.messages
+            command = ended.command or command
+        for track in tracks:
+            if track.id not in reported or now - reported[track.id][1] >= 0.99 / self._settings.rate:
+                reported[track.id] = (track, now)
+                messages.append(self._detection(track, now))
+        return Reaction(tuple(messages), command)
+
+    def on_time(self, health: Health, now: float) -> Reaction:
+        """Report the rig's state when that is due or has changed, and end what has taken its time.
+
+        Parameters:
+            health: state of the rig.
+            now (s): the time.
+        """
+        if not self.accepted:
+            return self.on_connected(now) if now - self._session.registered >= AGAIN_S else Reaction()
+        ended = self._answer(self.desk.on_time(now), now)
+        changed = health != self._session.shown
+        if changed or now - self._session.status_sent >= self._settings.status_interval:
+            self._session.shown, self._session.status_sent = health, now
+            return ended._replace(messages=(*ended.messages, self._status(health, changed, now)))
+        return ended
+
+    def farewell(self, now: float) -> Reaction:
+        """The last status report of a node that is about to disconnect."""
+        return Reaction((self._status(Health(), True, now, goodbye=True),) if self.accepted else ())
+
+    def _on_unusable(self, data: bytes, reason: str, now: float) -> Reaction:
+        self.counts['unusable messages'] += 1
+        self.problem = reason
+        if now - self._newest_error < ERROR_INTERVAL_S:
+            return Reaction()
+        self._newest_error = now
+        error = Error(packet=data[:LONGEST_PACKET], error_message=[reason[:LONGEST_REASON]])
+        return Reaction((self._pack(now, error=error),))
+
+    def _answer(self, answer: Answer, now: float) -> Reaction:
+        messages = tuple(self._pack(now, self._tasker, task_ack=ack) for ack in answer.acks)
+        return Reaction(messages, answer.command)
+
+    def _detection(self, track: Reported, now: float, lost: bool = False) -> bytes:
+        """The report of a track, stamped with the instant for which it holds."""
+        self.counts['detection reports'] += 1
+        object_id = self._objects.ulid(track.id, now)
+        report = (bearing_report(track, object_id, now, lost) if isinstance(track, BearingTrack)
+                  else position_report(track, object_id, now, lost))
+        return self._pack(now if lost else track.time, detection_report=report)
+
+    def _status(self, health: Health, changed: bool, now: float, goodbye: bool = False) -> bytes:
+        self.counts['status reports'] += 1
+        task_id = self.desk.active.task_id if self.desk.active else ''
+        return self._pack(now, status_report=status_report(now, changed, health.place, health.problems, error=health.error,
+                                                           goodbye=goodbye, task_id=task_id))
+
+    def _pack(self, now: float, destination: str = '', **content: Any) -> bytes:
+        """A message as it is sent. Raises ValueError, a fault of this program, where the standard does not allow it."""
+        message = envelope(self._settings.node_id, now, destination, **content)
+        check(message)
+        return bytes(message.SerializeToString())

@@ -1,0 +1,123 @@
+"""The one task that a node performs: accepted when the rig has begun it; a stop, its time, or the loss of its object end it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from av_reports.contacts import Place
+from av_reports.sapient.encoder import task_ack
+from av_reports.sapient.identifiers import ObjectIds
+from av_reports.sapient.protocol import Task, TaskAck
+from av_reports.sapient.tasks import ActiveTask, Command, Follow, RefusedTaskError, Stop, active_task
+
+SETTLE_S = 5.0  # time in which the rig must have said whether it can
+NO_TASKS = 'this node obeys no tasks: its parameter obey_tasks is false'
+
+
+class Answer(NamedTuple):
+    """What follows from an event.
+
+    Parameters:
+        acks: TaskAck messages to send.
+        command: what the rig is to do; None for nothing. `TaskDesk.on_done` must follow on Follow and LookAt.
+    """
+
+    acks: tuple[Any, ...] = ()
+    command: Command | None = None
+
+
+class TaskDesk:
+    """Decides about tasks; times are UTC in s since 1970.
+
+    Attributes:
+        active: the task that the rig performs; None for none.
+        refused, accepted: numbers of tasks.
+
+    Parameters:
+        objects: the objects that have been reported.
+        obey: whether any task is obeyed.
+    """
+
+    def __init__(self, objects: ObjectIds, obey: bool) -> None:
+        self._objects, self._obey = objects, obey
+        self._asked: tuple[ActiveTask, float] | None = None  # what the rig has not answered yet, and since when
+        self.active: ActiveTask | None = None
+        self.refused = self.accepted = 0
+
+    def on_task(self, task: Any, place: Place | None, now: float) -> Answer:
+        """Decide about a task.
+
+        Parameters:
+            task: a valid Task.
+            place: where the rig stands; None while unknown.
+            now (s): the time.
+        """
+        try:
+            if not self._obey:
+                raise RefusedTaskError(NO_TASKS)
+            if task.control == Task.CONTROL_STOP:
+                return self._stop(task.task_id)
+            if task.control != Task.CONTROL_START:
+                raise RefusedTaskError('tasks can be started and stopped only')
+            if self._asked:
+                raise RefusedTaskError('another task is just beginning')
+            wanted = active_task(task, self._objects, place, now)
+        except RefusedTaskError as error:
+            return self._refuse(task.task_id, str(error))
+        self._asked = (wanted, now)
+        return Answer(command=wanted.command)
+
+    def on_done(self, command: Command, reason: str = '') -> Answer:
+        """The rig has begun what it was asked to do, or cannot.
+
+        Parameters:
+            command: what it was asked; ignored unless it is the newest.
+            reason: why it cannot; empty if it has begun.
+        """
+        if self._asked is None or self._asked[0].command is not command:
+            return Answer()
+        (begun, _), self._asked = self._asked, None
+        if reason:
+            return self._refuse(begun.task_id, reason)
+        self.accepted += 1
+        former, self.active = self.active, begun
+        acks = [task_ack(begun.task_id, TaskAck.TASK_STATUS_ACCEPTED)]
+        if former and former.task_id != begun.task_id:
+            acks.insert(0, task_ack(former.task_id, TaskAck.TASK_STATUS_COMPLETED, 'another task has taken its place'))
+        return Answer(tuple(acks))
+
+    def on_lost(self, track: int) -> Answer:
+        """A track is not reported any longer: who follows it has failed."""
+        if self.active and self.active.command == Follow(track):
+            return self._end(self.active, TaskAck.TASK_STATUS_FAILED, 'the object is lost')
+        return Answer()
+
+    def on_time(self, now: float) -> Answer:
+        """End what has taken its time."""
+        if self._asked and now - self._asked[1] > SETTLE_S:
+            return self.on_done(self._asked[0].command, 'the rig does not answer')
+        if self.active and now >= self.active.end:
+            return self._end(self.active, TaskAck.TASK_STATUS_COMPLETED, 'its time is over')
+        return Answer()
+
+    def abandon(self) -> Answer:
+        """End the task without a word: nobody watches over it any longer."""
+        performing, self._asked, self.active = self._asked or self.active, None, None
+        return Answer(command=Stop() if performing else None)
+
+    def _stop(self, task_id: str) -> Answer:
+        if self._asked and self._asked[0].task_id == task_id:
+            self._asked = None
+        elif self.active and self.active.task_id == task_id:
+            self.active = None
+        else:
+            raise RefusedTaskError('this node does not perform that task')
+        return Answer((task_ack(task_id, TaskAck.TASK_STATUS_COMPLETED, 'stopped'),), Stop())
+
+    def _end(self, task: ActiveTask, status: int, reason: str) -> Answer:
+        self.active = None
+        return Answer((task_ack(task.task_id, status, reason),), Stop())
+
+    def _refuse(self, task_id: str, reason: str) -> Answer:
+        self.refused += 1
+        return Answer((task_ack(task_id, TaskAck.TASK_STATUS_REJECTED, reason),))

@@ -1,0 +1,192 @@
+"""The connection to a fusion node over real sockets: what is sent, and peers that are silent, vanish, or send rubbish."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+import time
+from contextlib import contextmanager, suppress
+from functools import partial
+
+import pytest
+
+pytest.importorskip('sapient_msg', reason='needs sapient-msg')
+from sapient_peer import NODE, acknowledgement, bearing, task
+from wire_decoder import dig, fields
+
+from av_reports import link as link_module
+from av_reports.link import Link
+from av_reports.sapient.connection import LARGEST_RECEIVED, connect, parse_peer
+from av_reports.sapient.settings import SapientSettings
+from av_reports.sapient.stage import SapientStage
+
+LONG_S = 60.0
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch):
+    monkeypatch.setattr(link_module, 'FIRST_PAUSE_S', 0.05)
+    monkeypatch.setattr(link_module, 'LONGEST_PAUSE_S', 0.05)
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + LONG_S
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert condition()
+
+
+class FusionNode:
+    """A listening socket, and what it has received on its newest connection."""
+
+    def __init__(self):
+        self.listener = socket.create_server(('127.0.0.1', 0))
+        self.listener.settimeout(LONG_S)
+        self.port = self.listener.getsockname()[1]
+
+    def accept(self):
+        self.peer, _ = self.listener.accept()
+        self.peer.settimeout(LONG_S)
+
+    def receive(self):
+        """The next message, framed by hand."""
+        size, = struct.unpack('<I', self.exactly(4))
+        return self.exactly(size)
+
+    def exactly(self, size):
+        data = b''
+        while len(data) < size:
+            piece = self.peer.recv(size - len(data))
+            assert piece, 'the node has disconnected'
+            data += piece
+        return data
+
+    def send(self, message):
+        self.peer.sendall(struct.pack('<I', len(message)) + message)
+
+
+@contextmanager
+def connected():
+    """A fusion node, and the link of a node to it, in its first session."""
+    fusion = FusionNode()
+    link = Link(partial(connect, '127.0.0.1', fusion.port))
+    try:
+        fusion.accept()
+        wait_for(lambda: link.take(0).session == 1)
+        yield fusion, link
+    finally:
+        link.close()
+        fusion.listener.close()
+        with suppress(OSError):
+            fusion.peer.close()
+
+
+def test_a_whole_session_is_read_by_an_independent_decoder():
+    stage = SapientStage(SapientSettings(NODE, 'mast'))
+    with connected() as (fusion, link):
+        link.put(stage.on_connected(time.time()).messages, 1)
+        assert dig(fusion.receive(), 4, 3) == b'mast'
+        fusion.send(acknowledgement())
+        message, = receive(link)
+        stage.on_message(message, None, time.time())
+        link.put(stage.on_tracks([bearing(1), bearing(2)], time.time()).messages, 1)
+        reports = [dig(fusion.receive(), 7) for _ in range(2)]
+        assert len({dig(report, 2) for report in reports}) == 2
+        assert all(dig(report, 5, 2) == pytest.approx(300.0) and 3 not in fields(dig(report, 5)) for report in reports)
+        for piece in (lambda data: [data[:3], data[3:7], data[7:]])(struct.pack('<I', len(task())) + task()):
+            fusion.peer.sendall(piece)
+            time.sleep(0.02)
+        message, = receive(link)
+        link.put(stage.on_message(message, None, time.time()).messages, 1)
+        assert dig(fusion.receive(), 9, 2) == 2, 'refused'
+        assert link.sent == 4 and link.dropped == 0
+
+
+def receive(link):
+    messages = []
+
+    def arrived():
+        messages.extend(link.take().messages)
+        return messages
+    wait_for(arrived)
+    return messages
+
+
+@pytest.mark.parametrize('rubbish', [b'\xff\xff\xff\xff', b'\0\0\0\0', b'GET / HTTP/1.1\r\n\r\n',
+                                     struct.pack('<I', LARGEST_RECEIVED + 1), b'\x16\x03\x01\x02\x00'])
+def test_after_rubbish_the_connection_is_made_anew(rubbish):
+    with connected() as (fusion, link):
+        fusion.peer.sendall(rubbish)
+        fusion.accept()
+        wait_for(lambda: link.take().session == 2)
+        assert 'bytes, expected 1 to' in link.problem
+
+
+def test_a_peer_that_disconnects_in_the_middle_of_a_message_is_connected_to_again():
+    with connected() as (fusion, link):
+        fusion.peer.sendall(struct.pack('<I', 100) + b'half')
+        fusion.peer.close()
+        fusion.accept()
+        wait_for(lambda: link.take().session == 2)
+        link.put([b'late'], 1)
+        link.put([b'new'], 2)
+        assert fusion.receive() == b'new' and link.dropped == 1
+
+
+def test_a_reset_and_a_port_without_a_listener_are_survived():
+    with connected() as (fusion, link):
+        fusion.peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+        fusion.listener.close()
+        fusion.peer.close()
+        wait_for(lambda: link.take().session == 0 and 'Connect call failed' in link.problem)
+        link.put([b'nobody'], 0)
+        assert link.dropped == 1
+        fusion.listener = socket.create_server(('127.0.0.1', fusion.port))
+        fusion.accept()
+        wait_for(lambda: link.take().session == 2)
+
+
+def test_a_flood_is_read_no_faster_than_it_is_taken():
+    with connected() as (fusion, link):
+        fusion.peer.setblocking(False)
+        flood, sent = struct.pack('<I', 1) + b'x', 0
+        with suppress(BlockingIOError):
+            while True:
+                sent += fusion.peer.send(flood * 10_000)
+        assert len(link._inbox) <= link_module.MOST_RECEIVED
+        taken = 0
+        while taken < 200:
+            taken += len(link.take(5).messages)
+            time.sleep(0.001)
+        assert len(link._inbox) <= link_module.MOST_RECEIVED and sent < 100_000_000
+
+
+def test_a_peer_that_takes_nothing_is_given_up_and_costs_bounded_memory(monkeypatch):
+    monkeypatch.setattr(link_module, 'SEND_S', 0.5)
+    with connected() as (_, link):
+        message = b'x' * 100_000
+        for _ in range(2 * link_module.MOST_WAITING):
+            link.put([message], 1)
+            assert len(link._outbox) <= link_module.MOST_WAITING
+        wait_for(lambda: link.connections == 2)
+        assert link.dropped > 0
+
+
+def test_silence_is_waited_for_and_closing_says_goodbye():
+    with connected() as (fusion, link):
+        assert link.take() == (1, [])
+        link.put([b'goodbye'], 1)
+        link.close()
+        assert fusion.receive() == b'goodbye' and fusion.peer.recv(1) == b''
+    assert not any(thread.name == 'link' and thread.is_alive() for thread in threading.enumerate())
+
+
+@pytest.mark.parametrize('text', ['', 'host', 'host:', ':5', 'host:0', 'host:70000', 'a b:5', 'host:5x', 'host:5:6 '])
+def test_addresses_that_are_none_are_refused(text):
+    with pytest.raises(ValueError, match='expected host:port'):
+        parse_peer(text)
+
+
+def test_addresses():
+    assert parse_peer('localhost:5020') == ('localhost', 5020) and parse_peer('[::1]:5020') == ('::1', 5020)

@@ -1,0 +1,206 @@
+"""A session: registration, reports once accepted, tasks obeyed or refused."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+pytest.importorskip('sapient_msg', reason='needs sapient-msg')
+from sapient_peer import FUSION_NODE, NODE, NOW, acknowledgement, bearing, from_fusion_node, position, task
+
+from av_reports.contacts import Place
+from av_reports.sapient.identifiers import FORGET_S, ObjectIds, new_ulid
+from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
+from av_reports.sapient.settings import SapientSettings
+from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, Health, SapientStage
+from av_reports.sapient.tasks import LONGEST_S, Follow, LookAt, Stop
+
+PLACE = Place(51.5, -0.12, 30.0)
+ACCEPTED, REJECTED, COMPLETED, FAILED = 1, 2, 3, 4
+
+
+def read(reaction):
+    return [SapientMessage.FromString(data) for data in reaction.messages]
+
+
+def kinds(reaction):
+    return [message.WhichOneof('content') for message in read(reaction)]
+
+
+def acks(reaction):
+    return [(message.task_ack.task_status, ' '.join(message.task_ack.reason)) for message in read(reaction)
+            if message.HasField('task_ack')]
+
+
+@pytest.fixture
+def stage(request):
+    """A stage that a fusion node has accepted, and that has reported tracks 3 and 4."""
+    stage = SapientStage(SapientSettings(NODE, obey_tasks=getattr(request, 'param', True)))
+    stage.on_connected(NOW)
+    stage.on_message(acknowledgement(), PLACE, NOW)
+    stage.on_tracks([bearing(3), bearing(4)], NOW)
+    return stage
+
+
+def object_id(stage, track):
+    return stage._objects.ulid(track, NOW)
+
+
+def begin(stage, now=NOW, reason='', **content):
+    """Ask for a task, and let the rig begin it."""
+    asked = stage.on_message(task(**content), PLACE, now)
+    assert asked.command is not None and acks(asked) == []
+    return asked.command, stage.on_done(asked.command, reason, now)
+
+
+def test_it_registers_and_reports_nothing_before_it_is_accepted():
+    stage = SapientStage(SapientSettings(NODE))
+    assert kinds(stage.on_connected(NOW)) == ['registration']
+    assert not stage.on_tracks([bearing()], NOW).messages and not stage.on_time(Health(), NOW + 1).messages
+    stage.on_message(acknowledgement(False, ['no licence']), None, NOW)
+    assert not stage.accepted and stage.refusal == 'no licence' and not stage.on_tracks([bearing()], NOW).messages
+    assert kinds(stage.on_time(Health(), NOW + AGAIN_S)) == ['registration']
+    stage.on_message(acknowledgement(), None, NOW + AGAIN_S)
+    assert kinds(stage.on_time(Health(), NOW + AGAIN_S)) == ['status_report']
+    assert kinds(stage.on_tracks([bearing()], NOW + AGAIN_S)) == ['detection_report']
+
+
+def test_a_new_connection_begins_with_a_registration_and_objects_keep_their_names(stage):
+    before = object_id(stage, 3)
+    stage.on_disconnected()
+    assert not stage.accepted and kinds(stage.on_connected(NOW + 5)) == ['registration']
+    stage.on_message(acknowledgement(), PLACE, NOW + 5)
+    assert read(stage.on_tracks([bearing(3)], NOW + 5))[0].detection_report.object_id == before
+
+
+def test_status_is_reported_when_due_and_when_it_changes(stage):
+    first, = read(stage.on_time(Health(PLACE), NOW))
+    assert first.status_report.info == StatusReport.INFO_NEW and first.status_report.system == StatusReport.SYSTEM_OK
+    assert not stage.on_time(Health(PLACE), NOW + 9.0).messages
+    due, = read(stage.on_time(Health(PLACE), NOW + 10.0))
+    assert due.status_report.info == StatusReport.INFO_UNCHANGED
+    changed, = read(stage.on_time(Health(PLACE, ('no detections',)), NOW + 11.0))
+    assert changed.status_report.system == StatusReport.SYSTEM_WARNING
+    assert read(stage.farewell(NOW + 12.0))[0].status_report.system == StatusReport.SYSTEM_GOODBYE
+
+
+def test_reports_have_the_time_of_the_track_a_limited_rate_and_an_end(stage):
+    assert kinds(stage.on_tracks([bearing(3), bearing(4)], NOW + 0.1)) == []
+    later = read(stage.on_tracks([bearing(3, time=NOW + 0.4), bearing(4)], NOW + 0.5))
+    assert len(later) == 2 and later[0].timestamp.ToNanoseconds() * 1e-9 == pytest.approx(NOW + 0.4, abs=1e-5)
+    gone, = read(stage.on_tracks([bearing(3)], NOW + 0.6))
+    assert gone.detection_report.state == 'lost' and gone.detection_report.object_id == object_id(stage, 4)
+    assert kinds(stage.on_tracks([], NOW + 0.7)) == ['detection_report'] and kinds(stage.on_tracks([], NOW + 9.0)) == []
+
+
+def test_positions_are_reported_likewise(stage):
+    report, = read(SapientStage.on_tracks(stage, [bearing(3), bearing(4), position(9)], NOW + 0.1))
+    assert report.detection_report.WhichOneof('location_oneof') == 'location'
+
+
+def test_object_ids_are_forgotten_with_their_tracks():
+    objects = ObjectIds()
+    first = objects.ulid(1, NOW)
+    assert objects.ulid(1, NOW + FORGET_S - 1.0) == first and objects.track(first.lower()) == 1
+    assert objects.ulid(2, NOW + 3 * FORGET_S) != first and objects.track(first) is None
+    assert objects.ulid(1, NOW + 3 * FORGET_S) != first
+
+
+@pytest.mark.parametrize('stage', [False], indirect=True)
+def test_by_default_every_task_is_refused_with_the_reason(stage):
+    for control in (Task.CONTROL_START, Task.CONTROL_STOP, Task.CONTROL_PAUSE):
+        answer = stage.on_message(task(control, command={'follow': {'follow_object_id': object_id(stage, 3)}}), PLACE, NOW)
+        (status, reason), = acks(answer)
+        assert status == REJECTED and 'obey_tasks' in reason and answer.command is None
+        assert read(answer)[0].destination_id == FUSION_NODE
+    assert stage.desk.active is None and stage.desk.refused == 3
+
+
+def test_follow_is_accepted_when_the_rig_follows(stage):
+    command, answer = begin(stage, command={'follow': {'follow_object_id': object_id(stage, 4)}})
+    assert command == Follow(4) and acks(answer) == [(ACCEPTED, '')]
+    status, = read(stage.on_time(Health(), NOW))
+    assert status.status_report.active_task_id == stage.desk.active.task_id
+    lost = stage.on_tracks([bearing(3)], NOW + 1.0)
+    assert acks(lost) == [(FAILED, 'the object is lost')] and lost.command == Stop() and stage.desk.active is None
+
+
+def test_what_the_rig_cannot_do_is_refused_with_its_words(stage):
+    _, answer = begin(stage, reason='no such track', command={'follow': {'follow_object_id': object_id(stage, 4)}})
+    assert acks(answer) == [(REJECTED, 'no such track')] and stage.desk.active is None
+    asked = stage.on_message(task(command={'follow': {'follow_object_id': object_id(stage, 4)}}), PLACE, NOW)
+    assert acks(stage.on_time(Health(), NOW + 6.0)) == [(REJECTED, 'the rig does not answer')]
+    assert not stage.on_done(asked.command, '', NOW + 7.0).messages
+
+
+def test_look_at_turns_directions_and_places_into_azimuths_from_north(stage):
+    command, answer = begin(stage, command={'look_at': {'range_bearing': {
+        'azimuth': -90.0, 'elevation': 10.0, 'coordinate_system': 1, 'datum': 1}}})
+    assert command == LookAt(pytest.approx(1.5 * math.pi), pytest.approx(math.radians(10.0)), True)
+    assert acks(answer) == [(ACCEPTED, '')]
+    command, answer = begin(stage, command={'look_at': {'location_list': {'locations': [
+        {'x': -0.12, 'y': 51.51, 'z': 30.0, 'coordinate_system': 1, 'datum': 1}]}}})
+    assert command.azimuth % math.tau == pytest.approx(0.0, abs=1e-6) and command.elevation == pytest.approx(0.0, abs=1e-3)
+    assert acks(answer) == [(COMPLETED, 'another task has taken its place'), (ACCEPTED, '')]
+
+
+@pytest.mark.parametrize('content, reason', [
+    ({'command': {'follow': {'follow_object_id': new_ulid(NOW)}}}, 'is no object that is tracked'),
+    ({'command': {'move_to': {'locations': [{'x': 0.0, 'y': 0.0, 'coordinate_system': 1, 'datum': 1}]}}},
+     'move_to is not supported'),
+    ({'command': {'request': 'fire'}}, 'request is not supported'),
+    ({}, 'without a command is not supported'),
+    ({'command': {'look_at': {'range_bearing': {'azimuth': 0.0, 'coordinate_system': 1, 'datum': 2}}}}, 'true north'),
+    ({'command': {'look_at': {'range_bearing': {'elevation': 0.0, 'coordinate_system': 1, 'datum': 1}}}}, 'no azimuth'),
+    ({'command': {'look_at': {'range_bearing': {'azimuth': 0.0, 'elevation': 91.0, 'coordinate_system': 1, 'datum': 1}}}},
+     '91 deg'),
+    ({'command': {'look_at': {'location_list': {'locations': [
+        {'x': 0.0, 'y': 0.0, 'coordinate_system': 1, 'datum': 1}]}}}}, 'an altitude'),
+    ({'command': {'look_at': {'location_list': {'locations': [
+        {'x': 500000.0, 'y': 5e6, 'z': 0.0, 'coordinate_system': 5, 'datum': 1}]}}}}, 'degrees on the ellipsoid'),
+    ({'command': {'look_at': {'location_list': {'locations': [
+        {'x': -0.12, 'y': 51.5, 'z': 30.0, 'coordinate_system': 1, 'datum': 1}]}}}}, 'that of this node'),
+    ({'control': Task.CONTROL_PAUSE}, 'started and stopped only'),
+    ({'control': Task.CONTROL_STOP}, 'does not perform that task'),
+])
+def test_what_is_not_understood_is_refused_with_the_reason(stage, content, reason):
+    answer = stage.on_message(task(**content), PLACE, NOW)
+    (status, words), = acks(answer)
+    assert status == REJECTED and reason in words and answer.command is None and stage.desk.active is None
+
+
+def test_a_place_is_no_direction_for_a_rig_that_does_not_know_where_it_stands(stage):
+    answer = stage.on_message(task(command={'look_at': {'location_list': {'locations': [
+        {'x': -0.12, 'y': 51.51, 'z': 30.0, 'coordinate_system': 1, 'datum': 1}]}}}), None, NOW)
+    assert acks(answer) == [(REJECTED, 'this node does not know where it stands')]
+
+
+def test_a_task_ends_by_a_stop_by_its_time_and_with_the_connection(stage):
+    follow = {'follow': {'follow_object_id': object_id(stage, 3)}}
+    name = new_ulid(NOW)
+    begin(stage, task_id=name, command=follow)
+    stopped = stage.on_message(task(Task.CONTROL_STOP, task_id=name), PLACE, NOW + 1)
+    assert acks(stopped) == [(COMPLETED, 'stopped')] and stopped.command == Stop()
+    begin(stage, command=follow)
+    assert stage.on_time(Health(), NOW + LONGEST_S - 1.0).command is None
+    over = stage.on_time(Health(), NOW + LONGEST_S)
+    assert acks(over) == [(COMPLETED, 'its time is over')] and over.command == Stop()
+    begin(stage, command=follow)
+    assert stage.on_disconnected().command == Stop() and stage.desk.active is None
+    assert stage.on_disconnected().command is None
+
+
+def test_messages_for_others_are_not_answered(stage):
+    other = from_fusion_node('00000000-0000-4000-8000-000000000001', task=Task(task_id=new_ulid(NOW), control=1))
+    assert stage.on_message(other, PLACE, NOW) == ((), None) and stage.counts['messages for others'] == 1
+
+
+def test_unusable_messages_are_answered_once_a_second_with_a_piece_of_them(stage):
+    error, = read(stage.on_message(b'\xff' * 50_000, PLACE, NOW))
+    assert error.error.packet == b'\xff' * LONGEST_PACKET and error.error.error_message
+    assert not stage.on_message(from_fusion_node(task=Task(control=1)), PLACE, NOW + 0.5).messages
+    assert 'task.task_id is missing' in stage.problem and stage.counts['unusable messages'] == 2
+    error, = read(stage.on_message(b'\x00', PLACE, NOW + 1.0))
+    assert error.WhichOneof('content') == 'error'
+    assert TaskAck.TASK_STATUS_FAILED == FAILED
