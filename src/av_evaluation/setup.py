@@ -33,6 +33,7 @@ setup(
             'evaluate = av_evaluation.cli.evaluate:main',
             'front_back = av_evaluation.cli.front_back:main',
             'fuzz = av_evaluation.cli.fuzz:main',
+            'network = av_evaluation.cli.network:main',
             'multi_target = av_evaluation.cli.multi_target:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',

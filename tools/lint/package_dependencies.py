@@ -23,7 +23,8 @@ KEYS = {
 }
 # Optional modules, and modules without a rosdep key, which requirements.txt lists.
 OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'foxglove', 'google', 'lz4', 'onnx', 'pyroadacoustics',
-            'pyroomacoustics', 'px4_msgs', 'pytak', 'rerun', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools', 'websockets'}
+            'pyroomacoustics', 'px4_msgs', 'pytak', 'rerun', 'sapient_msg', 'stonesoup', 'zstandard', 'setuptools',
+            'websockets'}
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},

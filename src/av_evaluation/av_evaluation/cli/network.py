@@ -1,0 +1,118 @@
+"""ros2 run av_evaluation network [CASE...]: positions by several rigs on simulated reports, against what is asked of them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from av_evaluation.network import cases
+from av_evaluation.network.bound import mean_bound
+from av_evaluation.network.figures import NetworkRun, OwnTracker, run
+
+SETTLED_S = 10.0  # from the beginning of a run, which is not counted
+GHOST_S, RATIO, CLOCK_S, HEADING = 2.0, 1.3, 0.005, math.radians(0.5)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the cases' tables; returns 1 where something is not as good as asked."""
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if unknown := set(options.cases) - set(CASES):
+        parser.error(f'case {", ".join(sorted(unknown))}, expected some of {", ".join(CASES)}')
+    reached = [CASES[name](options) for name in options.cases]
+    return 0 if all(reached) else 1
+
+
+def bound(options: argparse.Namespace) -> bool:
+    """Two rigs and one drone: position error over the Cramer-Rao bound of the geometry, and NEES."""
+    print(f'two rigs {options.baseline:g} m apart, drone at {options.distance:g} m')
+    print(f'{"":<12}{"bound":>9}{"RMSE":>9}{"ratio":>8}{"NEES (3)":>10}')
+    ratios = []
+    for name, seen in (('seen', 1.0), ('heard', 0.0)):
+        rows = []
+        for seed in _seeds(options):
+            simulation = cases.two_rigs(seed, options.baseline, options.distance, seen)
+            arrivals = simulation.arrivals()
+            found = run(OwnTracker(cases.settings_of(simulation)), simulation, arrivals)
+            rows.append((mean_bound(simulation, arrivals, SETTLED_S), found.rmse(SETTLED_S),
+                         float(np.mean(found.nees(SETTLED_S)))))
+        least, error = np.sqrt(np.mean(np.square(rows), axis=0))[:2]
+        ratios.append(error / least)
+        print(f'{name:<12}{least:>7.2f} m{error:>7.2f} m{error / least:>8.2f}{np.mean(rows, axis=0)[2]:>10.2f}')
+    return max(ratios) <= RATIO
+
+
+def drones(options: argparse.Namespace) -> bool:
+    """Three rigs and several drones, each measured by a rig for half of the time."""
+    runs = []
+    for seed in _seeds(options):
+        simulation = cases.five_drones(seed, drones=options.drones)
+        runs.append(run(OwnTracker(cases.settings_of(simulation)), simulation))
+    print(f'three rigs, {options.drones} drones, each measured for half of the time')
+    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"longest ghost":>15}')
+    _print_drones('av_network', runs)
+    return max(each.longest_ghost() for each in runs) <= GHOST_S
+
+
+def offsets(options: argparse.Namespace) -> bool:
+    """Clocks and headings that are wrong: what is left of that after a minute."""
+    print('clocks 50 ms off, headings 3 deg off, after 60 s: RMS, and over the standard deviation that is stated')
+    clocks, headings = [], []
+    for seed in _seeds(options):
+        simulation = cases.wrong_clocks(seed)
+        peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
+        run(peer, simulation)
+        for index, rig in enumerate(simulation.rigs):
+            mean, sigma = peer.tracker.filter.rig_state(index)
+            headings.append((mean[0] - rig.heading_error, sigma[0]))
+            if index:
+                clocks.append((mean[1] - rig.clock_offset, sigma[1]))
+    (clock, sigma_clock), (heading, sigma_heading) = (np.sqrt(np.mean(np.square(rows), axis=0)) for rows in (clocks, headings))
+    print(f'clock {1e3 * clock:.1f} ms ({clock / sigma_clock:.1f}), heading {math.degrees(heading):.2f} deg '
+          f'({heading / sigma_heading:.1f})')
+    return bool(clock <= CLOCK_S and heading <= HEADING)
+
+
+def cost(options: argparse.Namespace) -> bool:
+    """Processor time by number of rigs, in percent of one core."""
+    print('percent of one core by number of rigs, 10 targets, 4 reports a second')
+    shares = []
+    for rigs in (2, 4, 8, 16):
+        simulation = cases.ring(options.seed, rigs, 10)
+        found = run(OwnTracker(cases.settings_of(simulation)), simulation)
+        shares.append(found.cost / simulation.duration)
+        print(f'{rigs:>4} rigs{100.0 * shares[-1]:>8.1f} %   GOSPA {found.gospa(SETTLED_S)[0]:.2f} m', flush=True)
+    return shares[-1] < 1.0
+
+
+CASES: dict[str, Callable[[argparse.Namespace], bool]] = {'bound': bound, 'drones': drones, 'offsets': offsets, 'cost': cost}
+
+
+def _print_drones(name: str, runs: Sequence[NetworkRun]) -> None:
+    distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
+    error = np.mean([each.rmse(SETTLED_S) for each in runs])
+    ghost = max(each.longest_ghost() for each in runs)
+    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{ghost:>13.1f} s')
+
+
+def _seeds(options: argparse.Namespace) -> range:
+    return range(options.seed, options.seed + options.seeds)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog='network', description=__doc__)
+    parser.add_argument('cases', nargs='*', default=list(CASES), metavar='CASE', help=f'of {", ".join(CASES)}; by default all')
+    parser.add_argument('--seeds', type=int, default=5, help='runs of each case (%(default)s)')
+    parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
+    parser.add_argument('--baseline', type=float, default=40.0, help='bound: m between the two rigs (%(default)s)')
+    parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
+    parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Several rigs: simulated reports, peers and figures."""

@@ -1,0 +1,34 @@
+"""Positions by several rigs on simulated reports."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from av_evaluation.network import cases
+from av_evaluation.network.bound import mean_bound, position_bound
+from av_evaluation.network.figures import OwnTracker, run
+from av_network.report import Report, Sighting
+
+
+def test_bound_of_two_crossing_directions_by_hand():
+    """Directions that cross at a right angle in a horizontal plane: range times error along each axis, and half in height."""
+    one, two = (Report(name, 0.0, place, (Sighting(1, 0.0, 0.0, np.eye(2) * 0.01**2, 0.0),))
+                for name, place in (('a', np.array([0.0, -50.0, 0.0])), ('b', np.array([-50.0, 0.0, 0.0]))))
+    assert position_bound(np.zeros(3), [one, two]) == pytest.approx(math.sqrt(0.25 + 0.25 + 0.125))
+    assert position_bound(np.zeros(3), [one]) == math.inf
+
+
+@pytest.mark.parametrize('seen', [0.0, 1.0])
+def test_error_is_close_to_the_bound(seen):
+    """Two rigs and a drone, in three runs."""
+    errors, bounds = [], []
+    for seed in (11, 12, 13):
+        simulation = cases.two_rigs(seed, seen=seen)
+        arrivals = simulation.arrivals()
+        found = run(OwnTracker(cases.settings_of(simulation)), simulation, arrivals)
+        errors.append(found.rmse(10.0))
+        bounds.append(mean_bound(simulation, arrivals, 10.0))
+    assert np.linalg.norm(errors) < 1.3 * np.linalg.norm(bounds)

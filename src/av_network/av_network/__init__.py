@@ -1,0 +1,1 @@
+"""Several rigs: their tracks to targets with positions."""

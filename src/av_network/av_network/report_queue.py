@@ -1,0 +1,61 @@
+"""Reports in the order of capture, whatever the order of their arrival."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterator
+
+from av_network.report import Report
+
+
+class ReportQueue:
+    """Holds reports back until those that were captured before have arrived, at the longest for a given time.
+
+    Nodes that receive the same reports use them in the same order, and so come to the same tracks.
+
+    Attributes:
+        late: number of reports by rig that arrived too late to be used.
+
+    Parameters:
+        wait (s): longest time from capture to use; reports that arrive later are not used.
+    """
+
+    def __init__(self, wait: float) -> None:
+        self._wait = wait
+        self._heap: list[tuple[float, str, Report]] = []
+        self._newest: dict[str, float] = {}
+        self._released = -math.inf
+        self.late: dict[str, int] = {}
+
+    def put(self, report: Report, captured: float) -> bool:
+        """Add a report; returns False for one that is too late.
+
+        Parameters:
+            report: of a rig.
+            captured (s): its time by the reference clock.
+        """
+        if captured <= self._released or any(entry[:2] == (captured, report.rig) for entry in self._heap):
+            self.late[report.rig] = self.late.get(report.rig, 0) + 1
+            return False
+        heapq.heappush(self._heap, (captured, report.rig, report))
+        self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
+        return True
+
+    def ready(self, now: float) -> Iterator[Report]:
+        """The reports before which none is missing: all rigs that are not silent have sent later ones.
+
+        Parameters:
+            now (s): the reference clock.
+        """
+        awake = [newest for newest in self._newest.values() if now - newest < self._wait]
+        complete = max(min(awake, default=math.inf), now - self._wait)
+        while self._heap and self._heap[0][0] <= complete:
+            self._released, _, report = heapq.heappop(self._heap)
+            yield report
+
+    def reset(self) -> None:
+        """Forget all reports, as after a step of the clock."""
+        self._heap.clear()
+        self._newest.clear()
+        self._released = -math.inf

@@ -1,0 +1,58 @@
+"""Settings of the tracker of a network of rigs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RigSettings:
+    """What is known beforehand of a rig.
+
+    Parameters:
+        name: its namespace, without slashes.
+        heading_sigma (rad): standard deviation of the heading that the rig believes.
+        clock_sigma (s): standard deviation of its clock's offset from the reference clock; 0 for the rig with that clock.
+        position_sigma (m): standard deviation of its position along each axis.
+    """
+
+    name: str
+    heading_sigma: float = math.radians(3.0)
+    clock_sigma: float = 0.05
+    position_sigma: float = 0.1
+
+
+@dataclass(frozen=True)
+class NetworkSettings:
+    """Settings of a `NetworkTracker`.
+
+    Parameters:
+        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each axis.
+        speed_sigma (m/s): prior standard deviation of a target's velocity along each axis.
+        most_distance (m): greatest distance of a target from a rig.
+        rig_manoeuvre (rad^2/s^3): spectral density of the angular acceleration in the rigs' filters, from which the
+            correlation time of their errors follows.
+        heading_drift (rad/sqrt(s)), clock_drift (s/sqrt(s)): random walks of the rigs' headings and clock offsets.
+        sound_speed (m/s): speed of sound.
+        target_density (1/sr): expected number of targets in a solid angle of a rig's sky that are not tracked yet.
+        confirmed: probability of existence from which a candidate becomes a track.
+        least_age (s): for which a candidate is observed before.
+        coast (s): time after which a track without reports has lost half of its probability of existence.
+        most_sigma (m): standard deviation of a position, the largest of any axis, at which a track ends.
+        most_candidates: number of candidates that are examined at a time.
+    """
+
+    manoeuvre: float = 5.0
+    speed_sigma: float = 10.0
+    most_distance: float = 400.0
+    rig_manoeuvre: float = 0.001
+    heading_drift: float = math.radians(0.01)
+    clock_drift: float = 1e-4
+    sound_speed: float = 343.2
+    target_density: float = 0.2
+    confirmed: float = 0.95
+    least_age: float = 1.0
+    coast: float = 8.0
+    most_sigma: float = 15.0
+    most_candidates: int = 60
