@@ -20,7 +20,6 @@ from av_interfaces.msg import AudioFrame, Doa, DoaArray
 UNKNOWN = (math.nan, math.nan, math.nan)  # nothing is known of a sound
 
 if TYPE_CHECKING:    # what computes them takes a while to import
-    from av_audio.drone_classifier import Judgement
     from av_audio.localizer import DoaEstimate
 
 
@@ -48,7 +47,7 @@ def audio_frame(samples: NDArray[np.float32], first_sample: int, sample_rate: in
 
 
 def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float, frame_id: str, window_s: float,
-              method: str, judgements: Sequence[Judgement] = ()) -> DoaArray:
+              method: str, judgements: Sequence[tuple[float, float, float]] = ()) -> DoaArray:
     """The message of one analysis window.
 
     A linear array measures the angle to its axis only: the message holds the axis, and each hypothesis the cosine of the
@@ -62,7 +61,7 @@ def doa_array(estimate: DoaEstimate, microphones: MicrophoneArray, stamp: float,
         frame_id: the array's frame.
         window_s (s): length of the window.
         method: name of the estimator.
-        judgements: what is known of the sound of each source; empty for nothing.
+        judgements: what is known of the sound of each source (see `Judgement`); empty for nothing.
     """
     axis = microphones.basis[:, 0] if microphones.rank == 1 else np.zeros(3)
     message = DoaArray(header=Header(stamp=to_stamp(stamp), frame_id=frame_id), window=window_s, method=method,
