@@ -25,6 +25,8 @@ from std_msgs.msg import Float64
 
 from av_common.node import RigNode
 
+pytestmark = pytest.mark.system
+
 DOMAIN = 96
 
 

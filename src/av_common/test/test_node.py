@@ -20,6 +20,8 @@ from av_common.node import RigNode
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_seconds, to_stamp
 
+pytestmark = pytest.mark.system
+
 
 class Sensor(RigNode):
     """A node whose sensor can be absent."""

@@ -10,6 +10,8 @@ from tf2_msgs.msg import TFMessage
 from av_common.stamps import to_stamp
 from av_common.tf_rotations import TfRotations
 
+pytestmark = pytest.mark.system
+
 BASE, ARRAY, GIMBAL = 'base_link', 'microphones', 'gimbal_link'
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from av_evaluation.processes import MarkedProcesses, name_of, sample
 
+pytestmark = pytest.mark.system
+
 PROGRAM = '''
 import subprocess, sys, threading, time
 kept = bytearray(b'x' * 50_000_000)

@@ -13,6 +13,8 @@ import pytest
 
 from av_fusion import guard
 
+pytestmark = pytest.mark.system
+
 # A launch in miniature: the guard and children that sleep, ignore SIGTERM, or are stopped.
 LAUNCH = """
 import os, signal, subprocess, sys, time

@@ -21,6 +21,8 @@ from av_reports.sapient.connection import LARGEST_RECEIVED, connect, parse_peer
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import SapientStage
 
+pytestmark = pytest.mark.system
+
 LONG_S = 60.0
 
 

@@ -15,6 +15,8 @@ from av_common.node import ParameterError  # noqa: E402
 from av_sim_bridge.nodes.bridge_node import BridgeNode  # noqa: E402
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle  # noqa: E402
 
+pytestmark = pytest.mark.system
+
 
 @pytest.fixture
 def make_node():

@@ -40,6 +40,8 @@ from av_simulator.sound import FormulaSignal, Noise
 from av_simulator.trajectories import Line, Static
 from av_simulator.world import World
 
+pytestmark = pytest.mark.system
+
 CLICK = 2.0       # s, when the drone clicks
 DURATION = 4.0
 

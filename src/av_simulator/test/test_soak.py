@@ -14,6 +14,8 @@ from av_simulator.scenario import load_scenario
 from av_simulator.simulator import Simulator, WireOptions
 from av_simulator.world import World
 
+pytestmark = pytest.mark.system
+
 SECONDS = 8.0    # at the speed of time, since stamps of another speed are not dated
 
 

@@ -17,6 +17,8 @@ from av_view.foxglove_port import FoxglovePort, Shown
 from av_view.picture import Picture
 from av_view.rig_state import RigState
 
+pytestmark = pytest.mark.system
+
 
 def test_a_subscriber_gets_picture_boxes_and_state_and_without_one_nothing_is_made():
     state = RigState()

@@ -18,6 +18,8 @@ from websockets.sync.client import connect
 from av_view.access import Access
 from av_view.server import WRONG_TOKEN_S, ServerSettings, ViewServer
 
+pytestmark = pytest.mark.system
+
 LONG_S = 30.0  # on a busy machine
 
 
