@@ -37,7 +37,7 @@ from av_view.camera_view import CameraView
 from av_view.coherence import Coherence
 from av_view.feed import Feed
 from av_view.foxglove_port import Shown
-from av_view.markers import markers
+from av_view.markers import markers, world_markers
 from av_view.picture import Picture
 from av_view.rig_state import RigState
 from av_view.rows import row_of
@@ -113,7 +113,10 @@ class RigWatch:
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        return markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
+        made = markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
+        if self.shown.snapshot['world'] is not None:
+            made.markers.extend(world_markers(self._state.world.message))
+        return made
 
     def close(self) -> None:
         """End the subscriptions."""
