@@ -1,7 +1,8 @@
 """What the page of a running rig costs, and whether the rig notices: `ros2 run av_view benchmark`.
 
 Prints the processor time of view_node without viewers and with some, what each viewer gets, and beside it the rig's delay from
-a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times.
+a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times. With `--launch ARGUMENTS` it
+starts and ends the rig itself, and prints when the page was up.
 """
 
 from __future__ import annotations
@@ -9,11 +10,17 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
+import signal
+import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from typing import NamedTuple
+from urllib.error import URLError
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import numpy as np
 import psutil
@@ -25,6 +32,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing
 
 SETTLE_S = 3.0
+START_S, END_S = 120.0, 30.0  # longest time for a launch to start and to end
 ENDED_S = 25.0  # until the node has ended its subscriptions: its parameter `linger`, and some
 
 
@@ -106,6 +114,37 @@ def row(viewers: int, phases: list[Phase]) -> str:
             f'{median:9.0f}  {late:7.0f}  {len(delays):8d}')
 
 
+@contextmanager
+def launched(words: Sequence[str], address: str) -> Iterator[None]:
+    """A rig with a page, and a line that says when the page was up. Raises TimeoutError where it does not come.
+
+    Parameters:
+        words: arguments of rig.launch.py.
+        address: of the page.
+    """
+    begin = time.monotonic()
+    rig = subprocess.Popen(['ros2', 'launch', 'av_fusion', 'rig.launch.py', 'view:=true', *words], stdout=subprocess.DEVNULL)
+    try:
+        while not _is_up(address):
+            if time.monotonic() - begin > START_S or rig.poll() is not None:
+                raise TimeoutError(f'no page at {address}')
+            time.sleep(0.02)
+        print(f'the page was up {time.monotonic() - begin:.1f} s after the launch', flush=True)
+        time.sleep(SETTLE_S)
+        yield
+    finally:
+        rig.send_signal(signal.SIGINT)
+        rig.wait(END_S)
+
+
+def _is_up(address: str) -> bool:
+    try:
+        with urlopen(address, timeout=1.0) as answer:
+            return bool(answer.status == 200)
+    except (URLError, OSError):
+        return False
+
+
 def process_at(port: int) -> psutil.Process | None:
     """The process of this machine that listens at a TCP port."""
     found = [connection.pid for connection in psutil.net_connections('tcp')
@@ -113,18 +152,13 @@ def process_at(port: int) -> psutil.Process | None:
     return psutil.Process(found[0]) if found else None
 
 
-def main() -> None:
-    """Print the table. Exits with 1 and a line where no page is served."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
-    parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
-    parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
-    parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
-    parser.add_argument('--rounds', type=int, default=1, help='how often the numbers of viewers take turns')
-    parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
-    options = parser.parse_args()
-    process = process_at(urlsplit(options.address).port or 80)
-    if process is None:
-        sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
+def measure_all(options: argparse.Namespace, process: psutil.Process) -> dict[int, list[Phase]]:
+    """The phases by number of viewers, which take turns.
+
+    Parameters:
+        options: of the command line.
+        process: that of view_node.
+    """
     delays = Delays(f'{options.rig}/target/bearing')
     phases: dict[int, list[Phase]] = {viewers: [] for viewers in options.viewers}
     watched = False
@@ -134,6 +168,24 @@ def main() -> None:
                 time.sleep(ENDED_S)
             watched = viewers > 0
             phases[viewers].append(asyncio.run(measure(options.address, process, viewers, options.seconds, delays)))
+    return phases
+
+
+def main() -> None:
+    """Print the table. Exits with 1 and a line where no page is served."""
+    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
+    parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
+    parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
+    parser.add_argument('--rounds', type=int, default=1, help='how often the numbers of viewers take turns')
+    parser.add_argument('--launch', nargs='*', metavar='ARGUMENT', help='start a rig with these arguments of rig.launch.py')
+    parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
+    options = parser.parse_args()
+    with nullcontext() if options.launch is None else launched(options.launch, options.address):
+        process = process_at(urlsplit(options.address).port or 80)
+        if process is None:
+            sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
+        phases = measure_all(options, process)
     print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     95 %  bearings')
     for viewers, found in phases.items():
         print(row(viewers, found))
