@@ -23,7 +23,7 @@ from websockets.sync.client import connect
 from av_common.node import Executor
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
-from av_interfaces.msg import AzimuthPosterior, Bearing, WorldTrackArray
+from av_interfaces.msg import AudioFrame, AzimuthPosterior, Bearing, FusionState, Track, TrackArray, WorldTrackArray
 from av_interfaces.srv import SelectTarget
 from av_view.nodes.view_node import ViewNode
 from av_vision.messages import image_message
@@ -216,6 +216,27 @@ def test_the_posterior_and_the_map_reach_the_page(rig):
         state = receive(viewer, lambda content: is_state(content) and content['state']['posterior']
                         and content['state']['world'])['state']
         assert state['posterior'] == [0.0, 1.0] and state['world'] == {'tracks': [], 'rigs': []}
+
+
+def test_ten_megabyte_messages_are_shortened_or_refused(rig):
+    """Each of them comes while somebody looks; what viewers are sent stays small, and goes on."""
+    header = Header(stamp=to_stamp(rig.view.now()))
+    large = {'marks': Log(stamp=header.stamp, msg='x' * 10_000_000),
+             'fusion/posterior': AzimuthPosterior(header=header, probability=[0.1] * 2_500_000),
+             'fusion/state': FusionState(header=header, reason='x' * 10_000_000),
+             'targets': TrackArray(header=header, tracks=[Track(id=1, class_id='x' * 10_000_000)]),
+             'audio/frames': AudioFrame(header=header, sample_rate=48_000, channels=2, samples=[0.1] * 2_500_000),
+             'camera/image_raw': image_message(header, np.zeros((1500, 2500, 3), np.uint8)),
+             '/diagnostics': DiagnosticArray(status=[DiagnosticStatus(name='fusion_node: status', message='x' * 10_000_000)])}
+    publishers = [(rig.fusion.create_publisher(type(message), topic, RESULT), message) for topic, message in large.items()]
+    with rig.viewer() as viewer:
+        receive(viewer, is_state)
+        for publisher, message in publishers:
+            publisher.publish(message)
+        receive(viewer, lambda content: is_state(content) and content['state']['marks'])
+        rig.azimuth = -2.0
+        state = receive(viewer, lambda content: is_state(content) and content['state']['bearing']['azimuth'] < 0.0)
+        assert len(json.dumps(state)) < 100_000
 
 
 def test_bags_are_listed_and_only_those_of_the_folder_are_opened(tmp_path):

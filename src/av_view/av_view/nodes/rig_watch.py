@@ -45,7 +45,7 @@ from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
-SPECTRUM_PERIOD_S = 0.25
+SPECTRUM_PERIOD_S, MOST_SAMPLES = 0.25, 100_000
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
 
@@ -153,7 +153,7 @@ class RigWatch:
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
         if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
             since, self._spectrum_time = arrival - self._spectrum_time, arrival
-            samples = np.asarray(message.samples, np.float32)
+            samples = np.asarray(message.samples, np.float32)[:MOST_SAMPLES]
             whole = len(samples) - len(samples) % message.channels
             block = samples[:whole].reshape(-1, message.channels)
             self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),
