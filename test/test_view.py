@@ -15,6 +15,7 @@ from rig_process import RigProcess
 pytest.importorskip('websockets.sync.client', reason='needs websockets 13')
 from websockets.sync.client import connect
 
+from av_bags.reader import Bag
 from av_view.browser import Browser, find_browser
 from av_view.cli.benchmark import process_at
 
@@ -41,7 +42,7 @@ def start(tmp_path, *arguments):
 
 
 def test_the_page_shows_and_controls_a_live_rig(tmp_path):
-    rig, address = start(tmp_path, 'enable_pointing:=false')
+    rig, address = start(tmp_path, 'enable_pointing:=false', f'bags:={tmp_path}/bags')
     it_costs_little_to_be_up()
     listener = RigListener(rig.domain)
     try:
@@ -51,6 +52,7 @@ def test_the_page_shows_and_controls_a_live_rig(tmp_path):
             it_moves(browser)
             it_agrees_with_the_topics(browser, listener)
             it_controls_with_the_token(browser, listener)
+            it_records(browser, tmp_path / 'bags')
             a_stalled_viewer_does_no_harm(browser)
             asked = {urlsplit(request.removeprefix('blob:')).netloc for request in browser.requests}
             assert asked == {f'127.0.0.1:{PORT}'}, browser.requests
@@ -140,6 +142,22 @@ def it_controls_with_the_token(browser, listener):
     browser.value('$("enable").click()')
     assert listener.wait_for(lambda: enabled() == 'False')
     it_marks(browser)
+
+
+def it_records(browser, folder):
+    """Start and stop, with a mark between; what the page says is in the bag."""
+    for words in ('Stop recording', 'Start recording'):
+        assert browser.wait_for('!$("record").hidden && !$("record").disabled')
+        browser.value('$("record").click()')
+        assert browser.wait_for(f'$("record").textContent === "{words}"'), browser.value('$("answer").textContent')
+        if words.startswith('Stop'):
+            assert browser.wait_for('valueOf("recorder_node", "/target/bearing messages") > 5')
+            browser.value('$("mark-text").value = "now", $("mark").requestSubmit()')
+            assert browser.wait_for('valueOf("recorder_node", "/marks messages") > 0')
+    (file,) = folder.glob('*.mcap')
+    with Bag(file) as bag:
+        marks = [bag.decode(topic, data).msg for topic, _, data in bag.messages(['/marks'])]
+    assert marks == ['now']
 
 
 def it_marks(browser):

@@ -78,11 +78,11 @@ def judge_px4(messages: bool, agent: bool, running: bool, topics: Collection[str
         found = [Finding('px4', 'error', 'the agent does not run', 'MicroXRCEAgent udp4 -p 8888, or for a serial link: '
                          'MicroXRCEAgent serial --dev /dev/ttyUSB0 -b 921600')]
     else:
-        found = [Finding('px4', 'error', 'no agent of uXRCE-DDS is installed', 'sudo snap install micro-xrce-dds-agent --edge, or '
-                         'build https://github.com/eProsima/Micro-XRCE-DDS-Agent')]
+        found = [Finding('px4', 'error', 'no agent of uXRCE-DDS is installed', 'sudo snap install micro-xrce-dds-agent '
+                         '--edge, or build https://github.com/eProsima/Micro-XRCE-DDS-Agent')]
     if not messages:
-        found.insert(0, Finding('px4', 'error', 'px4_msgs is not installed', 'clone https://github.com/PX4/px4_msgs, the branch of '
-                                'your firmware, into src, and make build'))
+        found.insert(0, Finding('px4', 'error', 'px4_msgs is not installed', 'clone https://github.com/PX4/px4_msgs, the '
+                                'branch of your firmware, into src, and make build'))
     return found
 
 

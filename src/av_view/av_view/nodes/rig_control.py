@@ -49,6 +49,9 @@ def _transition(values: dict[str, Any]) -> ChangeState.Request:
     return ChangeState.Request(transition=Transition(id=change))
 
 
+CONFIGURE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
+
+
 class _Service(NamedTuple):
     """A service of the rig: its name in the rig's namespace, its type, and its request from the values of the viewer's."""
 
@@ -144,8 +147,15 @@ class RigControl:
         client = self._clients[service]
         if not client.service_is_ready():
             raise ValueError(f'{service} is not offered at the moment: try again')
-        client.call_async(wanted).add_done_callback(lambda future: done(
-            {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+
+        def call(_: Any = None) -> None:
+            client.call_async(wanted).add_done_callback(lambda future: done(
+                {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+
+        if kind is ChangeState:  # a recorder may wait unconfigured; one that does not refuses this and is left as it is
+            client.call_async(CONFIGURE).add_done_callback(call)
+        else:
+            call()
 
     def _mark(self, rig: str, text: str, done: Done) -> None:
         """Publish a mark with the time of the rig's clock."""
