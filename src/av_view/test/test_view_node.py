@@ -21,6 +21,7 @@ pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from websockets.sync.client import connect
 
 from av_common.node import Executor
+from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, AzimuthPosterior, Bearing, FusionState, Track, TrackArray, WorldTrackArray
@@ -265,11 +266,12 @@ def test_parameters_are_described_and_set_within_their_bounds(rig):
     rig.node.declare_parameter('gain', 1.0, rclpy.node.ParameterDescriptor(
         description='how much', floating_point_range=[rclpy.node.FloatingPointRange(from_value=0.0, to_value=2.0)]))
     rig.node.declare_parameter('fixed', 1, rclpy.node.ParameterDescriptor(read_only=True))
+    rig.node.declare_parameter('later', 1, rclpy.node.ParameterDescriptor(additional_constraints=WHEN_CONFIGURED))
     with rig.viewer() as viewer:
         assert wait_for(lambda: ask(viewer, rig, do='parameters', node='/pointing_node')['done'])
         found = {one['name']: one for one in ask(viewer, rig, do='parameters', node='/pointing_node')['parameters']}
         assert found['gain'] == {'name': 'gain', 'value': 1.0, 'bounds': [0.0, 2.0], 'words': 'how much', 'constraints': ''}
-        assert 'fixed' not in found
+        assert not {'fixed', 'later'} & set(found)
         assert ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=2)['done']
         assert rig.node.get_parameter('gain').value == 2.0
         for value in (3.0, 'much', None, [1.0], 10**400):

@@ -18,6 +18,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
+from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
 from av_view.bag_folder import BagFolder
@@ -178,7 +179,7 @@ class RigControl:
 
         def described(names: list[str], descriptors: list[ParameterDescriptor]) -> None:
             kept = [(name, one) for name, one in zip(names, descriptors, strict=True)
-                    if not one.read_only and one.type in KINDS]
+                    if not one.read_only and one.type in KINDS and one.additional_constraints != WHEN_CONFIGURED]
             client.get_parameters([name for name, _ in kept]).add_done_callback(lambda future: done(
                 {'done': True, 'words': '', 'parameters': [
                     _entry(name, descriptor, parameter_value_to_python(value))
