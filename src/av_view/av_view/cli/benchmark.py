@@ -10,17 +10,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack
 from typing import NamedTuple
-from urllib.error import URLError
 from urllib.parse import urlsplit
-from urllib.request import urlopen
 
 import numpy as np
 import psutil
@@ -30,9 +25,9 @@ from websockets.asyncio.client import connect
 from av_common.qos import RESULT
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing
+from av_view.launched_rig import launched_rig
 
 SETTLE_S = 3.0
-START_S, END_S = 120.0, 30.0  # longest time for a launch to start and to end
 ENDED_S = 25.0  # until the node has ended its subscriptions: its parameter `linger`, and some
 
 
@@ -114,37 +109,6 @@ def row(viewers: int, phases: list[Phase]) -> str:
             f'{median:9.0f}  {late:7.0f}  {len(delays):8d}')
 
 
-@contextmanager
-def launched(words: Sequence[str], address: str) -> Iterator[None]:
-    """A rig with a page, and a line that says when the page was up. Raises TimeoutError where it does not come.
-
-    Parameters:
-        words: arguments of rig.launch.py.
-        address: of the page.
-    """
-    begin = time.monotonic()
-    rig = subprocess.Popen(['ros2', 'launch', 'av_fusion', 'rig.launch.py', 'view:=true', *words], stdout=subprocess.DEVNULL)
-    try:
-        while not _is_up(address):
-            if time.monotonic() - begin > START_S or rig.poll() is not None:
-                raise TimeoutError(f'no page at {address}')
-            time.sleep(0.02)
-        print(f'the page was up {time.monotonic() - begin:.1f} s after the launch', flush=True)
-        time.sleep(SETTLE_S)
-        yield
-    finally:
-        rig.send_signal(signal.SIGINT)
-        rig.wait(END_S)
-
-
-def _is_up(address: str) -> bool:
-    try:
-        with urlopen(address, timeout=1.0) as answer:
-            return bool(answer.status == 200)
-    except (URLError, OSError):
-        return False
-
-
 def process_at(port: int) -> psutil.Process | None:
     """The process of this machine that listens at a TCP port."""
     found = [connection.pid for connection in psutil.net_connections('tcp')
@@ -181,7 +145,11 @@ def main() -> None:
     parser.add_argument('--launch', nargs='*', metavar='ARGUMENT', help='start a rig with these arguments of rig.launch.py')
     parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
     options = parser.parse_args()
-    with nullcontext() if options.launch is None else launched(options.launch, options.address):
+    with ExitStack() as stack:
+        if options.launch is not None:
+            after = stack.enter_context(launched_rig(options.launch, options.address))
+            print(f'the page was up {after:.1f} s after the launch', flush=True)
+            time.sleep(SETTLE_S)
         process = process_at(urlsplit(options.address).port or 80)
         if process is None:
             sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
