@@ -39,7 +39,7 @@ class Delays:
     """
 
     def __init__(self, topic: str) -> None:
-        rclpy.init()
+        rclpy.init(args=[])
         self._node = rclpy.create_node('view_benchmark')
         self._node.create_subscription(Bearing, topic, self._on_bearing, RESULT)
         self._measured = 0.0
@@ -146,13 +146,15 @@ def main() -> None:
     parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
     options = parser.parse_args()
     with ExitStack() as stack:
-        if options.launch is not None:
-            after = stack.enter_context(launched_rig(options.launch, options.address))
-            print(f'the page was up {after:.1f} s after the launch', flush=True)
-            time.sleep(SETTLE_S)
+        after = None if options.launch is None else stack.enter_context(launched_rig(options.launch, options.address))
         process = process_at(urlsplit(options.address).port or 80)
         if process is None:
             sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
+        if after is not None:
+            own, spent = time.time() - process.create_time(), sum(process.cpu_times()[:2])
+            print(f'the page was up {after:.1f} s after the launch, {own:.1f} s after its process began, by {spent:.1f} s of a '
+                  'processor', flush=True)
+            time.sleep(SETTLE_S)
         phases = measure_all(options, process)
     print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     95 %  bearings')
     for viewers, found in phases.items():
