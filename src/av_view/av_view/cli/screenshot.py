@@ -22,6 +22,8 @@ def main() -> None:
     parser.add_argument('--light', action='store_true', help='light instead of dark')
     parser.add_argument('--rig', default='', help='namespace of the rig to show')
     parser.add_argument('--after', type=float, default=10.0, help='time to watch before (s)')
+    parser.add_argument('--when', default='true', metavar='EXPRESSION',
+                        help='JavaScript to wait for after that, such as state.sight?.boxes.length')
     parser.add_argument('--whole', action='store_true', help='also what is below the window')
     parser.add_argument('--launch', nargs='*', metavar='ARGUMENT',
                         help='start a rig, as `ros2 launch av_fusion rig.launch.py ARGUMENTS`; another launch file goes before')
@@ -40,5 +42,6 @@ def main() -> None:
         if options.rig:
             browser.value(f'$("rigs").value = {options.rig!r}, $("rigs").onchange()')
         time.sleep(options.after)
+        browser.wait_for(options.when, START_S)
         browser.screenshot(options.out, options.whole)
     print(options.out)
