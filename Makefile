@@ -27,7 +27,7 @@ build:
 	$(ENV) && colcon build --symlink-install
 
 demo: build
-	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO) $(if $(VIEW),view:=true view_control:=true)
+	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO) $(if $(VIEW),view:=true view_control:=true bags:=results/bags)
 
 test: build
 	python3 tools/ros_env/prerequisites.py

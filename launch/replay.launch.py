@@ -29,7 +29,6 @@ from av_fusion.launching import (
 BAG_TIME = {'use_sim_time': True}
 ARGUMENTS = {
     'bag': (None, 'the recording: a file or a folder, mcap or sqlite3 (.db3)', None),
-    'bags': ('', 'folder whose other bags the page may open; it then waits at the end of each', None),
     'only': ('raw', 'the stage that is played; later stages are computed', ['raw', 'doa', 'bearing', 'all']),
     'rate': ('1.0', 'speed of the player, relative to the recording', None),
     'start': ('0.0', 'time after the start of the bag at which playing starts (s)', None),
@@ -75,9 +74,9 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     if names.FRAMES not in found or names.GIMBAL in found:  # which makes the gimbal's transforms
         frames = {'rig_file': arguments['rig'], 'model': False, **BAG_TIME}
         others.append(rig_node(arguments, 'av_fusion', 'rig_frames_node', frames))
-    receivers += recorder_nodes(arguments, BAG_TIME)
+    receivers += recorder_nodes({**arguments, 'bags': ''}, BAG_TIME)
     player = player_node(arguments, [node.node_executable for node in receivers])
-    processes = [*others, *receivers, *view_nodes(arguments, {'bags': arguments['bags'], **BAG_TIME}), player]
+    processes = [*others, *receivers, *view_nodes(arguments, BAG_TIME), player]
     return [*ends_with(player, processes), *processes]
 
 

@@ -18,7 +18,10 @@ from av_common.parameter_rules import (
     check_value,
 )
 
-__all__ = ('ParameterNode',)
+__all__ = ('WHEN_CONFIGURED', 'ParameterNode')
+
+# What additional_constraints of a parameter say that has no effect at run time.
+WHEN_CONFIGURED = 'takes effect when the node is configured'
 
 
 class ParameterNode(GuardedNode):
@@ -76,6 +79,8 @@ class ParameterNode(GuardedNode):
             self.describe_parameter(name).read_only = True
         for parameter in self.get_parameters(list(self.list_parameters([], 0).names)):
             check_value(parameter.name, parameter.value)
+            if parameter.name not in self.RUNTIME_PARAMETERS:
+                self.describe_parameter(parameter.name).additional_constraints = WHEN_CONFIGURED
         if self._parameter_listener is not None:
             check_together(self.check_parameters, self.settings)
             self.remove_on_set_parameters_callback(self._parameter_listener.update)
@@ -89,8 +94,7 @@ class ParameterNode(GuardedNode):
             for change in changes:
                 check_value(change.name, change.value)
                 if change.name not in self.RUNTIME_PARAMETERS and self._is_configured:
-                    raise ParameterError(f'{change.name} takes effect when the node is configured: deactivate it and clean it '
-                                         'up before')
+                    raise ParameterError(f'{change.name} {WHEN_CONFIGURED}: deactivate it and clean it up before')
             if listener is not None:
                 result = listener.update(changes)
                 if not result.successful:

@@ -38,6 +38,7 @@ from av_fusion.security.keystore import check_enclave
 from av_fusion.supervision import RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
+BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
 MONITOR_PACKAGE, VIEW_PACKAGE = 'av_evaluation', 'av_view'
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
@@ -52,6 +53,7 @@ RIG_ARGUMENTS: Declarations = {
                 ['auto', 'true', 'false']),
     'out': ('', 'folder for the table, the plot and the data of the run, needs the monitor; empty: none', None),
     'record': ('', 'record the topics to this bag (mcap), needs av_bags; empty: no bag', None),
+    'bags': ('', 'folder of recordings that the page begins and opens, with view_control', None),
     'view': ('false', f'show the rig in browsers: print the address of a page, needs {VIEW_PACKAGE}', ['true', 'false']),
     'view_control': ('false', 'the page may also control the rig, with the token in the printed address', ['true', 'false']),
     'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
@@ -217,16 +219,18 @@ def detector_node(arguments: Arguments, parameters: dict) -> Node:
 
 
 def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
-    """The recorder, or an empty list without `record`. Raises MissingPackageError.
+    """The recorder; with `bags` alone it waits until the page starts it. Empty without both. Raises MissingPackageError.
 
     Parameters:
         arguments: values of the launch arguments.
         parameters: parameters that this launch sets.
     """
-    if not arguments['record']:
+    record, bags = arguments['record'], arguments['bags']
+    if not record and not bags:
         return []
-    require(f'record:={arguments["record"]}', 'av_bags')
-    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': arguments['record'], **parameters})]
+    require(f'record:={record}' if record else f'bags:={bags}', 'av_bags')
+    path = record or str(Path(bags) / BAG_NAME)
+    return [rig_node(arguments, 'av_bags', 'recorder_node', {'path': path, 'autostart': bool(record), **parameters})]
 
 
 def view_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
@@ -239,7 +243,7 @@ def view_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     if arguments['view'] != 'true':
         return []
     require('view:=true', VIEW_PACKAGE)
-    control = {'view_control': arguments['view_control'] == 'true'}
+    control = {'view_control': arguments['view_control'] == 'true', 'bags': arguments['bags']}
     return [rig_node(arguments, VIEW_PACKAGE, 'view_node', {**control, **parameters}, output='screen')]
 
 

@@ -6,7 +6,8 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('.*', r'has been silent',
      'The process has ended or hangs. `ros2 launch` starts it again within a second; if it does not, look at its last lines '
      'in ~/.ros/log.'),
-    ('.*', r'^not active', 'The node is inactive: `ros2 lifecycle set NODE activate`.'),
+    ('recorder_node', r'^not active', 'It waits for the button, or for `ros2 lifecycle set NODE configure` and `activate`.'),
+    ('(?!recorder_node).*', r'^not active', 'The node is inactive: `ros2 lifecycle set NODE activate`.'),
     ('.*', r'stamps from the future|stamps? .*expected', 'Two clocks differ: run `chronyc tracking` on each machine; '
      'for simulators see docs/reference/clocks.md.'),
     ('.*', r' refused: ', 'Something sends messages that cannot be used: the name before "refused" is the topic or service.'),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any, NamedTuple
 
+from av_view.optional_package import load_optional
 from av_view.picture import Picture
 
 GREEN, BLUE = (0.31, 0.86, 0.24, 1.0), (0.43, 0.7, 0.95, 1.0)  # of detections, of the bearing
 LINE, FONT = 2.0, 16.0  # pixels
+MODULES = ('foxglove', 'foxglove.channels', 'foxglove.messages')
 
 
 class Shown(NamedTuple):
@@ -21,16 +22,6 @@ class Shown(NamedTuple):
 
     snapshot: dict[str, Any]
     picture: Picture | None
-
-
-def load_foxglove() -> ModuleType:
-    """The module foxglove. Raises ImportError that names what to install."""
-    try:
-        import foxglove.channels
-        import foxglove.messages
-    except ImportError as error:
-        raise ImportError(f'foxglove_port needs the Python package foxglove-sdk: pip install foxglove-sdk ({error})') from error
-    return foxglove
 
 
 class FoxglovePort:
@@ -47,7 +38,7 @@ class FoxglovePort:
     """
 
     def __init__(self, host: str, port: int) -> None:
-        self._foxglove = foxglove = load_foxglove()
+        self._foxglove = foxglove = load_optional(MODULES, 'foxglove-sdk', 'foxglove_port')
         self._context = context = foxglove.Context()  # ends its channels when it goes
         self._server = foxglove.start_server(name='rig', host=host, port=port, context=context)
         self.port = int(self._server.port)

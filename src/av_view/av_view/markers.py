@@ -11,6 +11,7 @@ import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import ColorRGBA, Header
+from transforms3d.quaternions import mat2quat
 from visualization_msgs.msg import Marker, MarkerArray
 
 from av_common.angles import angles_to_direction
@@ -18,6 +19,7 @@ from av_fusion.measurement.measurements import Cone, DoaMeasurement
 
 REACH = 10.0  # m, length of directions whose range is unknown
 STEPS = 48  # points of a circle
+WORLD_ID = 1 << 20  # after the ids of all others
 COLORS = {'sight': (0.1, 0.7, 0.3), 'sound': (0.95, 0.6, 0.1), 'coasting': (0.5, 0.55, 0.6), 'truth': (0.65, 0.4, 0.85),
           'track': (0.2, 0.55, 0.9)}
 
@@ -38,6 +40,27 @@ def markers(snapshot: dict[str, Any], sound: Sequence[DoaMeasurement], frame: st
         marker.header, marker.id = Header(frame_id=frame), number
         marker.pose.orientation.w = 1.0
     return MarkerArray(markers=made)
+
+
+def world_markers(message: Any) -> Iterable[Marker]:
+    """The ellipsoids of one standard deviation of positions, in their common frame; ids begin at WORLD_ID.
+
+    Parameters:
+        message: a `WorldTrackArray`.
+    """
+    for track in message.tracks:
+        covariance = np.asarray(track.position_covariance, float).reshape(3, 3)
+        center = np.array([track.position.x, track.position.y, track.position.z])
+        if track.positioned and np.isfinite(covariance).all() and np.isfinite(center).all():
+            variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
+            axes[:, 0] *= np.linalg.det(axes)  # a rotation, no reflection
+            marker = _shape('ellipsoids', Marker.SPHERE, [], COLORS['track'], 0.0, 0.5)
+            marker.header, marker.id = Header(frame_id=message.header.frame_id), WORLD_ID + int(track.id) % WORLD_ID
+            marker.pose.position = _point(center)
+            orientation = marker.pose.orientation
+            orientation.w, orientation.x, orientation.y, orientation.z = map(float, mat2quat(axes))
+            marker.scale = Vector3(**dict(zip('xyz', map(float, 2.0 * np.sqrt(np.maximum(variances, 0.0))), strict=True)))
+            yield marker
 
 
 def _bearing(bearing: dict[str, Any] | None) -> Iterable[Marker]:

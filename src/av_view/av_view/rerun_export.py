@@ -15,21 +15,13 @@ from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_common.angles import angles_to_direction
+from av_view.optional_package import load_optional
 from av_view.picture import Picture
 from av_vision.messages import image_from_message
 
 REACH_M = 10.0  # length of directions whose range is unknown
 BLUE, ORANGE, GREEN, PURPLE = (109, 179, 242), (242, 163, 60), (80, 220, 60), (199, 155, 232)
 PICTURE, ABOVE = 'camera/picture', 'rig'  # paths of entities
-
-
-def load_rerun() -> ModuleType:
-    """The module rerun. Raises ImportError that names what to install."""
-    try:
-        import rerun
-    except ImportError as error:
-        raise ImportError(f'this needs the Python package rerun-sdk: pip install rerun-sdk ({error})') from error
-    return rerun
 
 
 class RerunExport:
@@ -145,7 +137,7 @@ def export(path: Path, file: Path, namespace: str = '') -> tuple[dict[str, int],
 
     Raises ImportError without `rerun-sdk`, BagError or OSError.
     """
-    rerun, counts = load_rerun(), dict[str, int]()
+    rerun, counts = load_optional(['rerun'], 'rerun-sdk', 'bag_to_rerun'), dict[str, int]()
     with Bag(path) as bag:
         recorder = RerunExport(rerun, file)
         found = find_topics(bag, recorder.topics, namespace=namespace)

@@ -24,6 +24,11 @@ class WorldMap:
         to_seconds(message.header.stamp)
         self._message = message
 
+    @property
+    def message(self) -> Any:
+        """The newest message; None before the first."""
+        return self._message
+
     def part(self, now: float) -> dict[str, Any] | None:
         """The tracks and rigs at `now` (s); None without recent ones."""
         message = self._message

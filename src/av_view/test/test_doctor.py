@@ -18,7 +18,7 @@ from av_view.doctor import program
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding
-from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_sound
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
@@ -126,6 +126,14 @@ def test_the_middleware():
         (finding,) = judge_middleware(good | change, 8_000_000)
         assert finding.level != 'ok' and finding.remedy.startswith('export')
     assert levels(judge_middleware(good, 212_992)) == ['warning']
+
+
+@pytest.mark.parametrize(('facts', 'words'), [
+    ((True, True, True, ['/left/fmu/out/vehicle_status']), ''), ((True, True, True, ['/rosout']), 'nothing comes'),
+    ((True, True, False, []), 'does not run'), ((True, False, False, []), 'no agent'), ((False, True, True, []), 'px4_msgs')])
+def test_the_link_to_px4(facts, words):
+    found = judge_px4(*facts)
+    assert levels(found) == ['ok'] if not words else any(words in one.words and one.remedy for one in found), found
 
 
 def test_the_shipped_files_agree():

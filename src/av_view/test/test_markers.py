@@ -6,12 +6,15 @@ import math
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point
+from scipy.spatial.transform import Rotation
+from std_msgs.msg import Header
 from view_messages import CAMERA, NOW, bearing, heard, pose
 from visualization_msgs.msg import Marker
 
 from av_fusion.measurement.measurements import Cone, DoaMeasurement
-from av_interfaces.msg import Track, TrackArray
-from av_view.markers import REACH, markers
+from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
+from av_view.markers import REACH, markers, world_markers
 from av_view.rig_state import RigState
 
 
@@ -60,3 +63,15 @@ def test_truth_and_tracks_are_where_they_are():
     assert points(named(made, 'truth')[0])[0] == pytest.approx([20.0, 0.0, 0.0], abs=0.05)
     assert points(named(made, 'tracks')[0])[1] == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
     assert named(made, 'names')[0].text == '#3 drone' and len(named(made, 'sound')) == 2
+
+
+def test_an_ellipsoid_has_the_covariance_of_the_position():
+    turn = Rotation.from_euler('xyz', (0.3, -0.5, 1.2))
+    covariance = turn.as_matrix() @ np.diag([9.0, 1.0, 0.25]) @ turn.as_matrix().T
+    known = WorldTrack(id=5, position=Point(x=1.0, y=2.0, z=3.0), position_covariance=covariance.ravel(), positioned=True)
+    unknown = WorldTrack(id=6, position_covariance=[math.nan] * 9, positioned=True)
+    (marker,) = world_markers(WorldTrackArray(header=Header(frame_id='map'), tracks=[known, unknown, WorldTrack(id=7)]))
+    q, half = marker.pose.orientation, 0.5 * np.array([marker.scale.x, marker.scale.y, marker.scale.z])
+    axes = Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix()
+    assert axes @ np.diag(half**2) @ axes.T == pytest.approx(covariance, abs=1e-6)
+    assert (marker.pose.position.x, marker.header.frame_id, marker.type) == (1.0, 'map', Marker.SPHERE)

@@ -21,9 +21,10 @@ pytest.importorskip('websockets.asyncio.server', reason='needs websockets 13')
 from websockets.sync.client import connect
 
 from av_common.node import Executor
+from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
-from av_interfaces.msg import AzimuthPosterior, Bearing, WorldTrackArray
+from av_interfaces.msg import AudioFrame, AzimuthPosterior, Bearing, FusionState, Track, TrackArray, WorldTrackArray
 from av_interfaces.srv import SelectTarget
 from av_view.nodes.view_node import ViewNode
 from av_vision.messages import image_message
@@ -202,7 +203,7 @@ def test_marks_are_published_and_shown(rig):
     rig.node.create_subscription(Log, 'marks', heard.append, RESULT)
     with rig.viewer() as viewer:
         receive(viewer, is_state)
-        assert wait_for(lambda: rig.node.count_publishers('/marks') == 1)
+        assert wait_for(lambda: rig.node.count_publishers('/marks')), rig.view.refused.counts
         assert ask(viewer, rig, do='mark', value='no', token='')['done'] is False
         assert ask(viewer, rig, do='mark', value='  gust ' + 'x' * 1000)['done']
         assert wait_for(lambda: heard) and heard[0].msg.startswith('gust x') and len(heard) == 1
@@ -216,6 +217,27 @@ def test_the_posterior_and_the_map_reach_the_page(rig):
         state = receive(viewer, lambda content: is_state(content) and content['state']['posterior']
                         and content['state']['world'])['state']
         assert state['posterior'] == [0.0, 1.0] and state['world'] == {'tracks': [], 'rigs': []}
+
+
+def test_ten_megabyte_messages_are_shortened_or_refused(rig):
+    """Each of them comes while somebody looks; what viewers are sent stays small, and goes on."""
+    header = Header(stamp=to_stamp(rig.view.now()))
+    large = {'marks': Log(stamp=header.stamp, msg='x' * 10_000_000),
+             'fusion/posterior': AzimuthPosterior(header=header, probability=[0.1] * 2_500_000),
+             'fusion/state': FusionState(header=header, reason='x' * 10_000_000),
+             'targets': TrackArray(header=header, tracks=[Track(id=1, class_id='x' * 10_000_000)]),
+             'audio/frames': AudioFrame(header=header, sample_rate=48_000, channels=2, samples=[0.1] * 2_500_000),
+             'camera/image_raw': image_message(header, np.zeros((1500, 2500, 3), np.uint8)),
+             '/diagnostics': DiagnosticArray(status=[DiagnosticStatus(name='fusion_node: status', message='x' * 10_000_000)])}
+    publishers = [(rig.fusion.create_publisher(type(message), topic, RESULT), message) for topic, message in large.items()]
+    with rig.viewer() as viewer:
+        receive(viewer, is_state)
+        for publisher, message in publishers:
+            publisher.publish(message)
+        assert wait_for(lambda: {'marks', 'fusion/state', 'targets', '/diagnostics'} <= set(rig.view.refused.counts))
+        rig.azimuth = -2.0
+        state = receive(viewer, lambda content: is_state(content) and content['state']['bearing']['azimuth'] < 0.0)
+        assert len(json.dumps(state)) < 100_000
 
 
 def test_bags_are_listed_and_only_those_of_the_folder_are_opened(tmp_path):
@@ -244,11 +266,12 @@ def test_parameters_are_described_and_set_within_their_bounds(rig):
     rig.node.declare_parameter('gain', 1.0, rclpy.node.ParameterDescriptor(
         description='how much', floating_point_range=[rclpy.node.FloatingPointRange(from_value=0.0, to_value=2.0)]))
     rig.node.declare_parameter('fixed', 1, rclpy.node.ParameterDescriptor(read_only=True))
+    rig.node.declare_parameter('later', 1, rclpy.node.ParameterDescriptor(additional_constraints=WHEN_CONFIGURED))
     with rig.viewer() as viewer:
         assert wait_for(lambda: ask(viewer, rig, do='parameters', node='/pointing_node')['done'])
         found = {one['name']: one for one in ask(viewer, rig, do='parameters', node='/pointing_node')['parameters']}
         assert found['gain'] == {'name': 'gain', 'value': 1.0, 'bounds': [0.0, 2.0], 'words': 'how much', 'constraints': ''}
-        assert 'fixed' not in found
+        assert not {'fixed', 'later'} & set(found)
         assert ask(viewer, rig, do='set', node='/pointing_node', name='gain', value=2)['done']
         assert rig.node.get_parameter('gain').value == 2.0
         for value in (3.0, 'much', None, [1.0], 10**400):

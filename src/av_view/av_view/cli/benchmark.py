@@ -1,7 +1,8 @@
 """What the page of a running rig costs, and whether the rig notices: `ros2 run av_view benchmark`.
 
 Prints the processor time of view_node without viewers and with some, what each viewer gets, and beside it the rig's delay from
-a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times.
+a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times. With `--launch ARGUMENTS` it
+starts and ends the rig itself, and prints when the page was up.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -23,6 +25,7 @@ from websockets.asyncio.client import connect
 from av_common.qos import RESULT
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing
+from av_view.launched_rig import launched_rig
 
 SETTLE_S = 3.0
 ENDED_S = 25.0  # until the node has ended its subscriptions: its parameter `linger`, and some
@@ -36,7 +39,7 @@ class Delays:
     """
 
     def __init__(self, topic: str) -> None:
-        rclpy.init()
+        rclpy.init(args=[])
         self._node = rclpy.create_node('view_benchmark')
         self._node.create_subscription(Bearing, topic, self._on_bearing, RESULT)
         self._measured = 0.0
@@ -113,18 +116,13 @@ def process_at(port: int) -> psutil.Process | None:
     return psutil.Process(found[0]) if found else None
 
 
-def main() -> None:
-    """Print the table. Exits with 1 and a line where no page is served."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
-    parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
-    parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
-    parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
-    parser.add_argument('--rounds', type=int, default=1, help='how often the numbers of viewers take turns')
-    parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
-    options = parser.parse_args()
-    process = process_at(urlsplit(options.address).port or 80)
-    if process is None:
-        sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
+def measure_all(options: argparse.Namespace, process: psutil.Process) -> dict[int, list[Phase]]:
+    """The phases by number of viewers, which take turns.
+
+    Parameters:
+        options: of the command line.
+        process: that of view_node.
+    """
     delays = Delays(f'{options.rig}/target/bearing')
     phases: dict[int, list[Phase]] = {viewers: [] for viewers in options.viewers}
     watched = False
@@ -134,6 +132,30 @@ def main() -> None:
                 time.sleep(ENDED_S)
             watched = viewers > 0
             phases[viewers].append(asyncio.run(measure(options.address, process, viewers, options.seconds, delays)))
+    return phases
+
+
+def main() -> None:
+    """Print the table. Exits with 1 and a line where no page is served."""
+    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
+    parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
+    parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
+    parser.add_argument('--rounds', type=int, default=1, help='how often the numbers of viewers take turns')
+    parser.add_argument('--launch', nargs='*', metavar='ARGUMENT', help='start a rig with these arguments of rig.launch.py')
+    parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
+    options = parser.parse_args()
+    with ExitStack() as stack:
+        after = None if options.launch is None else stack.enter_context(launched_rig(options.launch, options.address))
+        process = process_at(urlsplit(options.address).port or 80)
+        if process is None:
+            sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
+        if after is not None:
+            own, spent = time.time() - process.create_time(), sum(process.cpu_times()[:2])
+            print(f'the page was up {after:.1f} s after the launch, {own:.1f} s after its process began, by {spent:.1f} s of a '
+                  'processor', flush=True)
+            time.sleep(SETTLE_S)
+        phases = measure_all(options, process)
     print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     95 %  bearings')
     for viewers, found in phases.items():
         print(row(viewers, found))

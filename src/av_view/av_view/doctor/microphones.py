@@ -114,7 +114,7 @@ def _misfit(arrivals: NDArray, expected: NDArray) -> float:
 
 def _remedy(problem: str) -> str:
     if re.search('identical', problem):
-        return 'choose other channels of audio_node; `arecord -l` and `ros2 run av_view doctor --list` show what there is'
+        return 'choose other channels of audio_node; `ros2 run av_view doctor --only devices` shows what there is'
     if re.search('clips', problem):
         return 'lower the gain: alsamixer'
     return 'look at the plug and the gain of this channel: alsamixer'

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from av_audio.device_process import load_sounddevice
@@ -22,7 +23,7 @@ from av_common.rig import Rig
 from av_view.doctor.camera_modes import Mode, judge_modes, modes_of_realsense, modes_of_v4l2
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.finding import Finding
-from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware
+from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
 from av_view.doctor.microphones import judge_clap, judge_sound
 from av_vision.models import shipped_model
 from av_vision.sources.capture import SourceError
@@ -31,6 +32,7 @@ from av_vision.sources.v4l2 import DeviceSource as Camera
 from av_vision.yolo import Detector
 
 KEPT_IMAGES = 10
+AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
 ROUNDS = 7
 WARM_UP_S = 0.6  # that the source itself leaves out
 
@@ -166,15 +168,14 @@ def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:
 
 
 def px4() -> list[Finding]:
-    """What a link to PX4 needs on this machine."""
-    found = []
-    if importlib.util.find_spec('px4_msgs') is None:
-        found.append(Finding('px4', 'error', 'px4_msgs is not installed',
-                             'clone https://github.com/PX4/px4_msgs, the branch of your firmware, into src, and make build'))
-    if not any(map(shutil.which, ('MicroXRCEAgent', 'micro-xrce-dds-agent'))):
-        found.append(Finding('px4', 'error', 'no agent of uXRCE-DDS is installed', 'sudo snap install micro-xrce-dds-agent '
-                             '--edge, or build https://github.com/eProsima/Micro-XRCE-DDS-Agent'))
-    return found or [Finding('px4', 'ok', 'px4_msgs and the agent are installed; next: docs/guides/px4.md')]
+    """The link to PX4."""
+    running = any(process.info['name'] in AGENTS for process in psutil.process_iter(['name']))
+    command = ['ros2', 'topic', 'list', '--no-daemon', '--spin-time', '3']
+    try:
+        topics = subprocess.run(command, capture_output=True, text=True, timeout=30.0, check=False).stdout.split()
+    except (OSError, subprocess.TimeoutExpired):
+        topics = []
+    return judge_px4(importlib.util.find_spec('px4_msgs') is not None, any(map(shutil.which, AGENTS)), running, topics)
 
 
 def _detector(rate: float) -> Finding:

@@ -18,6 +18,7 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
+from av_common.parameter_node import WHEN_CONFIGURED
 from av_common.qos import RESULT
 from av_interfaces.srv import SelectTarget
 from av_view.bag_folder import BagFolder
@@ -47,6 +48,9 @@ def _identifier(values: dict[str, Any]) -> int:
 def _transition(values: dict[str, Any]) -> ChangeState.Request:
     change = Transition.TRANSITION_ACTIVATE if _flag(values) else Transition.TRANSITION_DEACTIVATE
     return ChangeState.Request(transition=Transition(id=change))
+
+
+CONFIGURE = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_CONFIGURE))
 
 
 class _Service(NamedTuple):
@@ -144,8 +148,15 @@ class RigControl:
         client = self._clients[service]
         if not client.service_is_ready():
             raise ValueError(f'{service} is not offered at the moment: try again')
-        client.call_async(wanted).add_done_callback(lambda future: done(
-            {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+
+        def call(_: Any = None) -> None:
+            client.call_async(wanted).add_done_callback(lambda future: done(
+                {'done': bool(future.result().success), 'words': getattr(future.result(), 'message', '')}))
+
+        if kind is ChangeState:  # a recorder may wait unconfigured; one that does not refuses this and is left as it is
+            client.call_async(CONFIGURE).add_done_callback(call)
+        else:
+            call()
 
     def _mark(self, rig: str, text: str, done: Done) -> None:
         """Publish a mark with the time of the rig's clock."""
@@ -168,7 +179,7 @@ class RigControl:
 
         def described(names: list[str], descriptors: list[ParameterDescriptor]) -> None:
             kept = [(name, one) for name, one in zip(names, descriptors, strict=True)
-                    if not one.read_only and one.type in KINDS]
+                    if not one.read_only and one.type in KINDS and one.additional_constraints != WHEN_CONFIGURED]
             client.get_parameters([name for name, _ in kept]).add_done_callback(lambda future: done(
                 {'done': True, 'words': '', 'parameters': [
                     _entry(name, descriptor, parameter_value_to_python(value))

@@ -37,7 +37,7 @@ from av_view.camera_view import CameraView
 from av_view.coherence import Coherence
 from av_view.feed import Feed
 from av_view.foxglove_port import Shown
-from av_view.markers import markers
+from av_view.markers import markers, world_markers
 from av_view.picture import Picture
 from av_view.rig_state import RigState
 from av_view.rows import row_of
@@ -45,7 +45,7 @@ from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
-SPECTRUM_PERIOD_S = 0.25
+SPECTRUM_PERIOD_S, MOST_SAMPLES = 0.25, 100_000
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
 
@@ -113,7 +113,10 @@ class RigWatch:
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
-        return markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
+        made = markers(self.shown.snapshot, self._state.sound, self._settings.base_frame)
+        if self.shown.snapshot['world'] is not None:
+            made.markers.extend(world_markers(self._state.world.message))
+        return made
 
     def close(self) -> None:
         """End the subscriptions."""
@@ -150,7 +153,7 @@ class RigWatch:
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
         if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
             since, self._spectrum_time = arrival - self._spectrum_time, arrival
-            samples = np.asarray(message.samples, np.float32)
+            samples = np.asarray(message.samples, np.float32)[:MOST_SAMPLES]
             whole = len(samples) - len(samples) % message.channels
             block = samples[:whole].reshape(-1, message.channels)
             self._state.on_spectrum(spectrum(block, message.sample_rate).tolist(),

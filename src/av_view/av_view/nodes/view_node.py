@@ -95,7 +95,7 @@ class ViewNode(RigNode):
         if not wanted and not self._watches:
             return
         for rig in wanted:
-            if rig not in self._watches and rig in self._rigs():
+            if rig not in self._watches and rig in (*self._rigs(), self._own):
                 self._watches[rig] = self._watch(rig)
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
@@ -122,9 +122,9 @@ class ViewNode(RigNode):
             self.server.put(partial(Feed.put_health, health=json.dumps(report, separators=(',', ':'))), rig)
 
     def _rigs(self) -> tuple[str, ...]:
-        """Namespaces in which a bearing is published, and this node's own."""
+        """Namespaces in which a bearing is published; without any this node's own."""
         found = {topic.removesuffix(BEARING) for topic, _ in self.get_topic_names_and_types() if topic.endswith(BEARING)}
-        return tuple(sorted(found | {self._own}))
+        return tuple(sorted(found)) or (self._own,)
 
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports

@@ -38,6 +38,7 @@ function take(message) {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
     control = message.control; rig ??= message.rig; showRigs(message.rigs);
+    if (state === null && !message.rigs.includes(rig)) watch(message.rigs[0]);
   } else if (message.type === 'answer') {
     answers.get(message.number)?.(message); answers.delete(message.number);
   } else if (message.type === 'end') {
@@ -198,6 +199,7 @@ function showRigs(rigs) {
   options('rigs', rigs.map(name => [name, name.slice(1) || '(no namespace)']));
   $('rigs').value = rig;
 }
-$('rigs').onchange = () => { rig = $('rigs').value; rows = []; tails.clear(); bagsAsked = -Infinity; pictureTime = 0; ask('watch', { rig }); };
+function watch(name) { rig = $('rigs').value = name; rows = []; tails.clear(); bagsAsked = -Infinity; pictureTime = 0; ask('watch', { rig }); }
+$('rigs').onchange = () => watch($('rigs').value);
 
 connect();
