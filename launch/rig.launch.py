@@ -53,6 +53,8 @@ ARGUMENTS = {
     'audio_header': ('true', 'source:=sim: send audio datagrams with number and time; false: samples only, as RFlySim',
                      ['true', 'false']),
     'seed': ('', "source:=sim: seed; empty: the scenario's", None),
+    'begin': ('', "source:=sim: Unix time of the scenario's beginning, so that several rigs share one world; empty: now", None),
+    'at': ('', "source:=sim: the rig's place instead of the scenario's: x y z (m, ENU) and yaw (deg)", None),
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
     'model': ('shipped', "a detector's ONNX file, or `shipped`", None),
@@ -127,7 +129,8 @@ def simulator(arguments: Arguments) -> list[ExecuteProcess]:
     options = ['--rig', arguments['rig'], '--port-offset', arguments['port_offset'], '--duration', 'inf']
     options += ['--renderer', arguments['renderer'] or ('flat' if arguments['oracle'] == 'true' else 'scene')]
     options += ['--audio-header'] if arguments['audio_header'] == 'true' else []
-    for name in ('image_rate', 'drone_recording', 'seed'):
+    options += ['--at', *arguments['at'].split()] if arguments['at'] else []
+    for name in ('image_rate', 'drone_recording', 'seed', 'begin'):
         options += [f"--{name.replace('_', '-')}", arguments[name]] if arguments[name] else []
     return [ExecuteProcess(cmd=[str(program), arguments['scenario'], *options], name='simulator', output='screen', **RESPAWN),
             *bridge(arguments)]

@@ -32,3 +32,14 @@ def test_error_is_close_to_the_bound(seen):
         errors.append(found.rmse(10.0))
         bounds.append(mean_bound(simulation, arrivals, 10.0))
     assert np.linalg.norm(errors) < 1.3 * np.linalg.norm(bounds)
+
+
+def test_headings_and_clocks_are_found():
+    """Headings within 0.5 deg; clocks as far as their stated deviations say."""
+    simulation = cases.wrong_clocks(21)
+    peer = OwnTracker(cases.settings_of(simulation, math.radians(3.0), 0.05))
+    run(peer, simulation)
+    for index, rig in enumerate(simulation.rigs):
+        mean, sigma = peer.tracker.filter.rig_state(index)
+        assert abs(mean[0] - rig.heading_error) < math.radians(0.5)
+        assert abs(mean[1] - rig.clock_offset) < 4.0 * sigma[1] < 0.05

@@ -30,7 +30,7 @@ class ApparentDirections(NamedTuple):
 
 
 def apparent_directions(positions: NDArray[np.float64], velocities: NDArray[np.float64], origin: NDArray[np.float64],
-                        ahead: float, speed: NDArray[np.float64]) -> ApparentDirections:
+                        ahead: NDArray[np.float64], speed: NDArray[np.float64]) -> ApparentDirections:
     """Directions to targets in uniform motion, each where it was when it emitted what is received.
 
     What is received at the time t was emitted at t - tau with speed * tau = |d - v tau|, d being the offset of the target at
@@ -38,11 +38,11 @@ def apparent_directions(positions: NDArray[np.float64], velocities: NDArray[np.f
 
     Parameters:
         positions, velocities (n, 3) (m, m/s): of the targets at a common time.
-        origin (3,) (m): place of the rig.
-        ahead (s): time of reception after the time of the positions.
+        origin (3,) or (n, 3) (m): place of the rig.
+        ahead (n,) (s): time of reception after the time of the positions.
         speed (n,) (m/s): of sound, inf for light.
     """
-    offsets = positions + ahead * velocities - origin
+    offsets = positions + ahead[:, None] * velocities - origin
     silent = ~np.isfinite(speed)
     sound = np.where(silent, 1.0, speed)
     along = np.einsum('ni,ni->n', offsets, velocities)

@@ -102,7 +102,7 @@ class Candidate:
             one, innovations = min(each, key=lambda pair: float(pair[1].squared[0]))
             if innovations.squared[0] < JOINING_GATE:
                 self._admit(one)
-                self.score += self.filter.update([(0, one)]) - math.log(self._settings.target_density)
+                self.score += self.filter.update([(0, one)], learn=True) - math.log(self._settings.target_density)
         self.score = min(self.score, MOST_SCORE)
         self.hopeless = self.hopeless or self.score < HOPELESS or self.sigma() > 2.0 * self._settings.most_sigma
 
@@ -116,7 +116,7 @@ class Candidate:
         if innovations.squared[0] > 2.0 * GATE:
             self.hopeless = True
             return
-        self.score += self.filter.update([(0, one)]) - lone
+        self.score += self.filter.update([(0, one)], learn=True) - lone
         self.members[one.rig] = (one.sighting.id, self.filter.time or 0.0)
 
     def _admit(self, one: Observation) -> None:
@@ -142,7 +142,7 @@ def propose(base: JointFilter, first: Observation, second: Observation, settings
     start.predict(max(base.corrected_time(one.rig, one.time) for one in (first, second)))
     speed = settings.speed_sigma**2
     start.add(np.concatenate([place, np.zeros(3)]), np.diag([WIDE_M**2] * 3 + [speed] * 3))
-    density = start.update([(0, first), (0, second)])
+    density = start.update([(0, first), (0, second)], learn=True)
     mean, P = start.target(0)
     nearest = min(float(np.linalg.norm(mean[:3] - one.position)) for one in (first, second))
     if largest_sigma(P) > min(MOST_RELATIVE_SIGMA * nearest, 2.0 * settings.most_sigma):

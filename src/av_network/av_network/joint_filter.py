@@ -17,7 +17,6 @@ from av_network.settings import NetworkSettings, RigSettings
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 HEADING, CLOCK = 0, 1  # in the part of the state of one rig
 RIG_SIZE, TARGET_SIZE = 2, 6
-ITERATIONS = 1
 
 
 class Observation(NamedTuple):
@@ -107,6 +106,11 @@ class JointFilter:
         part = self._part(index)
         return self.mean[part].copy(), self.covariance[part, part].copy()
 
+    def conditional_covariance(self, index: int) -> NDArray[np.float64]:
+        """Covariance (6, 6) of a target if headings and clocks were known."""
+        n, part, P = self._offset, self._part(index), self.covariance
+        return P[part, part] - P[part, :n] @ np.linalg.solve(P[:n, :n], P[:n, part])
+
     def difference(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean (6,) and covariance (6, 6) of the difference of two targets."""
         a, b = self._part(first), self._part(second)
@@ -152,6 +156,19 @@ class JointFilter:
         self.covariance[-TARGET_SIZE:, :-TARGET_SIZE] = cross
         self.covariance[:-TARGET_SIZE, -TARGET_SIZE:] = cross.T
 
+    def set_rigs(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Replace what is known of headings and clocks; the targets move as far as they depend on them.
+
+        Parameters:
+            mean (2 r,), covariance (2 r, 2 r): (heading, clock) of each of r rigs.
+        """
+        n, P = self._offset, self.covariance
+        gain = np.linalg.solve(P[:n, :n], P[:n, n:]).T
+        conditional = P[n:, n:] - gain @ P[:n, n:]
+        cross = gain @ covariance
+        self.mean = np.concatenate([mean, self.mean[n:] + gain @ (mean - self.mean[:n])])
+        self.covariance = np.block([[covariance, cross.T], [cross, conditional + cross @ gain.T]])
+
     def remove(self, index: int) -> None:
         """Remove a target; those after it move up."""
         part = np.arange(*self._part(index).indices(len(self.mean)))
@@ -182,61 +199,54 @@ class JointFilter:
     def innovations(self, observation: Observation) -> Innovations:
         """Differences of an observation from what each target would give."""
         every = np.arange(self.count)
-        residuals, jacobians, noise = self._linearise(observation, every, self.mean)
+        residuals, jacobians, noise = self._linearise(observation, every)
         columns = self._columns(observation.rig, every)
         blocks = self.covariance[columns[:, :, None], columns[:, None, :]]
         covariances = jacobians @ blocks @ jacobians.transpose(0, 2, 1) + noise
         squared = np.einsum('ni,ni->n', residuals, np.linalg.solve(covariances, residuals[:, :, None])[:, :, 0])
         return Innovations(covariances, squared)
 
-    def update(self, pairs: Sequence[tuple[int, Observation]], learn: bool = True) -> float:
+    def update(self, pairs: Sequence[tuple[int, Observation]], learn: bool = False) -> float:
         """Use observations; returns the logarithm of their density (1/rad^2 each).
-
-        The update is iterated: an offset of a clock enters multiplied by the velocity, and the error of the predicted velocity
-        is correlated with the innovation, which would bias the offset. That of the updated velocity is not.
 
         Parameters:
             pairs: index of the target, and its observation.
-            learn: whether headings, clocks and other targets are corrected, too; if not, their uncertainty is considered
-                (Schmidt), and they stay.
+            learn: whether headings and clocks are corrected, too; if not, they stay, and their uncertainty is considered
+                (Schmidt 1966).
         """
         if not pairs:
             return 0.0
-        prior, P, density = self.mean, self.covariance, 0.0
-        for iteration in range(ITERATIONS):
-            H, R, residual = self._stack(pairs, self.mean)
-            residual = residual - H @ (prior - self.mean)
-            PH = P @ H.T
-            S = H @ PH + R
-            gain = np.linalg.solve(S, PH.T).T
-            if not learn:
-                gain[self._others(pairs)] = 0.0
-            self.mean = prior + gain @ residual
-            if not iteration:
-                squared = float(residual @ np.linalg.solve(S, residual))
-                density = -0.5 * (squared + len(residual) * math.log(math.tau) + float(np.linalg.slogdet(S)[1]))
+        P = self.covariance
+        H, R, residual = self._stack(pairs)
+        PH = P @ H.T
+        S = H @ PH + R
+        gain = np.linalg.solve(S, PH.T).T
+        if not learn:
+            gain[:self._offset] = 0.0
+        self.mean = self.mean + gain @ residual
         KPH = gain @ PH.T
         P = P - KPH - KPH.T + gain @ S @ gain.T
         self.covariance = 0.5 * (P + P.T)
-        return density
+        squared = float(residual @ np.linalg.solve(S, residual))
+        return -0.5 * (squared + len(residual) * math.log(math.tau) + float(np.linalg.slogdet(S)[1]))
 
-    def _stack(self, pairs: Sequence[tuple[int, Observation]], mean: NDArray[np.float64]
+    def _stack(self, pairs: Sequence[tuple[int, Observation]]
                ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Derivatives (2m, n), noise (2m, 2m) and residuals (2m,) of m observations at a state."""
+        """Derivatives (2m, n), noise (2m, 2m) and residuals (2m,) of m observations."""
         size = 2 * len(pairs)
-        H, R, residual = np.zeros((size, len(mean))), np.zeros((size, size)), np.zeros(size)
+        H, R, residual = np.zeros((size, len(self.mean))), np.zeros((size, size)), np.zeros(size)
         for row, (target, observation) in enumerate(pairs):
             part, index = slice(2 * row, 2 * row + 2), np.array([target])
-            each = self._linearise(observation, index, mean)
+            each = self._linearise(observation, index)
             H[part, self._columns(observation.rig, index)[0]] = each.jacobians[0]
             R[part, part], residual[part] = each.noise[0], each.residuals[0]
         return H, R, residual
 
-    def _linearise(self, observation: Observation, indices: NDArray[np.intp], mean: NDArray[np.float64]) -> _Linearised:
+    def _linearise(self, observation: Observation, indices: NDArray[np.intp]) -> _Linearised:
         rig, sighting = observation.rig, observation.sighting
-        targets = mean[self._offset:].reshape(-1, TARGET_SIZE)[indices]
-        heading, clock = mean[RIG_SIZE * rig:RIG_SIZE * (rig + 1)]
-        ahead = observation.time + clock - (self.time or 0.0)
+        targets = self.mean[self._offset:].reshape(-1, TARGET_SIZE)[indices]
+        heading, clock = self.mean[RIG_SIZE * rig:RIG_SIZE * (rig + 1)]
+        ahead = np.full(len(targets), observation.time + clock - (self.time or 0.0))
         speed = np.full(len(targets), self._settings.sound_speed if sighting.by_sound else math.inf)
         expected = apparent_directions(targets[:, :3], targets[:, 3:], observation.position, ahead, speed)
         level = np.cos(expected.elevation)
@@ -246,13 +256,6 @@ class JointFilter:
                                     expected.by_position, expected.by_velocity], 2)
         place = ((self._rigs[rig].position_sigma / expected.distance) ** 2)[:, None, None] * np.eye(2)
         return _Linearised(residuals, jacobians, observation.covariance + place)
-
-    def _others(self, pairs: Sequence[tuple[int, Observation]]) -> NDArray[np.bool_]:
-        """Which entries of the state (n,) belong to none of the observed targets."""
-        others = np.ones(len(self.mean), bool)
-        for target, _ in pairs:
-            others[self._part(target)] = False
-        return others
 
     def _part(self, index: int) -> slice:
         start = self._offset + TARGET_SIZE * index

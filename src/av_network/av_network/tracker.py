@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from av_network.calibration import RigCalibration
 from av_network.candidate import GATE, Candidate, largest_sigma, propose
 from av_network.decorrelation import Decorrelation
 from av_network.joint_filter import Innovations, JointFilter, Observation
@@ -67,14 +68,29 @@ class NetworkTracker:
 
     def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None) -> None:
         self.settings = settings or NetworkSettings()
+        self._known = tuple(rigs)
         self.rigs = {rig.name: index for index, rig in enumerate(rigs)}
-        self.filter = JointFilter(rigs, self.settings)
+        self._last_id = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all but the ids, as after a step of the clock."""
+        self.filter = JointFilter(self._known, self.settings)
+        self.calibration = RigCalibration(self._known, self.settings)
         self.targets: list[NetworkTarget] = []
         self.candidates: list[Candidate] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._decorrelation = Decorrelation(self.settings.rig_manoeuvre)
-        self._last_id = 0
         self._decided = -math.inf
+
+    def new_id(self) -> int:
+        """An id that no other target has."""
+        self._last_id += 1
+        return self._last_id
+
+    def position_sigma(self, rig: str) -> float:
+        """Standard deviation (m) of a rig's position along each axis."""
+        return self._known[self.rigs[rig]].position_sigma
 
     def use(self, report: Report) -> None:
         """Use a report. Raises KeyError for an unknown rig."""
@@ -117,17 +133,20 @@ class NetworkTracker:
             one = observations[row]
             self.targets[column].note(rig, one.sighting, time, float(innovations[row].squared[column]))
             self.unexplained.pop((rig, one.sighting.id), None)
-        mature = [pair for pair in pairs if self._teaches(pair[1], observations[0].position, time)]
-        self.filter.update([(column, observations[row]) for row, column in mature])
-        self.filter.update([(column, observations[row]) for row, column in pairs if (row, column) not in mature], learn=False)
+        self.filter.update([(column, observations[row]) for row, column in pairs])
+        for row, column in pairs:
+            if self._teaches(column, observations[0].position, time):
+                state, _ = self.filter.target(column)
+                if self.calibration.note(self.targets[column].id, observations[row], state, time):
+                    self.filter.set_rigs(self.calibration.mean, self.calibration.covariance)
         used = {row for row, _ in pairs}
         return [one for row, one in enumerate(observations) if row not in used]
 
     def _teaches(self, index: int, origin: NDArray[np.float64], time: float) -> bool:
         """Whether a target corrects headings and clocks: not while it is new, or so imprecise that it is not linear."""
-        mean, P = self.filter.target(index)
-        distance = float(np.linalg.norm(mean[:3] - origin))
-        return time - self.targets[index].born > MATURE_S and largest_sigma(P) < TEACHING_SIGMA * distance
+        distance = float(np.linalg.norm(self.filter.target(index)[0][:3] - origin))
+        return (time - self.targets[index].born > MATURE_S
+                and largest_sigma(self.filter.conditional_covariance(index)) < TEACHING_SIGMA * distance)
 
     def _costs(self, one: Observation, innovations: Innovations) -> NDArray[np.float64]:
         """Negative logarithms (n,) of the likelihood that an observation stems from each target."""
@@ -178,8 +197,7 @@ class NetworkTracker:
             if odd < least or time - each.started < self.settings.least_age or each.sigma() > self.settings.most_sigma:
                 continue
             self.filter.adopt(each.filter)
-            self._last_id += 1
-            self.targets.append(NetworkTarget(self._last_id, time, time, dict(each.members)))
+            self.targets.append(NetworkTarget(self.new_id(), time, time, dict(each.members)))
             for key in each.keys:
                 self.unexplained.pop(key, None)
             self.candidates = [other for other in self.candidates if not other.keys & each.keys]
@@ -213,5 +231,6 @@ class NetworkTracker:
         return float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3])) < SAME_SQUARED
 
     def _remove(self, index: int) -> None:
+        self.calibration.forget(self.targets[index].id)
         del self.targets[index]
         self.filter.remove(index)

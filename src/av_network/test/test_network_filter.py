@@ -33,7 +33,7 @@ def test_apparent_direction_is_that_at_the_time_of_emission(speed):
         d = p + v * emitted - origin
         return np.array([math.atan2(d[1], d[0]), math.atan2(d[2], math.hypot(d[0], d[1]))])
 
-    found = apparent_directions(position[None], velocity[None], origin, 0.2, np.array([speed]))
+    found = apparent_directions(position[None], velocity[None], origin, np.array([0.2]), np.array([speed]))
     expected = angles(position, velocity, 0.2)
     assert np.allclose([found.azimuth[0], found.elevation[0]], expected, atol=1e-9)
     level = np.array([math.cos(expected[1]), 1.0])

@@ -1,0 +1,76 @@
+"""Several rigs in one simulated world, and the node that finds positions by all of them.
+
+ros2 launch av_fusion network.launch.py                                          three rigs, the oracle as their detector
+ros2 launch av_fusion network.launch.py rigs:=2 radius:=30 scenario:=circle
+ros2 topic echo /tracks
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+from launch import LaunchDescription, LaunchDescriptionEntity
+from launch.actions import GroupAction, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+from av_fusion.launching import Arguments, describe, require, rig_node
+from av_fusion.supervision import Supervision
+
+MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
+PORTS = 250  # between those of two rigs
+HEIGHT_M = 1.5
+BEGIN_S = 5.0  # from the launch to the beginning of the scenario, in which all processes start
+ARGUMENTS = {
+    'rigs': ('3', f'number of rigs, 1 to {MOST_RIGS}; their namespaces are rig1, rig2 ...', None),
+    'radius': ('20', 'rigs stand on a circle around the origin, facing it: its radius (m)', None),
+    'scenario': ('circle', "a shipped scenario's name or a file", None),
+    'seed': ('7', 'seed of the scenario, the same for all rigs', None),
+    'oracle': ('true', "the simulator's oracle gives the detections; false: the detector, which needs a core for each rig",
+               ['true', 'false']),
+    'cue': ('false', 'rigs are told where a target is that they do not report', ['true', 'false']),
+    'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
+    'params': ('', 'a parameter file that overrides config/rig_params.yaml', None),
+    'namespace': ('', 'namespace of the network node', None),
+    'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """The processes of all rigs and the network node. They depend on the values of the arguments."""
+    return describe(ARGUMENTS, start)
+
+
+def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
+    """The processes selected by the arguments. Raises ValueError or MissingPackageError."""
+    require('network.launch.py', 'av_network', 'av_simulator', 'av_sim_bridge')
+    count, radius, duration = _number(arguments, 'rigs', 1, MOST_RIGS), _number(arguments, 'radius', 1, 1000), \
+        _number(arguments, 'duration', 0, math.inf)
+    names = [f'rig{index + 1}' for index in range(int(count))]
+    begin = time.time() + BEGIN_S
+    node = rig_node(arguments, 'av_network', 'network_node', {
+        'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
+    supervision = Supervision([node], duration=duration)
+    return [*supervision.entities(), *(_rig(arguments, names, index, radius, begin) for index in range(len(names))), node]
+
+
+def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> GroupAction:
+    """One rig, with a world of its own that equals that of the others."""
+    angle = math.tau * index / len(names)
+    place = (radius * math.cos(angle), radius * math.sin(angle), HEIGHT_M, math.degrees(angle) - 180.0)
+    values = {'namespace': names[index], 'port_offset': str(PORTS * index), 'begin': f'{begin:.3f}', 'monitor': 'false',
+              'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0',
+              **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security')}}
+    source = PythonLaunchDescriptionSource(str(Path(__file__).with_name('rig.launch.py')))
+    return GroupAction([IncludeLaunchDescription(source, launch_arguments=values.items())])
+
+
+def _number(arguments: Arguments, name: str, low: float, high: float) -> float:
+    try:
+        value = float(arguments[name])
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high or (name == 'rigs' and value != int(value)):
+        raise ValueError(f'{name} is {arguments[name]!r}, expected a number from {low} to {high}')
+    return value

@@ -1,0 +1,99 @@
+"""Reports of messages, and messages of tracks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
+
+from av_common.angles import angles_to_direction
+from av_common.stamps import to_seconds, to_stamp
+from av_common.track import Source
+from av_interfaces.msg import Track, TrackArray, WorldTrack
+from av_network.report import Report, Sighting
+from av_network.tracker import TargetState
+
+MOST_TRACKS = 64  # of one rig that are read
+LEAST_EXISTENCE = 0.5  # of a rig's track
+LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed
+ASSUMED_DISTANCE_M = 100.0  # of a target whose distance is not known, and the standard deviation of that
+
+
+def report_of(message: TrackArray, rig: str, position: NDArray[np.float64], heading: float) -> Report:
+    """The report in a rig's `targets`. Raises ValueError for more than MOST_TRACKS tracks and for impossible stamps.
+
+    Tracks that do not probably exist, and those with impossible angles or variances, are left out.
+
+    Parameters:
+        message: the targets.
+        rig: the rig's name.
+        position (3,) (m): of the rig at that time, ENU.
+        heading (rad): to be added to azimuths; 0 for a rig with odometry, whose heading they hold already.
+    """
+    if len(message.tracks) > MOST_TRACKS:
+        raise ValueError(f'{len(message.tracks)} tracks of {rig}, expected up to {MOST_TRACKS}')
+    sightings = [_sighting(track, heading) for track in message.tracks if track.existence >= LEAST_EXISTENCE]
+    return Report(rig, to_seconds(message.header.stamp), position, tuple(one for one in sightings if one is not None))
+
+
+def _sighting(track: Track, heading: float) -> Sighting | None:
+    covariance = np.array(track.covariance_world, float).reshape(2, 2)
+    azimuth, elevation = float(track.azimuth_world), float(track.elevation_world)
+    possible = abs(azimuth) <= 10.0 and abs(elevation) <= 0.5 * math.pi + 1e-3
+    measured = max(to_seconds(track.last_heard), to_seconds(track.last_seen))
+    if not possible or covariance[0, 0] < 0.0 or covariance[1, 1] < 0.0 or np.any(np.isnan(covariance)) or measured <= 0.0:
+        return None
+    if np.all(np.isfinite(covariance)):
+        covariance = 0.5 * (covariance + covariance.T)
+        if covariance[0, 1] ** 2 >= covariance[0, 0] * covariance[1, 1]:
+            covariance = np.diag(np.diag(covariance))
+    covariance = covariance + LEAST_SIGMA**2 * np.eye(2)
+    return Sighting(track.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured,
+                    not track.source & int(Source.SIGHT), float(track.existence), float(track.drone_probability),
+                    str(track.class_id)[:32], bool(track.resolved))
+
+
+def positioned_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:
+    """The message of a target with a position.
+
+    Parameters:
+        state: of the target.
+        rigs: the rigs' names by index.
+    """
+    return _message(state.target.id, state.existence, state.mean, state.covariance, True, [rigs[rig] for rig in state.rigs],
+                    state.target.measured, drone_probability=state.target.drone_probability, class_id=state.target.class_id)
+
+
+def direction_message(identifier: int, report: Report, one: Sighting, heading: float, speed_sigma: float) -> WorldTrack:
+    """The message of a target of a single rig, at a distance that is assumed, with a variance to match.
+
+    Parameters:
+        identifier: id of the target.
+        report: of the rig.
+        one: the direction.
+        heading (rad): correction of the rig's heading.
+        speed_sigma (m/s): standard deviation of the velocity, which is not known.
+    """
+    unit = angles_to_direction(one.azimuth + heading, one.elevation)
+    azimuth = math.atan2(unit[1], unit[0])
+    across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
+    axes = np.stack([across, np.cross(unit, across)], 1)
+    variances = np.minimum(one.covariance, 1.0) * ASSUMED_DISTANCE_M**2
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = axes @ variances @ axes.T + ASSUMED_DISTANCE_M**2 * np.outer(unit, unit)
+    covariance[3:, 3:] = speed_sigma**2 * np.eye(3)
+    mean = np.concatenate([report.position + ASSUMED_DISTANCE_M * unit, np.zeros(3)])
+    return _message(identifier, one.existence, mean, covariance, False, [report.rig], one.measured,
+                    drone_probability=one.drone_probability, class_id=one.class_id)
+
+
+def _message(identifier: int, existence: float, mean: NDArray[np.float64], covariance: NDArray[np.float64], positioned: bool,
+             rigs: list[str], measured: float, **values: Any) -> WorldTrack:
+    x, y, z, vx, vy, vz = map(float, mean)
+    return WorldTrack(id=identifier, existence=existence, position=Point(x=x, y=y, z=z), velocity=Vector3(x=vx, y=vy, z=vz),
+                      position_covariance=covariance[:3, :3].reshape(-1), velocity_covariance=covariance[3:, 3:].reshape(-1),
+                      positioned=positioned, rigs=rigs, measured=to_stamp(max(measured, 0.0)), **values)

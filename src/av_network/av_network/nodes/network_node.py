@@ -1,0 +1,120 @@
+"""Targets of several rigs to targets with positions."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from geometry_msgs.msg import PointStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
+
+from av_common.guarded_node import decode
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_common.rate_meter import RateMeter
+from av_interfaces.msg import TrackArray, WorldTrackArray
+from av_network.geodesy import Datum
+from av_network.nodes.network_node_parameters import network_node as parameters
+from av_network.settings import NetworkSettings, RigSettings
+from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
+
+SILENT_S = 3.0  # after which a rig is reported as silent
+
+
+class NetworkNode(RigNode):
+    """Subscribes to the targets of each rig and publishes `tracks`. Runs a `NetworkStage`."""
+
+    def __init__(self) -> None:
+        super().__init__('network_node', parameters)
+
+    def configure(self) -> None:
+        """Build the stage from the parameters. Raises ValueError for those that contradict each other."""
+        p = self.settings
+        names = [name.strip('/') for name in p.rigs if name.strip('/')]
+        if not names or len(set(names)) < len(names):
+            raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right]')
+        places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
+        datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
+        if any(place.source == FIX for place in places) and not datum.known:
+            raise ValueError('pose_sources has fix, which needs datum.latitude, datum.longitude and datum.altitude')
+        rigs = [RigSettings(name, math.radians(p.heading_sigma_deg), p.clock_sigma if index else 0.0, p.position_sigma)
+                for index, name in enumerate(names)]
+        self._stage = NetworkStage(
+            rigs, places, NetworkStageSettings(p.frame, datum, p.report_period, p.wait),
+            NetworkSettings(manoeuvre=p.manoeuvre, rig_manoeuvre=p.rig_manoeuvre, most_distance=p.most_distance))
+        self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
+        self._meters = {name: RateMeter() for name in names}
+        self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
+        self._cues = {name: self.create_publisher(PointStamped, f'{name}/target/cue', RESULT) for name in names if p.cue}
+        self._published = 0
+
+    def activate(self) -> None:
+        """Subscribe to all rigs."""
+        for name, source in self._sources.items():
+            self.while_active(self.create_subscription, TrackArray, f'{name}/{self.settings.targets_topic}',
+                              partial(self._on_targets, name), RESULT, raw=True)
+            if source == ODOMETRY:
+                self.while_active(self.create_subscription, Odometry, f'{name}/odometry',
+                                  partial(self._stage.on_odometry, name), STREAM)
+            if source == FIX:
+                self.while_active(self.create_subscription, NavSatFix, f'{name}/fix',
+                                  partial(self._stage.on_fix, name), STREAM)
+        self.while_active(self.create_timer, 1.0 / self.settings.rate, self._on_time)
+
+    def _on_targets(self, name: str, data: bytes) -> None:
+        self._stage.on_targets(name, decode(TrackArray, data), len(data), self.now())
+        self._meters[name].tick()
+
+    def _on_time(self) -> None:
+        now = self.now()
+        message = self._stage.output(now)
+        self._published = len(message.tracks)
+        self._tracks.publish(message)
+        for name, cue in self._stage.cues(now).items() if self._cues else ():
+            self._cues[name].publish(cue)
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """What comes from each rig, and what was estimated of it."""
+        silent = []
+        for name, each in self._stage.statistics.items():
+            mean, sigma = self._stage.tracker.filter.rig_state(self._stage.tracker.rigs[name])
+            age = self.now() - each.newest
+            if not age < SILENT_S:
+                silent.append(name)
+            status.add(f'{name} rate (Hz)', f'{self._meters[name].rate:.1f}')
+            status.add(f'{name} bytes', str(each.size))
+            status.add(f'{name} age (s)', f'{age:.2f}')
+            status.add(f'{name} late', str(self._stage.queue.late.get(name, 0)))
+            status.add(f'{name} without a position', str(each.unplaced))
+            heading, heading_sigma = math.degrees(mean[0]), math.degrees(sigma[0])
+            status.add(f'{name} heading correction (deg)', f'{heading:.2f} +- {heading_sigma:.2f}')
+            status.add(f'{name} clock offset (ms)', f'{1e3 * mean[1]:.1f} +- {1e3 * sigma[1]:.1f}')
+        if silent:
+            status.mergeSummary(DiagnosticStatus.WARN, f'nothing from {", ".join(silent)}')
+        status.add('tracks', str(self._published))
+
+
+def _places(count: int, positions: list[float], sources: list[str], headings: list[float]) -> list[RigPlace]:
+    """Places of the rigs. Raises ValueError for lists of a wrong length or with impossible values."""
+    sources = sources * count if len(sources) == 1 else sources
+    headings = headings * count if len(headings) == 1 else headings
+    if unknown := set(sources) - {SURVEYED, ODOMETRY, FIX}:
+        raise ValueError(f'pose_sources has {sorted(unknown)}, expected {SURVEYED}, {ODOMETRY} or {FIX}')
+    if all(source == FIX for source in sources):
+        positions = [0.0] * 3 * count
+    if (len(positions), len(sources), len(headings)) != (3 * count, count, count):
+        raise ValueError(f'{len(positions)} positions, {len(sources)} pose_sources and {len(headings)} headings_deg for '
+                         f'{count} rigs, expected {3 * count}, {count} and {count}')
+    if not np.all(np.abs([*positions, *headings]) < 1e6):
+        raise ValueError(f'positions {positions} and headings_deg {headings}, expected finite values')
+    return [RigPlace(source, np.array(positions[3 * k:3 * k + 3]), math.radians(headings[k]))
+            for k, source in enumerate(sources)]
+
+
+def main() -> None:
+    """Run the node."""
+    run(NetworkNode)

@@ -1,0 +1,213 @@
+"""The network stage: targets and places of the rigs in, targets with positions and cues for the rigs out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import Point, PointStamped
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+from std_msgs.msg import Header
+
+from av_common.freshness import FUTURE_S
+from av_common.stamps import to_seconds, to_stamp
+from av_interfaces.msg import RigPose, TrackArray, WorldTrack, WorldTrackArray
+from av_network.geodesy import Datum, to_enu
+from av_network.messages import direction_message, positioned_message, report_of
+from av_network.report import Report
+from av_network.report_queue import ReportQueue
+from av_network.settings import NetworkSettings, RigSettings
+from av_network.tracker import NetworkTracker, TargetState
+
+NO_DATUM = Datum()
+SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
+REPORTED = 0.5  # probability of existence from which a target is published
+RECENT_S = 1.0  # for which a rig's observation counts as recent
+OLDEST_S = 2.0  # age of a message that is used
+
+
+@dataclass(frozen=True)
+class RigPlace:
+    """How a rig's place is known.
+
+    Parameters:
+        source: SURVEYED, ODOMETRY (relative to `position`) or FIX (NavSatFix, by the datum).
+        position (3,) (m): ENU in the common frame.
+        heading (rad): to be added to the azimuths of a rig without odometry, which believes that it faces east.
+    """
+
+    source: str
+    position: NDArray[np.float64]
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class NetworkStageSettings:
+    """Settings of a `NetworkStage`.
+
+    Parameters:
+        frame: the common frame.
+        datum: of its origin.
+        report_period (s): least time between two reports of a rig that are used.
+        wait (s): see `ReportQueue`.
+    """
+
+    frame: str = 'map'
+    datum: Datum = NO_DATUM
+    report_period: float = 0.2
+    wait: float = 0.5
+
+
+@dataclass
+class RigStatistics:
+    """What came from a rig: numbers of reports and bytes, and the newest capture time (s) by its clock."""
+
+    reports: int = 0
+    size: int = 0
+    newest: float = -math.inf
+    unplaced: int = 0
+
+
+class NetworkStage:
+    """Feeds a `NetworkTracker` from messages. Times are in s of the node's clock.
+
+    Attributes:
+        tracker: the tracker.
+        queue: orders the reports.
+        statistics: what came from each rig.
+
+    Parameters:
+        rigs: what is known of each.
+        places: how the place of each is known.
+        settings: see `NetworkStageSettings`.
+        tracking: see `NetworkSettings`.
+    """
+
+    def __init__(self, rigs: Sequence[RigSettings], places: Sequence[RigPlace], settings: NetworkStageSettings | None = None,
+                 tracking: NetworkSettings | None = None) -> None:
+        self.settings = settings or NetworkStageSettings()
+        self.tracker = NetworkTracker(rigs, tracking)
+        self.queue = ReportQueue(self.settings.wait)
+        self.statistics = {rig.name: RigStatistics() for rig in rigs}
+        self._names = [rig.name for rig in rigs]
+        self._places = dict(zip(self._names, places, strict=True))
+        self._positions: dict[str, NDArray[np.float64]] = {
+            name: place.position for name, place in self._places.items() if place.source == SURVEYED}
+        self._lone_ids: dict[tuple[int, int], int] = {}
+        self._now = -math.inf
+
+    def on_targets(self, rig: str, message: TrackArray, size: int, arrival: float) -> None:
+        """Take a rig's targets. Raises ValueError for what cannot be used.
+
+        Parameters:
+            rig: the rig's name.
+            message: its targets.
+            size (bytes): of the message.
+            arrival (s): time of its arrival.
+        """
+        statistics = self.statistics[rig]
+        statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
+        stamp = to_seconds(message.header.stamp)
+        if not -OLDEST_S <= stamp - arrival <= OLDEST_S:
+            raise ValueError(f'stamp of {rig} {stamp - arrival:+.2f} s from its arrival, expected up to {OLDEST_S} s')
+        if rig not in self._positions:
+            statistics.unplaced += 1
+            return
+        if abs(stamp - statistics.newest) < self.settings.report_period:
+            return
+        statistics.newest = max(stamp, statistics.newest)
+        report = report_of(message, rig, self._positions[rig], self._places[rig].heading)
+        self.queue.put(report, self.tracker.filter.corrected_time(self.tracker.rigs[rig], report.time))
+
+    def on_odometry(self, rig: str, message: Odometry) -> None:
+        """Take a rig's odometry. Raises ValueError for a position that is not finite.
+
+        Parameters:
+            rig: the rig's name.
+            message: its pose in ENU.
+        """
+        place = message.pose.pose.position
+        position = np.array([place.x, place.y, place.z])
+        if not np.all(np.abs(position) < 1e6):
+            raise ValueError(f'position {position} m of {rig}')
+        self._positions[rig] = self._places[rig].position + position
+
+    def on_fix(self, rig: str, message: NavSatFix) -> None:
+        """Take a rig's position by satellites. Raises ValueError for one without a fix, or that is not on the globe.
+
+        Parameters:
+            rig: the rig's name.
+            message: the position.
+        """
+        if message.status.status < NavSatStatus.STATUS_FIX:
+            raise ValueError(f'{rig} has no fix')
+        self._positions[rig] = to_enu(Datum(message.latitude, message.longitude, message.altitude), self.settings.datum)
+
+    def output(self, now: float) -> WorldTrackArray:
+        """All targets at a time (s), after the reports that are complete by then."""
+        if now < self._now - FUTURE_S:  # the clock was set back
+            self._restart()
+        self._now = now
+        for report in self.queue.ready(now):
+            self.tracker.use(report)
+        tracks = [positioned_message(state, self._names) for state in self._positioned(now)]
+        tracks += self._lone(now)
+        datum = self.settings.datum
+        return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=self.settings.frame), latitude=datum.latitude,
+                               longitude=datum.longitude, altitude=datum.altitude, tracks=tracks,
+                               rigs=[self._pose(name) for name in sorted(self._names)])
+
+    def cues(self, now: float) -> dict[str, PointStamped]:
+        """For each rig the place of the nearest target that it does not report, relative to it and by its own heading.
+
+        Parameters:
+            now (s): the present.
+        """
+        found = {}
+        for index, name in enumerate(self._names):
+            hidden = [state for state in self._positioned(now) if index not in state.rigs and state.rigs]
+            if name not in self._positions or not hidden:
+                continue
+            offsets = [state.mean[:3] - self._positions[name] for state in hidden]
+            nearest = offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))]
+            x, y, z = map(float, nearest)
+            turn = -float(self.tracker.filter.rig_state(index)[0][0]) - self._places[name].heading
+            point = Point(x=x * math.cos(turn) - y * math.sin(turn), y=x * math.sin(turn) + y * math.cos(turn), z=z)
+            found[name] = PointStamped(header=Header(stamp=to_stamp(now), frame_id=f'{name}/world'), point=point)
+        return found
+
+    def _positioned(self, now: float) -> list[TargetState]:
+        return [state for state in self.tracker.states(now) if state.existence >= REPORTED]
+
+    def _lone(self, now: float) -> list[WorldTrack]:
+        """Targets that a single rig reports, in their direction."""
+        found = []
+        for key, (one, time) in self.tracker.unexplained.items():
+            if now - time > RECENT_S or not one.sighting.resolved:
+                continue
+            if key not in self._lone_ids:
+                self._lone_ids[key] = self.tracker.new_id()
+            heading = float(self.tracker.filter.rig_state(one.rig)[0][0])
+            report = Report(self._names[one.rig], one.time, one.position, ())
+            found.append(direction_message(self._lone_ids[key], report, one.sighting, heading,
+                                           self.tracker.settings.speed_sigma))
+        self._lone_ids = {key: value for key, value in self._lone_ids.items() if key in self.tracker.unexplained}
+        return found
+
+    def _pose(self, name: str) -> RigPose:
+        mean, sigma = self.tracker.filter.rig_state(self.tracker.rigs[name])
+        x, y, z = map(float, self._positions.get(name, np.full(3, math.nan)))
+        return RigPose(name=name, position=Point(x=x, y=y, z=z), position_sigma=self.tracker.position_sigma(name),
+                       heading_correction=float(mean[0]) + self._places[name].heading, heading_sigma=float(sigma[0]),
+                       clock_offset=float(mean[1]), clock_sigma=float(sigma[1]),
+                       measured=to_stamp(max(self.statistics[name].newest, 0.0)))
+
+    def _restart(self) -> None:
+        self.queue.reset()
+        self.tracker.reset()
+        for each in self.statistics.values():
+            each.newest = -math.inf

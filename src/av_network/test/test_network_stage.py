@@ -1,0 +1,149 @@
+"""The network stage with messages: positions, cues, places of rigs, and what is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+from std_msgs.msg import Header
+
+from av_common.stamps import to_stamp
+from av_interfaces.msg import Track, TrackArray
+from av_network.geodesy import Datum, to_enu
+from av_network.settings import RigSettings
+from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
+
+PLACES = {'left': np.array([-20.0, 0.0, 1.5]), 'right': np.array([20.0, 0.0, 1.5]), 'third': np.array([0.0, 20.0, 1.5])}
+DRONE = np.array([3.0, 55.0, 22.0])
+START = 1000.0
+
+
+def targets(rig, time, heading=0.0, **values):
+    """A rig's message about the drone, seen; `heading` is what the rig's own heading is short of."""
+    d = DRONE - PLACES[rig]
+    track = Track(id=4, existence=0.9, drone_probability=0.8, class_id='drone', source=2, resolved=True,
+                  azimuth_world=math.atan2(d[1], d[0]) - heading, elevation_world=math.atan2(d[2], math.hypot(d[0], d[1])),
+                  covariance_world=np.array([1e-4, 0.0, 0.0, 1e-4], np.float32), last_seen=to_stamp(time))
+    for name, value in values.items():
+        setattr(track, name, value)
+    return TrackArray(header=Header(stamp=to_stamp(time), frame_id='base_link'), tracks=[track])
+
+
+def stage_of(names=('left', 'right'), source=SURVEYED, **settings):
+    rigs = [RigSettings(name, 0.01, 0.001 if index else 0.0) for index, name in enumerate(names)]
+    return NetworkStage(rigs, [RigPlace(source, PLACES[name]) for name in names], NetworkStageSettings(**settings))
+
+
+def run(stage, names, seconds=5.0, **values):
+    for step in range(round(4 * seconds)):
+        time = START + 0.25 * step
+        for name in names:
+            stage.on_targets(name, targets(name, time, **values), 200, time + 0.02)
+        message = stage.output(time + 0.05)
+    return message
+
+
+def test_two_rigs_give_a_position():
+    """Within its stated deviation, named after both rigs, with the time of capture."""
+    message = run(stage_of(), ('left', 'right'))
+    (track,) = message.tracks
+    found = np.array([track.position.x, track.position.y, track.position.z])
+    covariance = track.position_covariance.reshape(3, 3)
+    assert track.positioned and list(track.rigs) == ['left', 'right'] and track.class_id == 'drone'
+    assert (found - DRONE) @ np.linalg.solve(covariance, found - DRONE) < 7.8
+    assert START + 4.0 < track.measured.sec + 1e-9 * track.measured.nanosec <= START + 4.75
+    assert math.isnan(message.latitude) and [rig.name for rig in message.rigs] == ['left', 'right']
+
+
+def test_one_rig_gives_a_direction():
+    """The distance is not known, and the covariance says so."""
+    message = run(stage_of(), ('left',))
+    (track,) = message.tracks
+    line = DRONE - PLACES['left']
+    line = line / np.linalg.norm(line)
+    covariance = track.position_covariance.reshape(3, 3)
+    assert not track.positioned and list(track.rigs) == ['left']
+    assert math.sqrt(line @ covariance @ line) > 50.0 and math.sqrt(np.linalg.eigvalsh(covariance)[0]) < 2.0
+
+
+def test_a_rig_without_the_target_is_told_where_it_is():
+    """By its own heading."""
+    stage = stage_of(('left', 'right', 'third'))
+    run(stage, ('left', 'right'))
+    cues = stage.cues(START + 5.0)
+    assert set(cues) == {'third'}
+    point = cues['third'].point
+    assert np.linalg.norm(PLACES['third'] + [point.x, point.y, point.z] - DRONE) < 1.0
+
+
+def test_positions_by_odometry_and_by_satellites():
+    """Odometry counts from the rig's place; a fix is placed by the datum; before either, nothing is used."""
+    stage = stage_of(source=ODOMETRY)
+    run(stage, ('left', 'right'), 1.0)
+    assert stage.statistics['left'].unplaced
+    odometry = Odometry()
+    odometry.pose.pose.position.x = 2.0
+    stage.on_odometry('left', odometry)
+    assert stage.output(START + 2.0).rigs[0].position.x == -18.0
+    datum = Datum(48.0, 11.0, 500.0)
+    stage = stage_of(source=FIX, datum=datum)
+    with pytest.raises(ValueError, match='left has no fix'):
+        stage.on_fix('left', NavSatFix())
+    stage.on_fix('left', NavSatFix(status=NavSatStatus(status=0), latitude=48.001, longitude=11.0, altitude=510.0))
+    place = stage.output(START).rigs[0].position
+    assert [place.x, place.y, place.z] == pytest.approx([0.0, 111.2, 10.0], abs=0.1)
+    odometry.pose.pose.position.x = math.nan
+    with pytest.raises(ValueError, match='left'):
+        stage.on_odometry('left', odometry)
+
+
+def test_tangent_plane_far_east():
+    """A degree of longitude at the equator is 2 pi a / 360 along the surface; its chord leaves the plane downwards."""
+    x, y, z = to_enu(Datum(0.0, 1.0, 0.0), Datum(0.0, 0.0, 0.0))
+    assert (x, y) == (pytest.approx(6378137.0 * math.sin(math.radians(1.0))), pytest.approx(0.0, abs=1e-6))
+    assert z == pytest.approx(-6378137.0 * (1.0 - math.cos(math.radians(1.0))))
+    with pytest.raises(ValueError, match='latitude'):
+        to_enu(Datum(91.0, 0.0, 0.0), Datum(0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('values', [
+    {'azimuth_world': math.nan}, {'elevation_world': math.inf}, {'azimuth_world': 1e30}, {'last_seen': to_stamp(0.0)},
+    {'covariance_world': np.full(4, np.nan, np.float32)}, {'covariance_world': np.array([-1, 0, 0, 1], np.float32)},
+    {'existence': 0.1}, {'existence': math.nan}])
+def test_impossible_tracks_are_left_out(values):
+    """They neither raise nor become targets."""
+    assert not run(stage_of(), ('left', 'right'), **values).tracks
+
+
+def test_a_singular_or_tiny_covariance_is_not_believed():
+    """A correlation of 1 or a variance of 0 gives a finite position."""
+    for covariance in ([1e-4, 1e-4, 1e-4, 1e-4], [0.0, 0.0, 0.0, 0.0], [1e-4, 0.0, 0.0, math.inf]):
+        message = run(stage_of(), ('left', 'right'), covariance_world=np.array(covariance, np.float32))
+        for track in message.tracks:
+            assert np.all(np.linalg.eigvalsh(track.position_covariance.reshape(3, 3)) > 0.0)
+
+
+def test_stamps_of_another_clock_and_too_many_tracks_are_refused():
+    """With the rig's name in the error."""
+    stage = stage_of()
+    with pytest.raises(ValueError, match='stamp of left'):
+        stage.on_targets('left', targets('left', START), 200, START + 60.0)
+    message = targets('left', START)
+    message.tracks = message.tracks * 65
+    with pytest.raises(ValueError, match='65 tracks of left'):
+        stage.on_targets('left', message, 200, START)
+
+
+def test_a_clock_that_is_set_back_starts_anew():
+    """Ids are not used again."""
+    stage = stage_of()
+    first = run(stage, ('left', 'right')).tracks[0].id
+    for step in range(20):
+        time = START - 500.0 + 0.25 * step
+        for name in ('left', 'right'):
+            stage.on_targets(name, targets(name, time), 200, time + 0.02)
+        message = stage.output(time + 0.05)
+    assert message.tracks[0].id > first
