@@ -12,12 +12,14 @@ from functools import partial
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from sapient_peer import NODE, acknowledgement, bearing, task
+from report_tracks import bearing
+from sapient_peer import NODE, acknowledgement, task
 from wire_decoder import dig, fields
 
 from av_reports import link as link_module
 from av_reports.link import Link
-from av_reports.sapient.connection import LARGEST_RECEIVED, connect, parse_peer
+from av_reports.peer import parse_peer
+from av_reports.sapient.connection import LARGEST_RECEIVED, connect
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import SapientStage
 

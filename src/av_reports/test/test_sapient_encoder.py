@@ -8,12 +8,13 @@ import struct
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from sapient_peer import FUSION_NODE, NODE, NOW, SETTINGS, bearing, position
+from report_tracks import NOW, bearing, position
+from sapient_peer import FUSION_NODE, NODE, SETTINGS
 from wire_decoder import dig, fields
 
 from av_reports.contacts import Place
+from av_reports.identifiers import is_ulid, new_ulid
 from av_reports.sapient.encoder import bearing_report, envelope, position_report, status_report, task_ack
-from av_reports.sapient.identifiers import is_ulid, new_ulid
 from av_reports.sapient.protocol import TaskAck
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.settings import SapientSettings

@@ -8,7 +8,7 @@ from typing import Any
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack
 from av_reports.geodesy import error_degrees
-from av_reports.sapient.identifiers import new_ulid
+from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import (
     DetectionReport,
     Location,
