@@ -66,7 +66,7 @@ def test_everything_and_another_rate(bag, tmp_path):
 
 
 @pytest.mark.parametrize('arguments, words', [
-    ((), 'no topic /targets'), (('--namespace', 'left', '--positions'), 'no topic /left/world_targets')])
+    ((), 'no topic /targets'), (('--namespace', 'left', '--positions'), 'no topic /left/tracks')])
 def test_a_bag_without_tracks_is_an_error(bag, tmp_path, arguments, words):
     with pytest.raises(SystemExit, match=words):
         main([str(bag), '--out', str(tmp_path / 'none'), *arguments])

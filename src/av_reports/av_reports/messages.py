@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
+from av_common.geodesy import enu_axes, enu_to_geodetic
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
 from av_reports.contacts import BearingTrack, Place, PositionTrack
-from av_reports.geodesy import enu_axes, enu_to_geodetic
 
 STEEPEST = 0.02  # cosine of an elevation, above which an azimuth has no standard deviation to speak of
 
@@ -57,7 +57,7 @@ def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[P
     """The targets of a network of rigs whose position is known.
 
     Parameters:
-        message: of the topic `world_targets`.
+        message: of the topic `tracks`.
         to_utc (s): what is to be added to ROS time for UTC.
 
     Raises ValueError for stamps that cannot be used, and where the frame's origin has no place on the earth.

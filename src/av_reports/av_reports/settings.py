@@ -82,6 +82,8 @@ def check_settings(values: Any) -> None:
         parse_peer(values.sapient.peer)
     sapient_settings(values, '')
     cot_settings(values, '')
+    if values.traffic.enabled and not values.positions:
+        raise ValueError('traffic.enabled is true and positions is false: bearings are no positions')
     if values.cot.url:
         check_address(cot_address(values))
 

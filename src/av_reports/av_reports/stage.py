@@ -111,7 +111,7 @@ class ReportStage:
             self._tracks = tuple(bearing_tracks(message, heading, self.settings.north, to_utc)) if known else ()
             self._tracks_arrived = now.steady
 
-    def on_world_targets(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
+    def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
         """Note the targets of a network. Raises ValueError for stamps, frames and covariances that cannot be used.
 
         Parameters:

@@ -11,8 +11,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from av_common.geodesy import enu_to_geodetic
 from av_reports.contacts import BearingTrack, Place, PositionTrack
-from av_reports.geodesy import enu_to_geodetic
 
 FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',
           'elevation_deg', 'elevation_sigma_deg', 'latitude', 'longitude', 'altitude_m', 'east_sigma_m', 'north_sigma_m',

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3Stamped
+from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Header
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
@@ -76,7 +76,7 @@ class Rig:
         self.targets.publish(TrackArray(header=Header(stamp=to_stamp(now)), tracks=tracks, selected=3))
 
     def look(self):
-        self.node.create_subscription(Vector3Stamped, 'target/cue', self.cues.append, RESULT)
+        self.node.create_subscription(PointStamped, 'target/cue', self.cues.append, RESULT)
 
     def close(self):
         self.ending.set()
@@ -198,8 +198,8 @@ def test_tasks_are_obeyed_where_that_is_allowed(rig, fusion):
     fusion.send(task(destination='', command=east))
     wait_for(lambda: len(rig.cues) > 2)
     cue = rig.cues[-1]
-    assert (cue.vector.x, cue.vector.y, cue.vector.z) == pytest.approx((np.cos(np.pi / 6), 0.0, 0.5), abs=1e-6)
-    assert cue.header.frame_id == 'map'
+    assert (cue.point.x, cue.point.y, cue.point.z) == pytest.approx((1000 * np.cos(np.pi / 6), 0.0, 500.0), abs=1e-3)
+    assert cue.header.frame_id == 'world'
     fusion.peer.close()    # nobody watches over the task any longer
     wait_for(lambda: rig.selected[-1] == 0 and rig.status['sapient task'] == 'none')
     seen = len(rig.cues)

@@ -20,7 +20,7 @@ from av_reports.stage import ReportSettings, ReportStage
 from av_reports.track_log import TrackLog
 
 EVERYTHING = Selection(min_existence=0.0, only_drones=False, unresolved=True)
-TOPICS = ('target/bearing', 'targets', 'world_targets', 'fix')  # what tells of targets, and of where the rig is
+TOPICS = ('target/bearing', 'targets', 'tracks', 'fix')  # what tells of targets, and of where the rig is
 
 
 def export(bag: Bag, log: TrackLog, settings: ReportSettings, namespace: str = '', rate: float = 5.0) -> int:
@@ -38,7 +38,7 @@ def export(bag: Bag, log: TrackLog, settings: ReportSettings, namespace: str = '
     stage = ReportStage(settings)
     prefix = f'/{namespace.strip("/")}/'.replace('//', '/')
     decoders = {f'{prefix}{name}': bag.decoder(f'{prefix}{name}') for name in TOPICS if f'{prefix}{name}' in bag.topics}
-    source = f'{prefix}{"world_targets" if settings.positions else "targets"}'
+    source = f'{prefix}{"tracks" if settings.positions else "targets"}'
     if source not in decoders:
         raise BagError(f'{bag.path} has no topic {source}')
     refused, written = 0, -math.inf
@@ -60,7 +60,7 @@ def _take(stage: ReportStage, name: str, now: Instant) -> Callable[[Any], None]:
     """What the stage does with a message of a topic."""
     return {'target/bearing': stage.on_bearing, 'fix': lambda message: stage.on_fix(message, now),
             'targets': lambda message: stage.on_targets(message, now, 0.0),
-            'world_targets': lambda message: stage.on_world_targets(message, now, 0.0)}[name]
+            'tracks': lambda message: stage.on_network_tracks(message, now, 0.0)}[name]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('bag', help='mcap or sqlite3 (.db3), a file or a folder')
     parser.add_argument('--out', required=True, metavar='STEM', type=Path, help='files to write, without their ending')
-    parser.add_argument('--positions', action='store_true', help='positions of a network (world_targets) instead of bearings')
+    parser.add_argument('--positions', action='store_true', help='positions of a network (tracks) instead of bearings')
     parser.add_argument('--place', nargs=3, type=float, metavar=('LATITUDE', 'LONGITUDE', 'ALTITUDE'),
                         help='where the rig stands (deg, deg, m), WGS84; default: as the topic fix says')
     parser.add_argument('--heading', type=float, metavar='DEG', help='true heading of a rig without odometry')

@@ -18,6 +18,7 @@ from av_common.qos import RESULT, STREAM
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
+from av_reports.nodes.traffic_output import TrafficOutput
 from av_reports.outputs import CotOutput, LogOutput, Output
 from av_reports.peer import parse_peer
 from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
@@ -46,9 +47,10 @@ class ReportNode(RigNode):
         for kind, topic, take, quality in (
                 (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
                 (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
-                (WorldTrackArray, 'world_targets', self._on_world_targets, RESULT)):
+                (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
             self.while_active(self.create_subscription, kind, topic, take, quality)
-        self._commands = RigCommands(self, settings.tracker, (settings.world_frame, settings.base_frame), self.now)
+        self._commands = RigCommands(
+            self, settings.tracker, not settings.positions, (settings.world_frame, settings.base_frame), self.now)
         try:
             self._open_outputs()
         except Exception:
@@ -82,11 +84,14 @@ class ReportNode(RigNode):
             self._outputs['log'] = LogOutput(
                 Path(settings.log.folder).expanduser(), settings.cot.sensor_range, MEGABYTE * settings.log.max_megabytes)
 
+        if settings.traffic.enabled:
+            self._outputs['traffic'] = TrafficOutput(self, settings.traffic.topic, settings.traffic.geoid_height)
+
     def _on_targets(self, message: TrackArray) -> None:
         self._stage.on_targets(message, self._instant(), self._to_utc())
 
-    def _on_world_targets(self, message: WorldTrackArray) -> None:
-        self._stage.on_world_targets(message, self._instant(), self._to_utc())
+    def _on_network_tracks(self, message: WorldTrackArray) -> None:
+        self._stage.on_network_tracks(message, self._instant(), self._to_utc())
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._stage.on_fix(message, self._instant())

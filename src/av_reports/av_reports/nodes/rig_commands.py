@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from geometry_msgs.msg import Vector3, Vector3Stamped
+from geometry_msgs.msg import Point, PointStamped
 from rclpy.node import Node
 from rclpy.task import Future
+from std_msgs.msg import Header
 
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
@@ -15,6 +16,7 @@ from av_interfaces.srv import SelectTarget
 from av_reports.tasking import Command, Follow, LookAt
 
 CUE_TOPIC = 'target/cue'
+FAR_M = 1000.0  # a direction has no distance
 BY_POLICY = 0  # id that leaves the choice to the tracker
 
 
@@ -24,13 +26,15 @@ class RigCommands:
     Parameters:
         node: owner of client and publisher.
         tracker: name of the node that follows targets.
-        frames: of the world (x to the east, y to the north) and of the rig's body.
+        tracks_alone: whether the targets that are reported are those of that node.
+        frames: of the rig with x to the east and y to the north, and of the rig's body.
         now: function that returns ROS time in s.
     """
 
-    def __init__(self, node: Node, tracker: str, frames: tuple[str, str], now: Callable[[], float]) -> None:
+    def __init__(self, node: Node, tracker: str, tracks_alone: bool, frames: tuple[str, str], now: Callable[[], float]) -> None:
+        self._tracks_alone = tracks_alone
         self._select = node.create_client(SelectTarget, f'{tracker}/select')
-        self._cues = node.create_publisher(Vector3Stamped, CUE_TOPIC, RESULT)
+        self._cues = node.create_publisher(PointStamped, CUE_TOPIC, RESULT)
         self._frames, self._now = frames, now
         self._cue: LookAt | None = None
         self._following = False
@@ -58,14 +62,13 @@ class RigCommands:
     def repeat(self) -> None:
         """Publish the cue again while there is one, so that it cannot be obeyed when this node has gone."""
         if self._cue is not None:
-            self._cues.publish(Vector3Stamped(header=self._header(self._cue), vector=direction(self._cue)))
-
-    def _header(self, cue: LookAt) -> object:
-        message = Vector3Stamped()
-        message.header.stamp, message.header.frame_id = to_stamp(self._now()), self._frames[0 if cue.north else 1]
-        return message.header
+            header = Header(stamp=to_stamp(self._now()), frame_id=self._frames[0 if self._cue.north else 1])
+            self._cues.publish(PointStamped(header=header, point=far_point(self._cue)))
 
     def _follow(self, target: int, done: Callable[[str], None]) -> None:
+        if not self._tracks_alone:
+            done('the targets of a network are not those of the tracker')
+            return
         if not self._select.service_is_ready():
             done(f'the tracker does not answer: there is no service {self._select.srv_name}')
             return
@@ -82,8 +85,8 @@ class RigCommands:
         self._following = False
 
 
-def direction(cue: LookAt) -> Vector3:
-    """Unit vector of a cue: x to the east and y to the north, or x ahead and y to the left."""
+def far_point(cue: LookAt) -> Point:
+    """A point in the direction of a cue, seen from the rig: x to the east and y to the north, or x ahead and y to the left."""
     turn = math.pi / 2 - cue.azimuth if cue.north else -cue.azimuth
-    across = math.cos(cue.elevation)
-    return Vector3(x=across * math.cos(turn), y=across * math.sin(turn), z=math.sin(cue.elevation))
+    across = FAR_M * math.cos(cue.elevation)
+    return Point(x=across * math.cos(turn), y=across * math.sin(turn), z=FAR_M * math.sin(cue.elevation))

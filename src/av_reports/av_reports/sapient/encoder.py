@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from av_common.geodesy import error_degrees
 from av_reports.contacts import BearingTrack, Place, PositionTrack
-from av_reports.geodesy import error_degrees
 from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import (
     DetectionReport,

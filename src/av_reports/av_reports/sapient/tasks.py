@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from av_common.geodesy import geodetic_to_enu
 from av_reports.contacts import Place
-from av_reports.geodesy import geodetic_to_enu
 from av_reports.identifiers import ObjectIds
 from av_reports.sapient.protocol import location, range_bearing
 from av_reports.tasking import Command, Follow, LookAt
