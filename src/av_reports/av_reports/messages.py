@@ -54,7 +54,7 @@ def _azimuth(track: Track, heading: float | None, north: bool) -> float:
 
 
 def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[PositionTrack]:
-    """The targets of a network of rigs whose position is known.
+    """The targets of a network of rigs whose position is known; what is meaningless is left out.
 
     Parameters:
         message: of the topic `tracks`.
@@ -68,7 +68,8 @@ def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[P
         raise ValueError(f'the origin of {message.header.frame_id!r} is at {origin}, expected latitude, longitude and altitude')
     for track in message.tracks:
         numbers = _numbers(track)
-        if track.positioned and np.isfinite(numbers[:15]).all() and math.isfinite(track.existence):
+        usable = np.isfinite(numbers[:15]).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
+        if track.positioned and usable:
             yield _position_track(track, numbers, origin, (time + to_utc, to_seconds(track.measured) + to_utc))
 
 
@@ -88,14 +89,18 @@ def _numbers(track: WorldTrack) -> np.ndarray:
                      *track.velocity_covariance[::4]])
 
 
+def _is_covariance(values: np.ndarray) -> bool:
+    """Whether nine numbers are a covariance, but for rounding."""
+    matrix = values.reshape(3, 3)
+    return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] >= -1e-6 * np.trace(matrix))
+
+
 def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float, float, float], times: tuple[float, float]
                     ) -> PositionTrack:
     """A track in the axes of its own place, which differ from those of the origin where that is far away."""
     latitude, longitude, altitude = enu_to_geodetic(numbers[:3], origin)
     turn = enu_axes(latitude, longitude) @ enu_axes(*origin[:2]).T
     covariance = turn @ numbers[3:12].reshape(3, 3) @ turn.T
-    if (np.linalg.eigvalsh(covariance) < 0.0).any():
-        raise ValueError(f'track {track.id}: the covariance of its position is none')
     east, north, up = turn @ numbers[12:15]
     return PositionTrack(
         id=track.id, time=times[0], measured=times[1], existence=min(max(track.existence, 0.0), 1.0), latitude=latitude,

@@ -112,7 +112,7 @@ class ReportStage:
             self._tracks_arrived = now.steady
 
     def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
-        """Note the targets of a network. Raises ValueError for stamps, frames and covariances that cannot be used.
+        """Note the targets of a network. Raises ValueError for stamps and frames that cannot be used.
 
         Parameters:
             message: the targets.

@@ -30,10 +30,9 @@ def properties(track: Tracked) -> dict[str, Any]:
                   'true_north': track.north, 'elevation_deg': _degrees(track.elevation),
                   'elevation_sigma_deg': _degrees(track.elevation_sigma)}
     else:
-        sigma = [math.sqrt(track.covariance[axis][axis]) for axis in range(3)]
         known |= {'latitude': round(track.latitude, 8), 'longitude': round(track.longitude, 8),
                   'altitude_m': round(track.altitude, 3)}
-        known |= {f'{name}_sigma_m': _round(value, 3) for name, value in zip(('east', 'north', 'up'), sigma, strict=True)}
+        known |= {f'{name}_sigma_m': _round(value, 3) for name, value in zip(('east', 'north', 'up'), track.sigma, strict=True)}
         known |= {f'{name}_m_s': _round(value, 3) for name, value in zip(('east', 'north', 'up'), track.velocity, strict=True)}
     return {name: value for name, value in known.items() if value not in ('', None)}
 

@@ -88,10 +88,11 @@ def test_positions_of_a_network_are_on_the_earth():
 
 
 def test_positions_that_are_none_are_left_out_or_refused():
-    for values in ({'positioned': False}, {'position': Point(x=math.nan)}, {'existence': math.inf}):
+    for values in ({'positioned': False}, {'position': Point(x=math.nan)}, {'existence': math.inf},
+                   {'position_covariance': np.diag([4.0, -9.0, 1.0]).ravel()}):
         assert list(position_tracks(network(**values))) == []
-    with pytest.raises(ValueError, match='covariance of its position'):
-        list(position_tracks(network(position_covariance=np.diag([4.0, -9.0, 1.0]).ravel())))
+    flat, = position_tracks(network(position_covariance=np.diag([4.0, 0.0, 0.0]).ravel()))
+    assert flat.sigma == pytest.approx((2.0, 0.0, 0.0), abs=1e-2)
     nowhere = network()
     nowhere.latitude = math.nan
     with pytest.raises(ValueError, match="origin of 'map'"):

@@ -17,7 +17,7 @@ from std_msgs.msg import Header
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
 pytest.importorskip('pytak', reason='needs pytak')
-from sapient_peer import acknowledgement, task
+from sapient_peer import NODE, acknowledgement, task
 from wire_decoder import dig, fields
 
 from av_common.node import Executor
@@ -99,7 +99,7 @@ class FusionNode:
         self.peer, _ = self.listener.accept()
         self.peer.settimeout(LONG_S)
         assert 4 in fields(self.receive()), 'a registration comes first'
-        self.send(acknowledgement(destination=''))
+        self.send(acknowledgement())
 
     def receive(self):
         data = b''
@@ -140,7 +140,7 @@ def fusion():
 
 @pytest.fixture
 def rig(request, fusion):
-    rig = Rig(f'sapient.peer:={fusion.address}', *SURVEYED, *getattr(request, 'param', ()))
+    rig = Rig(f'sapient.peer:={fusion.address}', f'sapient.node_id:={NODE}', *SURVEYED, *getattr(request, 'param', ()))
     try:
         fusion.accept()
         yield rig
@@ -149,7 +149,7 @@ def rig(request, fusion):
 
 
 def follow(object_id):
-    return task(destination='', command={'follow': {'follow_object_id': object_id}})
+    return task(command={'follow': {'follow_object_id': object_id}})
 
 
 def objects(fusion):
@@ -191,11 +191,11 @@ def test_tasks_are_obeyed_where_that_is_allowed(rig, fusion):
     refused = fusion.next(9)
     assert dig(refused, 2) == 2 and dig(refused, 5) == b'target 4 is not to be had'
     east = {'look_at': {'range_bearing': {'azimuth': 90.0, 'elevation': 30.0, 'coordinate_system': 1, 'datum': 1}}}
-    fusion.send(task(destination='', command=east))
+    fusion.send(task(command=east))
     assert dig(fusion.next(9), 5) == b'nothing on this rig takes cues'
     rig.look()
     wait_for(lambda: rig.reports.count_subscribers('target/cue'))
-    fusion.send(task(destination='', command=east))
+    fusion.send(task(command=east))
     wait_for(lambda: len(rig.cues) > 2)
     cue = rig.cues[-1]
     assert (cue.point.x, cue.point.y, cue.point.z) == pytest.approx((1000 * np.cos(np.pi / 6), 0.0, 500.0), abs=1e-3)

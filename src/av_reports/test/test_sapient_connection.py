@@ -104,7 +104,8 @@ def test_a_whole_session_is_read_by_an_independent_decoder():
         message, = receive(link)
         link.put(stage.on_message(message, None, time.time()).messages, 1)
         assert dig(fusion.receive(), 9, 2) == 2, 'refused'
-        assert link.sent == 4 and link.dropped == 0
+        wait_for(lambda: link.sent == 4)
+        assert link.dropped == 0
 
 
 def receive(link):

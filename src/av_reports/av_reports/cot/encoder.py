@@ -29,16 +29,15 @@ def position_event(track: PositionTrack, uid: str, settings: CotSettings, now: f
         settings: types and times.
         now (s): UTC since 1970.
     """
-    covariance = np.array(track.covariance)
-    point = (track.latitude, track.longitude, track.altitude,
-             math.sqrt(np.trace(covariance[:2, :2]) / 2.0), math.sqrt(covariance[2, 2]))
+    east_sigma, north_sigma, up_sigma = track.sigma
+    point = (track.latitude, track.longitude, track.altitude, math.hypot(east_sigma, north_sigma) / math.sqrt(2.0), up_sigma)
     event, detail = _event(uid, settings.target_type, HOW_FUSED, point, (now, min(track.time, now), now + settings.stale))
     _contact(detail, f'{settings.callsign} {track.id}', _words(track))
     east, north, up = track.velocity
     speed = math.hypot(east, north)
     ET.SubElement(detail, 'track', course=_number(math.degrees(math.atan2(east, north)) % 360.0, 1), speed=_number(speed, 2),
                   slope=_number(math.degrees(math.atan2(up, speed)), 1))
-    major, minor, angle = error_ellipse(covariance[:2, :2])
+    major, minor, angle = error_ellipse(np.array(track.covariance)[:2, :2])
     ET.SubElement(ET.SubElement(detail, 'shape'), 'ellipse', major=_number(major, 2), minor=_number(minor, 2),
                   angle=_number(angle, 1))
     return _serialised(event)

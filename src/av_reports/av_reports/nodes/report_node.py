@@ -36,9 +36,11 @@ class ReportNode(RigNode):
         super().__init__('report_node', parameters)
 
     def configure(self) -> None:
-        """Build the stage."""
+        """Build the stage, and what it needs to ask the rig for something."""
         self._settings = self.settings
         self._stage = ReportStage(report_settings(self._settings))
+        frames = (self._settings.world_frame, self._settings.base_frame)
+        self._commands = RigCommands(self, self._settings.tracker, not self._settings.positions, frames, self.now)
         self._outputs: dict[str, Output] = {}
 
     def activate(self) -> None:
@@ -49,8 +51,6 @@ class ReportNode(RigNode):
                 (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
                 (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
             self.while_active(self.create_subscription, kind, topic, take, quality)
-        self._commands = RigCommands(
-            self, settings.tracker, not settings.positions, (settings.world_frame, settings.base_frame), self.now)
         try:
             self._open_outputs()
         except Exception:

@@ -69,8 +69,7 @@ def position_report(track: PositionTrack, object_id: str, time: float, lost: boo
         object_id, time, lost: as of `bearing_report`.
     """
     report = _report(track, object_id, time, lost, track.existence)
-    sigma = [math.sqrt(track.covariance[axis][axis]) for axis in range(3)]
-    report.location.CopyFrom(location_message(Place(track.latitude, track.longitude, track.altitude), sigma))
+    report.location.CopyFrom(location_message(Place(track.latitude, track.longitude, track.altitude), track.sigma))
     for name, value, error in zip(('east', 'north', 'up'), track.velocity, track.velocity_sigma, strict=True):
         setattr(report.enu_velocity, f'{name}_rate', value)
         if math.isfinite(error):
