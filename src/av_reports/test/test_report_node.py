@@ -25,11 +25,18 @@ from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, Track, TrackArray
 from av_interfaces.srv import SelectTarget
+from av_reports import link
 from av_reports.nodes.report_node import ReportNode
 
 pytestmark = pytest.mark.system
 LONG_S = 60.0
 SURVEYED = ('surveyed.enabled:=true', 'surveyed.latitude:=51.5', 'surveyed.longitude:=-0.12', 'surveyed.altitude:=30.0')
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch):
+    monkeypatch.setattr(link, 'FIRST_PAUSE_S', 0.05)
+    monkeypatch.setattr(link, 'LONGEST_PAUSE_S', 0.05)
 
 
 class Rig:
@@ -201,7 +208,7 @@ def test_tasks_are_obeyed_where_that_is_allowed(rig, fusion):
     assert (cue.point.x, cue.point.y, cue.point.z) == pytest.approx((1000 * np.cos(np.pi / 6), 0.0, 500.0), abs=1e-3)
     assert cue.header.frame_id == 'world'
     fusion.peer.close()    # nobody watches over the task any longer
-    wait_for(lambda: rig.selected[-1] == 0 and rig.status['sapient task'] == 'none')
+    wait_for(lambda: rig.selected[-1] == 0 and rig.status.get('sapient task') == 'none')
     seen = len(rig.cues)
     time.sleep(0.3)
     assert len(rig.cues) <= seen + 1

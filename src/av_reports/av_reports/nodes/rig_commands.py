@@ -40,24 +40,21 @@ class RigCommands:
         self._following = False
 
     def perform(self, command: Command, done: Callable[[str], None]) -> None:
-        """Begin a command.
+        """Begin a command. One that cannot be done changes nothing.
 
         Parameters:
             command: what to do.
             done: called with the reason why it cannot be done, or an empty one when it has begun.
         """
-        self._cue = None
         if isinstance(command, Follow):
             self._follow(command.id, done)
-            return
-        self._release()
-        if isinstance(command, LookAt):
-            if self._cues.get_subscription_count() == 0:
-                done('nothing on this rig takes cues')
-                return
-            self._cue = command
+        elif isinstance(command, LookAt) and self._cues.get_subscription_count() == 0:
+            done('nothing on this rig takes cues')
+        else:
+            self._release()
+            self._cue = command if isinstance(command, LookAt) else None
             self.repeat()
-        done('')
+            done('')
 
     def repeat(self) -> None:
         """Publish the cue again while there is one, so that it cannot be obeyed when this node has gone."""
@@ -75,8 +72,9 @@ class RigCommands:
 
         def answered(future: Future) -> None:
             answer = future.result()
-            self._following = answer is not None and answer.success
-            done('' if self._following else answer.message if answer is not None else 'the tracker does not answer')
+            if answer.success:
+                self._following, self._cue = True, None
+            done('' if answer.success else answer.message or 'the tracker refuses')
         self._select.call_async(SelectTarget.Request(id=target)).add_done_callback(answered)
 
     def _release(self) -> None:
