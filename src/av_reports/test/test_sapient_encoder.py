@@ -50,6 +50,17 @@ def test_a_bearing_has_azimuth_elevation_and_errors_in_degrees_and_no_range():
     assert dig(report, 11, 1) == b'Air Vehicle' and dig(report, 11, 3, 1) == b'UAV Rotary Wing'
 
 
+@pytest.mark.parametrize('name, probability, kind, confidence', [
+    ('drone', 0.8, b'Air Vehicle', 0.8), ('mavic', 0.7, b'Air Vehicle', 0.7), ('mavic', math.nan, b'Unknown', None),
+    ('bird', 0.6, b'Animal', None), ('', math.nan, b'Unknown', None), ('', 0.9, b'Air Vehicle', 0.9)])
+def test_classes_of_the_taxonomy_and_types_of_drones(name, probability, kind, confidence):
+    track = bearing(class_id=name, drone_probability=probability)
+    report = fields(dig(sent(detection_report=bearing_report(track, OBJECT, NOW)), 7))
+    found = fields(report[11][0])
+    assert found[1] == [kind] and found.get(2, [None])[0] == (confidence and pytest.approx(confidence))
+    assert [dig(info, 2) for info in report.get(10, [])] == ([b'mavic'] if name == 'mavic' else [])
+
+
 def test_without_an_attitude_the_bearing_counts_from_the_platform_and_unknown_elevation_is_left_out():
     track = bearing(north=False, elevation=math.nan, elevation_sigma=math.inf, azimuth=-0.1)
     where = fields(dig(sent(detection_report=bearing_report(track, OBJECT, NOW)), 7, 5))

@@ -46,6 +46,8 @@ def _mode(settings: SapientSettings) -> Any:
 def _detections(settings: SapientSettings) -> Any:
     details = [Registration.DetectionReport(category=Registration.DETECTION_REPORT_CATEGORY_TRACK, type=name, units=units)
                for name, units in TRACK_INFO]
+    details.append(Registration.DetectionReport(
+        category=Registration.DETECTION_REPORT_CATEGORY_OBJECT, type='type', units='name of a type of drones'))
     found = Registration.DetectionDefinition(
         location_type=_place() if settings.positions else _directions(settings), detection_report=details,
         detection_class_definition=[Registration.DetectionClassDefinition(
