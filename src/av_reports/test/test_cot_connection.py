@@ -19,6 +19,7 @@ from av_reports import link as link_module
 from av_reports.cot.connection import CotAddress, check_address, connect
 from av_reports.link import Link
 
+pytestmark = pytest.mark.system
 LONG_S = 60.0
 GROUP = '239.77.3.1'
 EVENT = b'<event/>'
