@@ -7,6 +7,7 @@ ros2 launch av_fusion rig.launch.py source:=file audio:=X.wav video:=Y.mp4      
 ros2 launch av_fusion rig.launch.py source:=hardware                            microphones and camera
 ros2 launch av_fusion rig.launch.py source:=hardware px4:=true                  ... on a vehicle with PX4
 ros2 launch av_fusion rig.launch.py view:=true                                  in a browser, too: prints an address
+ros2 launch av_fusion rig.launch.py cot:=udp://239.2.3.1:6969                    ... and on the maps of TAK
 ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          encrypted, among nodes with keys only
 """
 
@@ -24,6 +25,7 @@ from launch.actions import ExecuteProcess, LogInfo
 from av_common.yaml_reader import load_yaml
 from av_fusion.launching import (
     CONFIG,
+    REPORT_ARGUMENTS,
     RIG_ARGUMENTS,
     Arguments,
     MissingPackageError,
@@ -32,6 +34,7 @@ from av_fusion.launching import (
     doa_node,
     monitor_nodes,
     recorder_nodes,
+    report_nodes,
     require,
     rig_node,
     view_nodes,
@@ -61,6 +64,7 @@ ARGUMENTS = {
     'oracle': ('false', "source:=sim or udp: the simulator's visual oracle gives the detections, and no detector runs",
                ['true', 'false']),
     **RIG_ARGUMENTS,
+    **REPORT_ARGUMENTS,
     'rig': ('', "description of the rig: array, camera, gimbal, and their poses; empty: the scenario's, else config/rig.yaml",
             None),
     'port_offset': ('0', 'source:=sim or udp: offset of every UDP port, for several rigs; multiples of 250 up to 1750 avoid '
@@ -95,7 +99,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
-    optional = [*recorder_nodes(arguments, {}), *view_nodes(arguments, {})]
+    optional = [*recorder_nodes(arguments, {}), *view_nodes(arguments, {}), *report_nodes(arguments, {})]
     essential = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),

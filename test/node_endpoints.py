@@ -45,6 +45,7 @@ VARIANTS: dict[str, list[dict]] = {
     'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
     'px4_node': [{'external_mode': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],
+    'report_node': [{'positions': True, 'traffic.enabled': True}],
     'rig_frames_node': [{'rig_file': RIG_GIMBAL}],
     'view_node': [{'port': 0}],
 }

@@ -41,6 +41,7 @@ def parameters(node: str, folder: Path) -> dict[str, object]:
         'doa_node': {'array_file': ARRAY},
         'player_node': {'bag': folder / 'flight.mcap', 'only': 'all'},
         'recorder_node': {'path': folder / 'bag-%f.mcap'},
+        'report_node': {'cot.url': 'udp://127.0.0.1:9', 'sapient.peer': '127.0.0.1:9'},
         'view_node': {'port': 0},
         'rig_frames_node': {'rig_file': ROOT / 'config' / 'rig_gimbal.yaml'},
     }.get(node, {})

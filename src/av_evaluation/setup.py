@@ -31,6 +31,7 @@ setup(
             'benchmark = av_evaluation.cli.benchmark:main',
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
+            'export_tracks = av_evaluation.cli.export_tracks:main',
             'front_back = av_evaluation.cli.front_back:main',
             'fuzz = av_evaluation.cli.fuzz:main',
             'network = av_evaluation.cli.network:main',

@@ -24,4 +24,9 @@ setup(
     maintainer_email='av_rig@users.noreply.github.com',
     description='Tracks for those who act on them: SAPIENT, Cursor on Target, GeoJSON and CSV.',
     license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'report_node = av_reports.nodes.report_node:main',
+        ],
+    },
 )

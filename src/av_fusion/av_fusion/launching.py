@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import signal
 import sys
@@ -39,7 +40,7 @@ from av_fusion.supervision import RESPAWN
 
 CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
 BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
-MONITOR_PACKAGE, VIEW_PACKAGE = 'av_evaluation', 'av_view'
+MONITOR_PACKAGE, VIEW_PACKAGE, REPORT_PACKAGE = 'av_evaluation', 'av_view', 'av_reports'
 Arguments = Mapping[str, str]
 # Default (None: must be given), description, choices (None: anything).
 Declarations = Mapping[str, tuple[str | None, str, list[str] | None]]
@@ -58,6 +59,14 @@ RIG_ARGUMENTS: Declarations = {
     'view_control': ('false', 'the page may also control the rig, with the token in the printed address', ['true', 'false']),
     'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
 }
+
+# Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
+REPORTS = (('sapient', 'sapient.peer', 'fusion node of SAPIENT, host:port', 'sapient_msg'),
+           ('cot', 'cot.url', 'Cursor on Target, udp://239.2.3.1:6969, udp, tcp or tls and a host:port', 'pytak'),
+           ('track_log', 'log.folder', 'folder for tables and GeoJSON', ''))
+REPORT_ARGUMENTS: Declarations = {
+    name: ('', f'report targets: {text}; empty: none. Needs {REPORT_PACKAGE}: docs/guides/reports.md', None)
+    for name, _, text, _ in REPORTS}
 
 RENAMED_ARGUMENTS = {'voice': 'drone_recording'}    # ROS ignores an argument that it does not know
 
@@ -245,6 +254,24 @@ def view_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
     require('view:=true', VIEW_PACKAGE)
     control = {'view_control': arguments['view_control'] == 'true', 'bags': arguments['bags']}
     return [rig_node(arguments, VIEW_PACKAGE, 'view_node', {**control, **parameters}, output='screen')]
+
+
+def report_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+    """The node that reports targets, or an empty list where nobody is named. Raises MissingPackageError.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
+    peers = {}
+    for name, parameter, _, module in REPORTS:
+        if arguments[name]:
+            require(f'{name}:={arguments[name]}', REPORT_PACKAGE)
+            if module and importlib.util.find_spec(module) is None:
+                package = module.replace('_', '-')
+                raise MissingPackageError(package, f'{name}:={arguments[name]}', f'pip install {package}')
+            peers[parameter] = arguments[name]
+    return [rig_node(arguments, REPORT_PACKAGE, 'report_node', {**peers, **parameters})] if peers else []
 
 
 def ends_with(last: Node, processes: Sequence[Node]) -> list[LaunchDescriptionEntity]:

@@ -68,6 +68,12 @@ class PositionTrack(NamedTuple):
     class_id: str = ''
     rigs: tuple[str, ...] = ()
 
+    @property
+    def sigma(self) -> tuple[float, float, float]:
+        """Standard deviations (m) to the east, north and up."""
+        east, north, up = (math.sqrt(max(self.covariance[axis][axis], 0.0)) for axis in range(3))
+        return east, north, up
+
 
 class Place(NamedTuple):
     """Where a rig stands: latitude, longitude (deg), altitude (m), WGS84, above its ellipsoid; standard deviation (m)."""
@@ -100,6 +106,6 @@ class Selection(NamedTuple):
             track: the target.
             now (s): UTC since 1970.
         """
-        return (track.existence >= self.min_existence and now - track.measured <= self.max_age
+        return (track.existence >= self.min_existence and abs(now - track.measured) <= self.max_age
                 and not (self.only_drones and track.drone_probability < LIKELY)
                 and (self.unresolved or not isinstance(track, BearingTrack) or track.resolved))

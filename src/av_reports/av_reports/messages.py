@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+
+from av_common.geodesy import enu_axes, enu_to_geodetic
 from av_common.stamps import to_seconds
-from av_interfaces.msg import Track, TrackArray
-from av_reports.contacts import BearingTrack
+from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
+from av_reports.contacts import BearingTrack, Place, PositionTrack
 
 STEEPEST = 0.02  # cosine of an elevation, above which an azimuth has no standard deviation to speak of
 
@@ -47,3 +51,59 @@ def _azimuth(track: Track, heading: float | None, north: bool) -> float:
     if not north:
         return -float(track.azimuth)
     return math.pi / 2 - float(track.azimuth_world) if heading is None else heading - float(track.azimuth)
+
+
+def position_tracks(message: WorldTrackArray, to_utc: float = 0.0) -> Iterator[PositionTrack]:
+    """The targets of a network of rigs whose position is known; what is meaningless is left out.
+
+    Parameters:
+        message: of the topic `tracks`.
+        to_utc (s): what is to be added to ROS time for UTC.
+
+    Raises ValueError for stamps that cannot be used, and where the frame's origin has no place on the earth.
+    """
+    time = to_seconds(message.header.stamp)
+    origin = (message.latitude, message.longitude, message.altitude)
+    if not (all(map(math.isfinite, origin)) and abs(origin[0]) <= 90.0):
+        raise ValueError(f'the origin of {message.header.frame_id!r} is at {origin}, expected latitude, longitude and altitude')
+    for track in message.tracks:
+        numbers = _numbers(track)
+        usable = np.isfinite(numbers[:15]).all() and math.isfinite(track.existence) and _is_covariance(numbers[3:12])
+        if track.positioned and usable:
+            yield _position_track(track, numbers, origin, (time + to_utc, to_seconds(track.measured) + to_utc))
+
+
+def place_of_fix(message: NavSatFix) -> Place:
+    """Where a receiver of satellite navigation is. Raises ValueError for a message without a fix."""
+    numbers = (message.latitude, message.longitude, message.altitude)
+    if message.status.status < NavSatStatus.STATUS_FIX or not all(map(math.isfinite, numbers)) or abs(numbers[0]) > 90.0:
+        raise ValueError(f'no fix: status {message.status.status}, {numbers}')
+    known = message.position_covariance_type != NavSatFix.COVARIANCE_TYPE_UNKNOWN and message.position_covariance[0] >= 0.0
+    return Place(*numbers, sigma=math.sqrt(message.position_covariance[0]) if known else math.nan)
+
+
+def _numbers(track: WorldTrack) -> np.ndarray:
+    """Position, covariance of the position, velocity and its variances, (18,)."""
+    where, speed = track.position, track.velocity
+    return np.array([where.x, where.y, where.z, *track.position_covariance, speed.x, speed.y, speed.z,
+                     *track.velocity_covariance[::4]])
+
+
+def _is_covariance(values: np.ndarray) -> bool:
+    """Whether nine numbers are a covariance, but for rounding."""
+    matrix = values.reshape(3, 3)
+    return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] >= -1e-6 * np.trace(matrix))
+
+
+def _position_track(track: WorldTrack, numbers: np.ndarray, origin: tuple[float, float, float], times: tuple[float, float]
+                    ) -> PositionTrack:
+    """A track in the axes of its own place, which differ from those of the origin where that is far away."""
+    latitude, longitude, altitude = enu_to_geodetic(numbers[:3], origin)
+    turn = enu_axes(latitude, longitude) @ enu_axes(*origin[:2]).T
+    covariance = turn @ numbers[3:12].reshape(3, 3) @ turn.T
+    east, north, up = turn @ numbers[12:15]
+    return PositionTrack(
+        id=track.id, time=times[0], measured=times[1], existence=min(max(track.existence, 0.0), 1.0), latitude=latitude,
+        longitude=longitude, altitude=altitude, covariance=tuple(map(tuple, covariance.tolist())), velocity=(east, north, up),
+        velocity_sigma=tuple(np.sqrt(np.where(numbers[15:] >= 0.0, numbers[15:], math.inf)).tolist()),
+        drone_probability=track.drone_probability, class_id=track.class_id, rigs=tuple(track.rigs))

@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import Point, Vector3
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
-from av_interfaces.msg import Track, TrackArray
+from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
 from av_reports.contacts import Selection
-from av_reports.messages import bearing_tracks
+from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 
 TIME = 1000.0
 
@@ -63,3 +65,50 @@ def test_what_is_reported(values, taken):
     track, = bearing_tracks(targets(**values), None, True)
     assert Selection().takes(track, TIME) is taken
     assert Selection(0.0, 1e4, False, True).takes(track, TIME)
+
+
+def network(**values):
+    track = WorldTrack(**{
+        'id': 7, 'existence': 0.9, 'drone_probability': 0.8, 'class_id': 'drone', 'position': Point(x=0.0, y=1000.0, z=50.0),
+        'position_covariance': np.diag([4.0, 9.0, 1.0]).ravel(), 'velocity': Vector3(x=3.0, y=-1.0, z=0.5), 'positioned': True,
+        'velocity_covariance': np.diag([0.04, 0.09, 0.01]).ravel(), 'rigs': ['left', 'right'], 'measured': to_stamp(TIME - 0.1),
+        **values})
+    return WorldTrackArray(header=Header(stamp=to_stamp(TIME), frame_id='map'), latitude=51.5, longitude=-0.12, altitude=30.0,
+                           tracks=[track])
+
+
+def test_positions_of_a_network_are_on_the_earth():
+    track, = position_tracks(network())
+    assert track.latitude - 51.5 == pytest.approx(1000.0 / 111258.0, rel=1e-4) and track.longitude == pytest.approx(-0.12)
+    assert track.altitude == pytest.approx(80.0 + 1000.0**2 / (2 * 6.37e6), abs=0.01)    # the earth falls away by d^2 / 2R
+    assert np.array(track.covariance) == pytest.approx(np.diag([4.0, 9.0, 1.0]), abs=1e-2)
+    assert track.velocity == pytest.approx((3.0, -1.0, 0.5), abs=1e-3)
+    assert track.velocity_sigma == pytest.approx((0.2, 0.3, 0.1)) and track.rigs == ('left', 'right')
+    assert Selection().takes(track, TIME)
+
+
+def test_positions_that_are_none_are_left_out_or_refused():
+    for values in ({'positioned': False}, {'position': Point(x=math.nan)}, {'existence': math.inf},
+                   {'position_covariance': np.diag([4.0, -9.0, 1.0]).ravel()}):
+        assert list(position_tracks(network(**values))) == []
+    flat, = position_tracks(network(position_covariance=np.diag([4.0, 0.0, 0.0]).ravel()))
+    assert flat.sigma == pytest.approx((2.0, 0.0, 0.0), abs=1e-2)
+    nowhere = network()
+    nowhere.latitude = math.nan
+    with pytest.raises(ValueError, match="origin of 'map'"):
+        list(position_tracks(nowhere))
+
+
+def test_a_fix_is_a_place():
+    fix = NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_FIX), latitude=51.5, longitude=-0.12, altitude=30.0,
+                    position_covariance=np.diag([2.25, 2.25, 9.0]).ravel(),
+                    position_covariance_type=NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN)
+    assert place_of_fix(fix) == (51.5, -0.12, 30.0, 1.5)
+    fix.position_covariance_type = NavSatFix.COVARIANCE_TYPE_UNKNOWN
+    assert math.isnan(place_of_fix(fix).sigma)
+    lost = NavSatStatus(status=NavSatStatus.STATUS_NO_FIX)
+    for name, value in (('latitude', math.nan), ('latitude', 91.0), ('status', lost)):
+        setattr(fix, name, value)
+        with pytest.raises(ValueError, match='no fix'):
+            place_of_fix(fix)
+        fix.latitude = 51.5

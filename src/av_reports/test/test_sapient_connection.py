@@ -12,12 +12,14 @@ from functools import partial
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from sapient_peer import NODE, acknowledgement, bearing, task
+from report_tracks import bearing
+from sapient_peer import NODE, acknowledgement, task
 from wire_decoder import dig, fields
 
 from av_reports import link as link_module
 from av_reports.link import Link
-from av_reports.sapient.connection import LARGEST_RECEIVED, connect, parse_peer
+from av_reports.peer import parse_peer
+from av_reports.sapient.connection import LARGEST_RECEIVED, connect
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import SapientStage
 
@@ -102,7 +104,8 @@ def test_a_whole_session_is_read_by_an_independent_decoder():
         message, = receive(link)
         link.put(stage.on_message(message, None, time.time()).messages, 1)
         assert dig(fusion.receive(), 9, 2) == 2, 'refused'
-        assert link.sent == 4 and link.dropped == 0
+        wait_for(lambda: link.sent == 4)
+        assert link.dropped == 0
 
 
 def receive(link):

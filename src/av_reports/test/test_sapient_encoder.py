@@ -8,12 +8,13 @@ import struct
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from sapient_peer import FUSION_NODE, NODE, NOW, SETTINGS, bearing, position
+from report_tracks import NOW, bearing, position
+from sapient_peer import FUSION_NODE, NODE, SETTINGS
 from wire_decoder import dig, fields
 
 from av_reports.contacts import Place
+from av_reports.identifiers import is_ulid, new_ulid
 from av_reports.sapient.encoder import bearing_report, envelope, position_report, status_report, task_ack
-from av_reports.sapient.identifiers import is_ulid, new_ulid
 from av_reports.sapient.protocol import TaskAck
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.settings import SapientSettings
@@ -47,6 +48,17 @@ def test_a_bearing_has_azimuth_elevation_and_errors_in_degrees_and_no_range():
     assert 6 not in fields(report) and dig(report, 2).decode() == OBJECT and is_ulid(dig(report, 1).decode())
     assert dig(report, 7) == pytest.approx(0.9)
     assert dig(report, 11, 1) == b'Air Vehicle' and dig(report, 11, 3, 1) == b'UAV Rotary Wing'
+
+
+@pytest.mark.parametrize('name, probability, kind, confidence', [
+    ('drone', 0.8, b'Air Vehicle', 0.8), ('mavic', 0.7, b'Air Vehicle', 0.7), ('mavic', math.nan, b'Unknown', None),
+    ('bird', 0.6, b'Animal', None), ('', math.nan, b'Unknown', None), ('', 0.9, b'Air Vehicle', 0.9)])
+def test_classes_of_the_taxonomy_and_types_of_drones(name, probability, kind, confidence):
+    track = bearing(class_id=name, drone_probability=probability)
+    report = fields(dig(sent(detection_report=bearing_report(track, OBJECT, NOW)), 7))
+    found = fields(report[11][0])
+    assert found[1] == [kind] and found.get(2, [None])[0] == (confidence and pytest.approx(confidence))
+    assert [dig(info, 2) for info in report.get(10, [])] == ([b'mavic'] if name == 'mavic' else [])
 
 
 def test_without_an_attitude_the_bearing_counts_from_the_platform_and_unknown_elevation_is_left_out():
@@ -98,7 +110,7 @@ def test_the_registration_says_what_is_reported_and_which_tasks_are_taken(positi
     kind = fields(dig(registration, 7, 10, 1))
     assert kind == ({1: [LAT_LNG_DEG_M], 3: [WGS84_ELLIPSOID]} if positions else {2: [DEGREES_M], 4: [TRUE_NORTH]})
     commands = fields(dig(registration, 7, 11)).get(3, [])
-    assert [dig(command, 4) for command in commands] == ([6, 9] if obey else []), 'look at, follow'
+    assert [dig(command, 4) for command in commands] == ([] if not obey else [6] if positions else [6, 9]), 'look at, follow'
     assert len(registration) < 4096
 
 

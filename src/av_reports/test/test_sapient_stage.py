@@ -7,14 +7,16 @@ import math
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
-from sapient_peer import FUSION_NODE, NODE, NOW, acknowledgement, bearing, from_fusion_node, position, task
+from report_tracks import NOW, bearing, position
+from sapient_peer import FUSION_NODE, NODE, acknowledgement, from_fusion_node, task
 
 from av_reports.contacts import Place
-from av_reports.sapient.identifiers import FORGET_S, ObjectIds, new_ulid
+from av_reports.identifiers import FORGET_S, ObjectIds, new_ulid
 from av_reports.sapient.protocol import SapientMessage, StatusReport, Task, TaskAck
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.stage import AGAIN_S, LONGEST_PACKET, Health, SapientStage
-from av_reports.sapient.tasks import LONGEST_S, Follow, LookAt, Stop
+from av_reports.sapient.tasks import LONGEST_S
+from av_reports.tasking import Follow, LookAt, Stop
 
 PLACE = Place(51.5, -0.12, 30.0)
 ACCEPTED, REJECTED, COMPLETED, FAILED = 1, 2, 3, 4

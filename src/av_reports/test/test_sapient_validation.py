@@ -12,12 +12,13 @@ pytest.importorskip('sapient_msg', reason='needs sapient-msg')
 import sapient_msg
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from report_tracks import NOW, bearing, position
 from sapient_msg.bsi_flex_335_v2_0 import sapient_message_pb2
-from sapient_peer import NODE, NOW, SETTINGS, bearing, position
+from sapient_peer import NODE, SETTINGS
 
 from av_reports.contacts import Place
+from av_reports.identifiers import new_ulid
 from av_reports.sapient.encoder import bearing_report, envelope, position_report, status_report
-from av_reports.sapient.identifiers import new_ulid
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.validation import MOST_FAULTS, faults, parse
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import re
 import socket
 
 from av_reports.link import StreamChannel
@@ -11,14 +10,6 @@ from av_reports.sapient.framing import FrameReader, frame
 
 LARGEST_RECEIVED = 1 << 16  # bytes; tasks and acknowledgements have some hundred
 SILENT_MS = 20_000  # a peer that acknowledges nothing for this long is gone
-
-
-def parse_peer(text: str) -> tuple[str, int]:
-    """Host and port of `host:port` or `[address]:port`. Raises ValueError for anything else."""
-    match = re.fullmatch(r'\[?([^\s\[\]]+?)\]?:(\d{1,5})', text)
-    if not match or not 0 < int(match[2]) < 65536:
-        raise ValueError(f'peer is {text!r:.80}, expected host:port such as 192.168.1.5:5020')
-    return match[1], int(match[2])
 
 
 async def connect(host: str, port: int) -> StreamChannel:

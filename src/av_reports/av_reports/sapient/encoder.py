@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from av_reports.contacts import BearingTrack, Place, PositionTrack
-from av_reports.geodesy import error_degrees
-from av_reports.sapient.identifiers import new_ulid
+from av_common.geodesy import error_degrees
+from av_reports.contacts import LIKELY, BearingTrack, Place, PositionTrack
+from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import (
     DetectionReport,
     Location,
@@ -69,8 +69,7 @@ def position_report(track: PositionTrack, object_id: str, time: float, lost: boo
         object_id, time, lost: as of `bearing_report`.
     """
     report = _report(track, object_id, time, lost, track.existence)
-    sigma = [math.sqrt(track.covariance[axis][axis]) for axis in range(3)]
-    report.location.CopyFrom(location_message(Place(track.latitude, track.longitude, track.altitude), sigma))
+    report.location.CopyFrom(location_message(Place(track.latitude, track.longitude, track.altitude), track.sigma))
     for name, value, error in zip(('east', 'north', 'up'), track.velocity, track.velocity_sigma, strict=True):
         setattr(report.enu_velocity, f'{name}_rate', value)
         if math.isfinite(error):
@@ -133,18 +132,25 @@ def task_ack(task_id: str, status: int, reason: str = '') -> Any:
 def _report(track: BearingTrack | PositionTrack, object_id: str, time: float, lost: bool, confidence: float) -> Any:
     report = DetectionReport(report_id=new_ulid(time), object_id=object_id, state=LOST if lost else None,
                              detection_confidence=confidence)
-    kind, finer = CLASSES.get(track.class_id, (UNKNOWN_CLASS, ''))
-    found = report.classification.add(type=kind)
-    probability = track.drone_probability
-    if math.isfinite(probability):
-        if track.class_id == 'drone':
-            found.confidence = probability
-        _inform(report, 'drone_probability', probability)
-    if finer:
-        found.sub_class.add(type=finer, level=1)
+    _classify(report, track)
+    if math.isfinite(track.drone_probability):
+        _inform(report, 'drone_probability', track.drone_probability)
     if track.measured > 0.0:
         _inform(report, 'measured', track.time - track.measured)
     return report
+
+
+def _classify(report: Any, track: BearingTrack | PositionTrack) -> None:
+    """Add the class; a name that is none of CLASSES is a type of drones, where the target probably is one."""
+    is_drone = track.drone_probability >= LIKELY and track.class_id not in set(CLASSES) - {'drone'}
+    kind, finer = CLASSES.get('drone' if is_drone else track.class_id, (UNKNOWN_CLASS, ''))
+    found = report.classification.add(type=kind)
+    if is_drone:
+        found.confidence = track.drone_probability
+    if finer:
+        found.sub_class.add(type=finer, level=1)
+    if track.class_id and track.class_id not in CLASSES:
+        report.object_info.add(type='type', value=track.class_id[:LONGEST_REASON])
 
 
 def _inform(report: Any, name: str, value: float) -> None:

@@ -40,12 +40,14 @@ def _mode(settings: SapientSettings) -> Any:
         task=Registration.TaskDefinition(
             concurrent_tasks=1, region_definition=Registration.RegionDefinition(
                 region_type=[Registration.REGION_TYPE_AREA_OF_INTEREST], region_area=[_directions(settings)]),
-            command=_commands() if settings.obey_tasks else []))
+            command=_commands(settings) if settings.obey_tasks else []))
 
 
 def _detections(settings: SapientSettings) -> Any:
     details = [Registration.DetectionReport(category=Registration.DETECTION_REPORT_CATEGORY_TRACK, type=name, units=units)
                for name, units in TRACK_INFO]
+    details.append(Registration.DetectionReport(
+        category=Registration.DETECTION_REPORT_CATEGORY_OBJECT, type='type', units='name of a type of drones'))
     found = Registration.DetectionDefinition(
         location_type=_place() if settings.positions else _directions(settings), detection_report=details,
         detection_class_definition=[Registration.DetectionClassDefinition(
@@ -69,10 +71,11 @@ def _classes() -> list[Any]:
     return found
 
 
-def _commands() -> list[Any]:
-    return [Registration.Command(type=kind, units=units, completion_time=_seconds(COMPLETION_S)) for kind, units in (
-        (Registration.COMMAND_TYPE_LOOK_AT, 'RangeBearing, LocationList of one'),
-        (Registration.COMMAND_TYPE_FOLLOW, 'object_id'))]
+def _commands(settings: SapientSettings) -> list[Any]:
+    """The commands that are obeyed; a network's targets are not those of the tracker that follows one."""
+    kinds = [(Registration.COMMAND_TYPE_LOOK_AT, 'RangeBearing, LocationList of one')]
+    kinds += [] if settings.positions else [(Registration.COMMAND_TYPE_FOLLOW, 'object_id')]
+    return [Registration.Command(type=kind, units=units, completion_time=_seconds(COMPLETION_S)) for kind, units in kinds]
 
 
 def _place() -> Any:

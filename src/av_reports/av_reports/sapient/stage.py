@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import LONGEST_REASON, bearing_report, envelope, position_report, status_report
-from av_reports.sapient.identifiers import ObjectIds
 from av_reports.sapient.protocol import Error
 from av_reports.sapient.registration import registration_message
 from av_reports.sapient.settings import SapientSettings
 from av_reports.sapient.task_desk import Answer, TaskDesk
-from av_reports.sapient.tasks import Command
 from av_reports.sapient.validation import check, parse
+from av_reports.tasking import Command
 
 AGAIN_S = 30.0  # after this time without an acknowledgement a node registers again
 LONGEST_PACKET = 1024  # bytes of an unusable message that are sent back

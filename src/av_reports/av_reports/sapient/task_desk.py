@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from av_reports.contacts import Place
+from av_reports.identifiers import ObjectIds
 from av_reports.sapient.encoder import task_ack
-from av_reports.sapient.identifiers import ObjectIds
 from av_reports.sapient.protocol import Task, TaskAck
-from av_reports.sapient.tasks import ActiveTask, Command, Follow, RefusedTaskError, Stop, active_task
+from av_reports.sapient.tasks import ActiveTask, RefusedTaskError, active_task
+from av_reports.tasking import Command, Follow, Stop
 
 SETTLE_S = 5.0  # time in which the rig must have said whether it can
 NO_TASKS = 'this node obeys no tasks: its parameter obey_tasks is false'

@@ -6,44 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from av_common.geodesy import geodetic_to_enu
 from av_reports.contacts import Place
-from av_reports.geodesy import geodetic_to_enu
-from av_reports.sapient.identifiers import ObjectIds
+from av_reports.identifiers import ObjectIds
 from av_reports.sapient.protocol import location, range_bearing
+from av_reports.tasking import Command, Follow, LookAt
 
 LONGEST_S = 3600.0  # a task without an end lasts this long at the most
 KNOWN_PLACES = (location.LOCATION_COORDINATE_SYSTEM_LAT_LNG_DEG_M, location.LOCATION_DATUM_WGS84_E)
 NEAREST_M = 1.0  # no direction to a place that is nearer
-
-
-@dataclass(frozen=True)
-class Follow:
-    """The rig is to follow the track `id`."""
-
-    id: int
-
-
-@dataclass(frozen=True)
-class LookAt:
-    """The rig is to look in a direction.
-
-    Parameters:
-        azimuth (rad): clockwise, from true north or from the rig's forward direction.
-        elevation (rad): up from the horizontal plane.
-        north: whether the azimuth counts from true north.
-    """
-
-    azimuth: float
-    elevation: float
-    north: bool
-
-
-@dataclass(frozen=True)
-class Stop:
-    """The rig is to do again what it did without a task."""
-
-
-Command = Follow | LookAt | Stop
 
 
 class RefusedTaskError(ValueError):

@@ -9,7 +9,7 @@ from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
 
-from av_reports.sapient.identifiers import is_ulid, is_uuid
+from av_reports.identifiers import is_ulid, is_uuid
 from av_reports.sapient.protocol import SapientMessage, options
 
 MOST_FAULTS = 20  # more are not looked for

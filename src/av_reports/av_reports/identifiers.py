@@ -1,4 +1,4 @@
-"""Identifiers of SAPIENT: ULIDs of messages and objects, UUIDs of nodes."""
+"""Identifiers: ULIDs of messages and objects, UUIDs of nodes."""
 
 from __future__ import annotations
 

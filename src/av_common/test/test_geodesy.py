@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from av_reports.geodesy import enu_to_geodetic, error_degrees, from_ecef, geodetic_to_enu, to_ecef
+from av_common.geodesy import enu_to_geodetic, error_degrees, from_ecef, geodetic_to_enu, to_ecef
 
 
 @pytest.mark.parametrize('place, position', [

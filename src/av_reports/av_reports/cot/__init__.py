@@ -1,0 +1,1 @@
+"""Cursor on Target: events for TAK, and their way there."""

@@ -1,0 +1,58 @@
+"""Tracks in, events of Cursor on Target out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from av_reports.contacts import BearingTrack, Place, PositionTrack
+from av_reports.cot.encoder import bearing_event, position_event, rig_event
+from av_reports.cot.settings import CotSettings
+from av_reports.identifiers import ObjectIds
+
+RIG_INTERVAL_S = 10.0  # between two events of the rig that follows nothing
+
+
+class CotStage:
+    """Events of the rig, of the bearings at its place, and of positions. Times are UTC in s since 1970.
+
+    Parameters:
+        settings: what is told.
+    """
+
+    def __init__(self, settings: CotSettings) -> None:
+        self._settings = settings
+        self._objects = ObjectIds()
+        self._sent: dict[int, float] = {}
+        self._rig_sent = -math.inf
+
+    def on_tracks(self, tracks: Sequence[BearingTrack | PositionTrack], place: Place | None, now: float,
+                  surveyed: bool = True) -> list[bytes]:
+        """The events that are due.
+
+        Parameters:
+            tracks: the targets; bearings that do not count from true north are left out.
+            place: where the rig stands; None while unknown, which leaves out all bearings.
+            now (s): the time.
+            surveyed: whether the place was given by a person, rather than measured.
+        """
+        events = []
+        followed = next((track for track in tracks if isinstance(track, BearingTrack) and track.selected and track.north), None)
+        if place is not None and now - self._rig_sent >= (self._interval if followed else RIG_INTERVAL_S):
+            self._rig_sent = now
+            events.append(rig_event(place, followed, self._settings, now, surveyed))
+        self._sent = {track.id: self._sent.get(track.id, -math.inf) for track in tracks}
+        for track in tracks:
+            uid = f'{self._settings.uid}.{self._objects.ulid(track.id, now)}'
+            if now - self._sent[track.id] < self._interval or track is followed:
+                continue
+            if isinstance(track, PositionTrack):
+                events.append(position_event(track, uid, self._settings, now))
+            elif track.north and place is not None:
+                events.append(bearing_event(track, place, uid, self._settings, now))
+            self._sent[track.id] = now
+        return events
+
+    @property
+    def _interval(self) -> float:
+        return 0.99 * self._settings.interval

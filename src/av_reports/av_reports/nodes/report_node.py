@@ -1,0 +1,129 @@
+"""Reports what a rig or a network of rigs tracks: to a fusion node of SAPIENT, to TAK, to files; without parameters to none."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from sensor_msgs.msg import NavSatFix
+
+from av_common.freshness import Instant
+from av_common.node import RigNode, run
+from av_common.qos import RESULT, STREAM
+from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
+from av_reports.nodes.report_node_parameters import report_node as parameters
+from av_reports.nodes.rig_commands import RigCommands
+from av_reports.nodes.traffic_output import TrafficOutput
+from av_reports.outputs import CotOutput, LogOutput, Output
+from av_reports.peer import parse_peer
+from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
+from av_reports.stage import ReportStage
+
+MEGABYTE = 1e6
+
+
+class ReportNode(RigNode):
+    """Runs a `ReportStage` and the outputs that its parameters name."""
+
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'min_existence', 'max_age', 'only_drones', 'unresolved'})
+
+    def __init__(self) -> None:
+        super().__init__('report_node', parameters)
+
+    def configure(self) -> None:
+        """Build the stage, and what it needs to ask the rig for something."""
+        self._settings = self.settings
+        self._stage = ReportStage(report_settings(self._settings))
+        frames = (self._settings.world_frame, self._settings.base_frame)
+        self._commands = RigCommands(self, self._settings.tracker, not self._settings.positions, frames, self.now)
+        self._outputs: dict[str, Output] = {}
+
+    def activate(self) -> None:
+        """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError for files."""
+        settings = self._settings
+        for kind, topic, take, quality in (
+                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
+                (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
+                (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
+            self.while_active(self.create_subscription, kind, topic, take, quality)
+        try:
+            self._open_outputs()
+        except Exception:
+            self.deactivate()
+            raise
+        self.while_active(self.create_timer, 1.0 / settings.rate, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def deactivate(self) -> None:
+        """Close the outputs."""
+        while self._outputs:
+            self._outputs.popitem()[1].close()
+
+    @staticmethod
+    def check_parameters(settings: Any) -> None:
+        """Addresses, types and identifiers must be some."""
+        check_settings(settings)
+
+    def apply_parameters(self) -> None:
+        """Which targets are reported can be changed at any time."""
+        self._stage.settings = report_settings(self.settings)
+
+    def _open_outputs(self) -> None:
+        settings, name = self._settings, self.get_fully_qualified_name()
+        if settings.sapient.peer:
+            from av_reports.sapient.output import SapientOutput  # needs sapient-msg
+            self._outputs['sapient'] = SapientOutput(
+                sapient_settings(settings, name), parse_peer(settings.sapient.peer), self._commands.perform)
+        if settings.cot.url:
+            self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
+        if settings.log.folder:
+            self._outputs['log'] = LogOutput(
+                Path(settings.log.folder).expanduser(), settings.cot.sensor_range, MEGABYTE * settings.log.max_megabytes)
+
+        if settings.traffic.enabled:
+            self._outputs['traffic'] = TrafficOutput(self, settings.traffic.topic, settings.traffic.geoid_height)
+
+    def _on_targets(self, message: TrackArray) -> None:
+        self._stage.on_targets(message, self._instant(), self._to_utc())
+
+    def _on_network_tracks(self, message: WorldTrackArray) -> None:
+        self._stage.on_network_tracks(message, self._instant(), self._to_utc())
+
+    def _on_fix(self, message: NavSatFix) -> None:
+        self._stage.on_fix(message, self._instant())
+
+    def _report(self) -> None:
+        situation = self._stage.situation(self._instant(), self._to_utc())
+        for output in self._outputs.values():
+            output.report(situation)
+        self._commands.repeat()
+
+    def _instant(self) -> Instant:
+        return Instant(time.monotonic(), self.now())
+
+    def _to_utc(self) -> float:
+        """What is to be added to this node's time for UTC: nothing, unless its time is simulated."""
+        return time.time() - self.now()
+
+    def diagnose(self, status: DiagnosticStatusWrapper) -> None:
+        """Report peers, problems and numbers of each output."""
+        status.add('outputs', ', '.join(self._outputs) or 'none: nothing leaves this machine')
+        situation = self._stage.situation(self._instant(), self._to_utc())
+        status.add('reported targets', str(len(situation.tracks)))
+        for name, output in self._outputs.items():
+            problem = output.problem()
+            if problem:
+                status.mergeSummary(DiagnosticStatus.WARN, problem)
+            for key, value in output.values().items():
+                status.add(f'{name} {key}', str(value))
+        for problem in situation.problems if self._outputs else ():
+            status.mergeSummary(DiagnosticStatus.WARN, problem)
+
+
+def main() -> None:
+    """Run the node."""
+    run(ReportNode)

@@ -1,0 +1,115 @@
+"""Where a situation is reported to, each with a connection of its own."""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from av_reports.cot.connection import CotAddress, check_address, connect, load_pytak
+from av_reports.cot.settings import CotSettings
+from av_reports.cot.stage import CotStage
+from av_reports.link import Link
+from av_reports.stage import Situation
+from av_reports.track_log import TrackLog
+
+
+class Output(Protocol):
+    """Something that situations are reported to."""
+
+    def report(self, situation: Situation) -> None:
+        """Report a situation."""
+
+    def problem(self) -> str:
+        """What is wrong; empty for nothing."""
+
+    def values(self) -> dict[str, object]:
+        """What diagnostics tell."""
+
+    def close(self) -> None:
+        """End it."""
+
+
+class CotOutput:
+    """Events of Cursor on Target.
+
+    Parameters:
+        settings: what is told.
+        address: where to.
+
+    Raises ImportError without pytak, ValueError for an address that cannot be used.
+    """
+
+    def __init__(self, settings: CotSettings, address: CotAddress) -> None:
+        check_address(address)
+        load_pytak()
+        self._address = address
+        self._stage = CotStage(settings)
+        self._link = Link(partial(connect, address))
+        self._placeless = False
+
+    def report(self, situation: Situation) -> None:
+        """Send the events that are due."""
+        self._placeless = situation.place is None
+        session = self._link.take().session
+        if session:
+            self._link.put(self._stage.on_tracks(situation.tracks, situation.place, situation.now, situation.surveyed), session)
+
+    def problem(self) -> str:
+        """Why nothing is reported."""
+        if not self._link.take().session:
+            return f'{self._address.url} is not connected: {self._link.problem or "no answer yet"}'
+        return 'the place of the rig is not known: it needs the topic fix, or surveyed.enabled' if self._placeless else ''
+
+    def values(self) -> dict[str, object]:
+        """Numbers of what was sent."""
+        return {'peer': self._address.url, **link_values(self._link)}
+
+    def close(self) -> None:
+        """End the connection."""
+        self._link.close()
+
+
+class LogOutput:
+    """Files of tracks, at most one line for each track and second.
+
+    Parameters:
+        folder: where they are written, named by the time of their beginning.
+        length (m): of the lines that stand for bearings.
+        largest: bytes that they may have.
+    """
+
+    def __init__(self, folder: Path, length: float, largest: float) -> None:
+        self._stem = folder / f'tracks_{datetime.now(timezone.utc):%Y%m%dT%H%M%S_%f}'
+        self._log = TrackLog(self._stem, length, largest)
+        self._newest: dict[int, float] = {}
+        self._problem = ''
+
+    def report(self, situation: Situation) -> None:
+        """Write the tracks that are due."""
+        due = [track for track in situation.tracks if track.time - self._newest.get(track.id, 0.0) >= 1.0]
+        self._newest = {track.id: self._newest.get(track.id, 0.0) for track in situation.tracks}
+        self._newest |= {track.id: track.time for track in due}
+        try:
+            self._log.write(due, situation.place)
+            self._problem = f'{self._stem}.csv has reached its size' if self._log.full else ''
+        except OSError as error:
+            self._problem = f'{self._stem}.csv: {error.strerror}'
+
+    def problem(self) -> str:
+        """Why nothing is written any more."""
+        return self._problem
+
+    def values(self) -> dict[str, object]:
+        """Where, and how many."""
+        return {'files': f'{self._stem}.*', 'written': self._log.written}
+
+    def close(self) -> None:
+        """Close the files."""
+        self._log.close()
+
+
+def link_values(link: Link) -> dict[str, object]:
+    """What diagnostics tell of a connection."""
+    return {'connections': link.connections, 'sent': link.sent, 'dropped': link.dropped, 'last error': link.problem or 'none'}

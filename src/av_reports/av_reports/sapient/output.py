@@ -1,0 +1,82 @@
+"""Reports to a fusion node of SAPIENT, and its tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from av_reports.link import Link
+from av_reports.outputs import link_values
+from av_reports.sapient.connection import connect
+from av_reports.sapient.settings import SapientSettings
+from av_reports.sapient.stage import Health, Reaction, SapientStage
+from av_reports.stage import Situation
+from av_reports.tasking import Command
+
+MOST_MESSAGES = 4  # of a fusion node that are answered at a time
+Perform = Callable[[Command, Callable[[str], None]], None]
+
+
+class SapientOutput:
+    """Reports to a fusion node of SAPIENT, and lets it give tasks.
+
+    Parameters:
+        settings: what the node is.
+        peer: host and port of the fusion node.
+        perform: function that has the rig do a command, and calls its second argument with the reason why it cannot, or with
+            an empty one when it has begun.
+    """
+
+    def __init__(self, settings: SapientSettings, peer: tuple[str, int], perform: Perform) -> None:
+        self._peer, self._perform = peer, perform
+        self._stage = SapientStage(settings)
+        self._link = Link(partial(connect, *peer))
+        self._session = 0
+        self._now = 0.0
+
+    def report(self, situation: Situation) -> None:
+        """Answer what has arrived, and report."""
+        self._now = now = situation.now
+        received = self._link.take(MOST_MESSAGES)
+        if received.session != self._session:
+            if self._session:
+                self._react(self._stage.on_disconnected())
+            self._session = received.session
+            if self._session:
+                self._react(self._stage.on_connected(now))
+        if not self._session:
+            return
+        for message in received.messages:
+            self._react(self._stage.on_message(message, situation.place, now))
+        self._react(self._stage.on_tracks(situation.tracks, now))
+        self._react(self._stage.on_time(Health(situation.place, situation.problems, situation.silent), now))
+
+    def problem(self) -> str:
+        """Why nothing is reported."""
+        peer = f'the fusion node {self._peer[0]}:{self._peer[1]}'
+        if not self._session:
+            return f'{peer} is not connected: {self._link.problem or "no answer yet"}'
+        if self._stage.refusal:
+            return f'{peer} refuses the registration: {self._stage.refusal}'
+        return '' if self._stage.accepted else f'{peer} has not acknowledged the registration'
+
+    def values(self) -> dict[str, object]:
+        """Numbers of what was sent and received."""
+        desk = self._stage.desk
+        return {'peer': f'{self._peer[0]}:{self._peer[1]}', 'registered': self._stage.accepted, **self._stage.counts,
+                'task': desk.active.task_id if desk.active else 'none', 'tasks accepted': desk.accepted,
+                'tasks refused': desk.refused, 'newest unusable message': self._stage.problem or 'none',
+                **link_values(self._link)}
+
+    def close(self) -> None:
+        """Say goodbye, and end the task."""
+        if self._session:
+            self._react(self._stage.farewell(self._now))
+            self._react(self._stage.on_disconnected())
+        self._link.close()
+
+    def _react(self, reaction: Reaction) -> None:
+        self._link.put(reaction.messages, self._session)
+        if reaction.command is not None:
+            command = reaction.command
+            self._perform(command, lambda reason: self._react(self._stage.on_done(command, reason, self._now)))

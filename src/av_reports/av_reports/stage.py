@@ -1,0 +1,147 @@
+"""Messages of the rig in, what is to be reported out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sensor_msgs.msg import NavSatFix
+
+from av_common.freshness import Instant
+from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
+from av_reports.contacts import BearingTrack, Place, PositionTrack, Selection
+from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
+
+SILENT_S = 2.0  # without a message of the tracker for this long it is missing
+NO_HEADING = ("the rig's heading is not known: it needs odometry, or surveyed.enabled with surveyed.heading_deg, or north "
+              'false, with which directions count from ahead')
+
+
+class Situation(NamedTuple):
+    """What is reported at a moment.
+
+    Parameters:
+        tracks: the targets.
+        place: where the rig stands; None while unknown.
+        surveyed: whether a person gave that place.
+        problems: what is wrong, in words.
+        silent: whether the tracker says nothing at all.
+        now (s): UTC since 1970.
+    """
+
+    tracks: tuple[BearingTrack | PositionTrack, ...]
+    place: Place | None
+    surveyed: bool
+    problems: tuple[str, ...]
+    silent: bool
+    now: float
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What is reported.
+
+    Parameters:
+        selection: which targets.
+        positions: positions of a network of rigs, instead of bearings of this one.
+        north: bearings count from true north; otherwise from the rig's forward direction.
+        place: where the rig stands, surveyed; None for that of its receiver of satellite navigation.
+        heading (rad): surveyed heading of the rig's forward direction, clockwise from true north; it counts while the rig's
+            attitude is not known. None for none.
+        place_age (s): time for which a place of the receiver counts.
+    """
+
+    selection: Selection = field(default_factory=Selection)
+    positions: bool = False
+    north: bool = True
+    place: Place | None = None
+    heading: float | None = None
+    place_age: float = 10.0
+
+
+class ReportStage:
+    """Keeps the newest message of each kind, and says what of it is to be reported.
+
+    Times of arrival are on a steady clock, for ages, and in UTC, for what is told.
+
+    Attributes:
+        settings: what is reported; may be replaced.
+
+    Parameters:
+        settings: what is reported.
+    """
+
+    def __init__(self, settings: ReportSettings) -> None:
+        self.settings = settings
+        self._tracks: tuple[BearingTrack | PositionTrack, ...] = ()
+        self._attitude_known = False
+        self._missing: tuple[str, ...] = ()
+        self._fix: Place | None = None
+        self._fix_arrived = self._tracks_arrived = -math.inf
+
+    def on_bearing(self, message: Bearing) -> None:
+        """Note whether the rig's attitude is known."""
+        self._attitude_known = message.attitude_known
+
+    def on_state(self, message: FusionState) -> None:
+        """Note what the tracker misses."""
+        self._missing = tuple(message.missing)
+
+    def on_fix(self, message: NavSatFix, now: Instant) -> None:
+        """Note where the rig is. Raises ValueError for a message without a fix.
+
+        Parameters:
+            message: of a receiver of satellite navigation.
+            now: its arrival.
+        """
+        self._fix, self._fix_arrived = place_of_fix(message), now.steady
+
+    def on_targets(self, message: TrackArray, now: Instant, to_utc: float) -> None:
+        """Note the targets of this rig. Raises ValueError for stamps that cannot be used.
+
+        Parameters:
+            message: the targets.
+            now: its arrival.
+            to_utc (s): what is to be added to ROS time for UTC.
+        """
+        if not self.settings.positions:
+            heading = None if self._attitude_known else self.settings.heading
+            known = self._attitude_known or heading is not None or not self.settings.north
+            self._tracks = tuple(bearing_tracks(message, heading, self.settings.north, to_utc)) if known else ()
+            self._tracks_arrived = now.steady
+
+    def on_network_tracks(self, message: WorldTrackArray, now: Instant, to_utc: float) -> None:
+        """Note the targets of a network. Raises ValueError for stamps and frames that cannot be used.
+
+        Parameters:
+            message: the targets.
+            now: its arrival.
+            to_utc (s): what is to be added to ROS time for UTC.
+        """
+        if self.settings.positions:
+            self._tracks, self._tracks_arrived = tuple(position_tracks(message, to_utc)), now.steady
+
+    def situation(self, now: Instant, to_utc: float) -> Situation:
+        """What is to be reported.
+
+        Parameters:
+            now: the time.
+            to_utc (s): what is to be added to ROS time for UTC.
+        """
+        utc = now.ros + to_utc
+        silent = now.steady - self._tracks_arrived > SILENT_S
+        tracks = () if silent else tuple(track for track in self._tracks if self.settings.selection.takes(track, utc))
+        return Situation(tracks, self._place(now), self.settings.place is not None, tuple(self._problems(silent)), silent, utc)
+
+    def _place(self, now: Instant) -> Place | None:
+        if self.settings.place is not None:
+            return self.settings.place
+        return self._fix if now.steady - self._fix_arrived <= self.settings.place_age else None
+
+    def _problems(self, silent: bool) -> list[str]:
+        if silent:
+            return ['no targets arrive']
+        unknown = not (self.settings.positions or self._attitude_known or not self.settings.north
+                       or self.settings.heading is not None)
+        return [*([NO_HEADING] if unknown else []), *(f'no {name}' for name in self._missing)]

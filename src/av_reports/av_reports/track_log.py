@@ -1,0 +1,131 @@
+"""Tracks in files that spreadsheets and maps read: CSV, and GeoJSON (RFC 7946)."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from av_common.geodesy import enu_to_geodetic
+from av_reports.contacts import BearingTrack, Place, PositionTrack
+
+FIELDS = ('time', 'id', 'class_id', 'existence', 'drone_probability', 'azimuth_deg', 'azimuth_sigma_deg', 'true_north',
+          'elevation_deg', 'elevation_sigma_deg', 'latitude', 'longitude', 'altitude_m', 'east_sigma_m', 'north_sigma_m',
+          'up_sigma_m', 'east_m_s', 'north_m_s', 'up_m_s', 'measured')
+Tracked = BearingTrack | PositionTrack
+
+
+def properties(track: Tracked) -> dict[str, Any]:
+    """What is known of a track, by the names of FIELDS; what is unknown is left out."""
+    known = {'time': _iso(track.time), 'id': track.id, 'class_id': track.class_id, 'existence': round(track.existence, 4),
+             'drone_probability': _round(track.drone_probability, 4),
+             'measured': _iso(track.measured) if track.measured else ''}
+    if isinstance(track, BearingTrack):
+        known |= {'azimuth_deg': _degrees(track.azimuth), 'azimuth_sigma_deg': _degrees(track.azimuth_sigma),
+                  'true_north': track.north, 'elevation_deg': _degrees(track.elevation),
+                  'elevation_sigma_deg': _degrees(track.elevation_sigma)}
+    else:
+        known |= {'latitude': round(track.latitude, 8), 'longitude': round(track.longitude, 8),
+                  'altitude_m': round(track.altitude, 3)}
+        known |= {f'{name}_sigma_m': _round(value, 3) for name, value in zip(('east', 'north', 'up'), track.sigma, strict=True)}
+        known |= {f'{name}_m_s': _round(value, 3) for name, value in zip(('east', 'north', 'up'), track.velocity, strict=True)}
+    return {name: value for name, value in known.items() if value not in ('', None)}
+
+
+def feature(track: Tracked, place: Place | None, length: float) -> dict[str, Any]:
+    """A feature of GeoJSON: a point, or a line in the direction of a bearing; without geometry where that is not known.
+
+    Parameters:
+        track: the target.
+        place: where the rig stands that has the bearing; None while unknown.
+        length (m): of the line. The distance of the target is not known.
+    """
+    geometry: dict[str, Any] | None = None
+    if isinstance(track, PositionTrack):
+        geometry = {'type': 'Point', 'coordinates': _coordinates(track.latitude, track.longitude, track.altitude)}
+    elif place is not None and track.north:
+        elevation = track.elevation if math.isfinite(track.elevation) else 0.0
+        across = length * math.cos(elevation)
+        offset = (across * math.sin(track.azimuth), across * math.cos(track.azimuth), length * math.sin(elevation))
+        end = enu_to_geodetic(offset, (place.latitude, place.longitude, place.altitude))
+        geometry = {'type': 'LineString', 'coordinates': [_coordinates(*place[:3]), _coordinates(*end)]}
+    return {'type': 'Feature', 'geometry': geometry, 'properties': properties(track)}
+
+
+class TrackLog:
+    """A table and a sequence of features, one line for each report of a track; the files grow while they are written.
+
+    `*.csv` has the columns FIELDS. `*.geojsonl` has a feature of GeoJSON in each line, as GDAL and QGIS read it.
+
+    Attributes:
+        full: whether the size that was permitted is reached; nothing is written any more.
+        written: number of lines in each.
+
+    Parameters:
+        stem: path of both files without their ending; missing folders are created.
+        length (m): see `feature`.
+        largest: bytes that both files together may have.
+
+    Raises OSError where they cannot be written.
+    """
+
+    def __init__(self, stem: Path, length: float = 500.0, largest: float = math.inf) -> None:
+        self._length, self._largest = length, largest
+        self.full, self.written, self._size = False, 0, 0
+        stem.parent.mkdir(parents=True, exist_ok=True)
+        self._table = stem.with_name(f'{stem.name}.csv').open('x', encoding='utf-8', newline='')
+        self._features = stem.with_name(f'{stem.name}.geojsonl').open('x', encoding='utf-8')
+        self._table.write(_row(FIELDS))
+
+    def write(self, tracks: Iterable[Tracked], place: Place | None) -> None:
+        """Write tracks. Raises OSError where that fails.
+
+        Parameters:
+            tracks: the targets.
+            place: where the rig stands; None while unknown.
+        """
+        for track in tracks:
+            found = feature(track, place, self._length)
+            row = _row([found['properties'].get(name, '') for name in FIELDS])
+            line = json.dumps(found, separators=(',', ':'), allow_nan=False) + '\n'
+            self._size += len(row) + len(line)
+            self.full = self.full or self._size > self._largest
+            if self.full:
+                return
+            self._table.write(row)
+            self._features.write(line)
+            self.written += 1
+        self._table.flush()
+        self._features.flush()
+
+    def close(self) -> None:
+        """Close both files."""
+        self._table.close()
+        self._features.close()
+
+
+def _row(values: Iterable[Any]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerow(values)
+    return text.getvalue()
+
+
+def _coordinates(latitude: float, longitude: float, altitude: float) -> list[float]:
+    return [round(longitude, 8), round(latitude, 8), round(altitude, 3)]
+
+
+def _iso(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, timezone.utc).isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+
+
+def _degrees(angle: float) -> float | None:
+    return _round(math.degrees(angle), 3)
+
+
+def _round(value: float, digits: int) -> float | None:
+    return round(value, digits) if math.isfinite(value) else None

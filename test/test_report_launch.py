@@ -1,0 +1,42 @@
+"""Launch arguments of the node that reports targets: none starts nothing, each one names its peer."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('launch_ros', reason='needs ROS 2')
+from av_fusion import launching
+
+
+@pytest.fixture(scope='module')
+def launch_file():
+    """The launch file as a module."""
+    specification = importlib.util.spec_from_file_location('rig_launch', Path(__file__).parents[1] / 'launch' / 'rig.launch.py')
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+def started(launch_file, **arguments):
+    """Programs of the launch."""
+    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()} | {'source': 'hardware', **arguments}
+    return [action.node_executable for action in launch_file.start(values) if hasattr(action, 'node_executable')]
+
+
+@pytest.mark.parametrize('arguments', [{'sapient': '127.0.0.1:5020'}, {'cot': 'udp://239.2.3.1:6969'}, {'track_log': 'tracks'},
+                                       {'sapient': '127.0.0.1:5020', 'cot': 'udp://239.2.3.1:6969'}])
+def test_each_argument_starts_the_node_and_none_does_not(launch_file, monkeypatch, arguments):
+    monkeypatch.setattr(launching.importlib.util, 'find_spec', lambda name: name)
+    assert 'report_node' not in started(launch_file)
+    assert started(launch_file, **arguments).count('report_node') == 1
+
+
+@pytest.mark.parametrize('argument, package', [({'sapient': '127.0.0.1:5020'}, 'sapient-msg'),
+                                               ({'cot': 'udp://239.2.3.1:6969'}, 'pytak')])
+def test_a_missing_library_is_named(launch_file, monkeypatch, argument, package):
+    monkeypatch.setattr(launching.importlib.util, 'find_spec', lambda name: None)
+    with pytest.raises(launching.MissingPackageError, match=f'needs the package {package}.*pip install {package}'):
+        started(launch_file, **argument)
