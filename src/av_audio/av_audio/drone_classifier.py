@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from av_common.shipped import shipped_file
 
 PERIOD_S = 0.25  # between two looks at the same direction
 # Looks at directions closer than this (in q, a cosine) are at one source; its log-odds are averaged over this time.
-SAME_SOURCE, MEMORY_S = 0.2, 2.0
+SAME_SOURCE, MEMORY_S = 0.2, 5.0
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 
@@ -75,13 +76,15 @@ class DroneClassifier:
         if self._spectra is not None:
             self._spectra.add(samples)
 
-    def judge(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None) -> Judgement:
+    def judge(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None,
+              others: Sequence[NDArray] = ()) -> Judgement:
         """What is known of the sound from a direction.
 
         Parameters:
             time (s): time of the newest sample.
             q (rank,): measured projection of the direction on the array's basis.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors.
+            others: directions q (rank,) of other sources, whose sound is separated.
         """
         if self._spectra is None or not self._spectra.is_full:
             return Judgement()
@@ -91,7 +94,7 @@ class DroneClassifier:
             known = _Source(q, 0.0, 0.0, -math.inf)
             self._sources.append(known)
         if time - known.time >= PERIOD_S or known.weight == 0.0:
-            segment = self._spectra.steered(q, blade_pass_hz)
+            segment = self._spectra.steered(q, blade_pass_hz, others)
             found, known.fundamental = float(self._model.log_odds(self._features(segment))), self._features.fundamental(segment)
             kept = known.weight * math.exp(-(time - known.time) / MEMORY_S) if known.weight else 0.0
             known.log_odds = (kept * known.log_odds + found) / (kept + 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,10 @@ GROUP_HZ = 16.0
 CLUSTER_HZ = 250.0
 # Sources that are closer than this share of a wavelength of the mean frequency over the aperture are one direction.
 SEPARATION = 0.36
-# Significance of a further source; chance reaches it in one of a hundred windows.
+# Significance of a further source that chance hardly reaches. To an array, bins that two sources share look like a source at
+# another place, alike in many clusters: significance counts by this factor, and sigma by its inverse.
 LEAST_SIGNIFICANCE = 2.8
+ARRAY_SIGNIFICANCE = 0.6
 LEAST_SHARE = 0.5
 
 
@@ -41,12 +44,12 @@ class FurtherSources(SteeredResponse):
 
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float,
                  ego_noise: EgoNoise | None = None) -> None:
-        group = max(1, round(GROUP_HZ / float(frequencies[1] - frequencies[0])))
-        self._used = len(frequencies) // group * group
-        bins = frequencies[:self._used].reshape(-1, group)
-        super().__init__(array, bins.mean(axis=1), speed_of_sound, CLUSTER_HZ)
-        self._bins = (2.0 * np.pi * bins).astype(np.float32)    # rad/s
+        self._group = max(1, round(GROUP_HZ / float(frequencies[1] - frequencies[0])))
+        self._used = len(frequencies) // self._group * self._group
+        super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
+        self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
         self._ego_noise = ego_noise
+        self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self._grid).query(self._grid, 3**array.rank)
         self._neighbours = neighbours[:, 1:]
         self._apart = SEPARATION * speed_of_sound / (float(frequencies.mean()) * array.aperture)
@@ -60,16 +63,28 @@ class FurtherSources(SteeredResponse):
             most: largest number of sources, up to MOST_SOURCES.
         """
         phases = self._phases(spectra)
-        found = [strongest]
+        found, peaks = [strongest], list[Peak]()
         while len(found) < most:
             peak = self._beside(phases, found)
             if peak is None or peak.significance < LEAST_SIGNIFICANCE or peak.main_share < LEAST_SHARE:
                 break
             found.append(peak.q)
-        if len(found) == 1:
-            return []
-        peaks = [self._beside(phases, found[:k] + found[k + 1:]) for k in range(len(found))]
-        return [peak for peak in peaks if peak is not None]
+            peaks = [self._again(phases, found, k) for k in range(len(found))]
+        return peaks
+
+    def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
+        peak = super()._peak(weighted, q, curve)
+        return replace(peak, significance=self._significance * peak.significance,
+                       covariance=peak.covariance / self._significance**2)
+
+    def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:
+        """The peak of source k without the others, to which its direction is moved."""
+        others = found[:k] + found[k + 1:]
+        weighted = self._without(phases, others)
+        curve = np.where(self._are_apart(others), self.curve(weighted), 0.0)
+        peak = self._peak(weighted, self._search(weighted, weighted, np.where(self._are_apart([found[k]]), 0.0, curve)), curve)
+        found[k] = peak.q
+        return peak
 
     def _phases(self, spectra: NDArray) -> NDArray:
         """Unit phases (p, j, n) of the cross-spectra of spectra (m, k), in j groups of n bins."""
@@ -77,34 +92,44 @@ class FurtherSources(SteeredResponse):
         cross = cross_spectra(spectra, pairs)
         if self._ego_noise is not None:
             cross = cross - self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
-        cross = cross[:, :self._used].reshape(len(pairs), *self._bins.shape)
+        cross = cross[:, :self._used].reshape(len(pairs), -1, self._group)
         return cross / np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
 
     def _without(self, phases: NDArray, found: Sequence[NDArray]) -> NDArray:
-        """Sum (p, j) of the phases (p, j, n) that agree with none of the directions found.
+        """Sum (p, j) of the phases (p, j, n) of bins that agree with none of the directions found.
 
-        Of noise, whose phases are uniform, what is left has the mean -sin(a) / (pi - n a) exp(j w tau) for each of n
-        directions, a being half of the width that is removed. It is added.
+        Of noise, whose phases are uniform, a pair has left the mean -sin(a) / (pi - n a) exp(j w tau) for each of n directions,
+        a being half of the width that is removed: it is added. In noise the phases of several pairs hardly ever agree; but more
+        is left of a source where it is weak: that is measured in bands and removed.
         """
-        restored = np.float32(np.sin(AGREES_RAD) / (np.pi - AGREES_RAD * len(found)))
-        kept, expected = phases != 0.0, np.zeros_like(phases)
-        for q in found:
-            angles = (self._slowness @ q).astype(np.float32)[:, None, None] * self._bins
-            steering = np.cos(angles) + 1j * np.sin(angles)
-            kept &= (phases * steering.conj()).real < np.cos(AGREES_RAD)
-            expected += restored * steering
-        return np.where(kept, phases + expected, 0.0).sum(axis=-1)
+        steering = [np.exp(1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None] for q in found]
+        agreement = [(phases * one.conj()).real.mean(axis=0) for one in steering]
+        kept = (phases[0] != 0.0) & np.all(np.less(agreement, np.cos(AGREES_RAD)), axis=0)
+        others, count = np.where(kept, phases, 0.0).sum(axis=-1), kept.sum(axis=-1)
+        for one in steering:
+            if len(phases) == 1:
+                share = np.full(len(count), -np.sin(AGREES_RAD) / (np.pi - AGREES_RAD * len(found)))
+            else:
+                left = np.add.reduceat((others * one[..., 0].conj()).real.mean(axis=0), self._clusters)
+                left /= np.maximum(np.add.reduceat(count, self._clusters), 1)
+                share = np.repeat(np.maximum(left, 0.0), self._cluster_sizes)
+            others = others - (share * count).astype(np.float32) * one[..., 0]
+        return others
 
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:
         """The highest peak of phases (p, j, n) at a distance from the directions found, after removing theirs; None without."""
         weighted = self._without(phases, found)
         curve = self.curve(weighted)
-        free = np.all([np.linalg.norm(self._grid - q, axis=1) > self._apart for q in found], axis=0)
+        free = self._are_apart(found)
         tops = free & (curve >= curve[self._neighbours].max(axis=1))    # a slope of those found is none
         if not tops.any():
             return None
-        curve = np.where(free, curve, curve.min())
-        return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, curve.min())), curve)
+        curve = np.where(free, curve, 0.0)
+        return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, 0.0)), curve)
+
+    def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
+        """Which points of the grid (g,) are other directions than those found."""
+        return np.all([np.linalg.norm(self._grid - q, axis=1) > self._apart for q in found], axis=0)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         return np.zeros_like(inverse)

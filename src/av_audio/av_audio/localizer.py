@@ -56,7 +56,7 @@ class LocalizerSettings:
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
         estimated_rotors: number of the rig's own rotors whose speeds are estimated from the sound and notched, 0 to 16.
         wideband: whether `ml` also uses phases above the band, as high as spacing and sample rate allow.
-        max_sources: largest number of sources in one window, 1 to MOST_SOURCES; other arrays than linear ones find one.
+        max_sources: largest number of sources in one window, 1 to MOST_SOURCES.
 
     Raises ValueError when one is out of bounds.
     """
@@ -167,7 +167,7 @@ class Localizer:
                                     speed_of_sound(settings.temperature_c), weighting,
                                     None if ego_noise is None else self._ego_noise_model(ego_noise))
         self._further = None
-        if settings.max_sources > 1 and array.rank == 1:
+        if settings.max_sources > 1:
             self._further = FurtherSources(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c),
                                            self._estimator.ego_noise)
         self._elevations = np.radians(settings.elevation_deg)
@@ -247,7 +247,9 @@ class Localizer:
         peak = self._estimator.estimate(spectra)
         peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
         if peaks:
-            peak = replace(peak, main_share=max(peak.main_share, peaks[0].main_share))
+            apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
+            peak = replace(peak, bias=peak.bias + 0.5 * np.outer(apart, apart),
+                           main_share=max(peak.main_share, peaks[0].main_share))
         further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(peaks[1:]))
         return replace(self._estimate_of(peak, 0, window, centre, level), further=further)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from av_audio.ego_rotors import notch
 from av_common.microphone_array import MicrophoneArray
 
 MAIN_LOBE_BINS = 5  # of the taper, a Hann window
+# Of the diagonal, added to the least squares of several sources: where their phases are hardly different, they share the power.
+LOADING = 0.1
+LEAST_TOTAL = 0.1  # share of the power at the microphones that at least remains when that of others is removed
 
 
 class SourceSpectra:
@@ -64,14 +68,16 @@ class SourceSpectra:
             self._spectra.append(self._spectrum(self._samples[:self._frame]))
             self._samples = self._samples[self._hop:]
 
-    def steered(self, q: NDArray, blade_pass_hz: NDArray | None = None) -> Segment:
+    def steered(self, q: NDArray, blade_pass_hz: NDArray | None = None, others: Sequence[NDArray] = ()) -> Segment:
         """The sound from a direction: cross-powers of all pairs after removing the delays of the direction.
 
-        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance.
+        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance. Sources
+        in known directions have no part either: the powers of all are fitted to the cross-powers by least squares.
 
         Parameters:
             q (rank,): measured projection of the direction on the array's basis.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors, whose lines are removed.
+            others: directions q (rank,) of other sources.
         """
         spectra = np.stack(self._spectra)  # (t, m, k)
         microphones = spectra.shape[1]
@@ -84,11 +90,33 @@ class SourceSpectra:
             seen = np.einsum('ik,ijk,jk->k', towards, noise, towards.conj()).real
             own = np.einsum('iik->k', noise).real / microphones
             power = power - _cross_power(seen, own, microphones)
-            total = np.maximum(total - own, 0.1 * total)
+            total = np.maximum(total - own, LEAST_TOTAL * total)
+        if others:
+            power, beside = self._separated(spectra, power, [q, *others])
+            total = np.maximum(total - beside, LEAST_TOTAL * total)
         if blade_pass_hz is not None and len(blade_pass_hz):
             free = minimum_filter1d(notch(self._frequencies, blade_pass_hz), MAIN_LOBE_BINS)
             power, total = _bridged(power, free), _bridged(total, free)
         return Segment(power, total)
+
+    def _separated(self, spectra: NDArray, power: NDArray, directions: Sequence[NDArray]) -> tuple[NDArray, NDArray]:
+        """Powers (t, k) of the first of several sources, and of all others.
+
+        Parameters:
+            spectra (t, m, k): spectra of the frames.
+            power (t, k): mean cross-power steered to the first.
+            directions: q (rank,) of all sources.
+        """
+        total = np.mean(np.abs(spectra) ** 2, axis=1)
+        microphones = spectra.shape[1]
+        steering = [np.exp(-1j * (self._lead @ q).astype(np.float32)[:, None] * self._omega) for q in directions]
+        steered = [power] + [_cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
+                             for towards in steering[1:]]
+        gram = np.stack([[_cross_power(np.abs(np.sum(a * b.conj(), axis=0)) ** 2, np.ones(a.shape[1]), microphones)
+                          for b in steering] for a in steering])  # (s, s, k)
+        gram = gram.transpose(2, 0, 1) + LOADING * np.eye(len(directions))
+        powers = np.linalg.solve(gram[:, None], np.stack(steered, axis=-1).swapaxes(0, 1)[..., None])[..., 0]  # (k, t, s)
+        return powers[..., 0].T, np.maximum(powers[..., 1:], 0.0).sum(axis=-1).T
 
     def _spectrum(self, frame: NDArray) -> NDArray:
         """Spectra (m, k) of a frame (n, m)."""

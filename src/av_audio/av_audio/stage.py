@@ -103,18 +103,20 @@ class DoaStage:
             self.latest = estimate
             if self._swap_detector is not None:
                 self.swaps += self._swap_detector.update(estimate)
-            judged = [self._judge(source) for source in estimate.sources]
+            judged = self._judge(estimate)
             self.judgement = judged[0]
             stamp = max(0.0, begin + (estimate.centre_sample - frame.first_sample) / frame.sample_rate)
             messages.append(doa_array(estimate, self._array, stamp, frame.header.frame_id, self._settings.window_s,
                                       self._settings.method, judged))
         return messages
 
-    def _judge(self, estimate: DoaEstimate) -> Judgement:
-        """What is known of the sound in the direction of an estimate, from all that has arrived."""
+    def _judge(self, estimate: DoaEstimate) -> list[Judgement]:
+        """What is known of the sound in the direction of each source, from all that has arrived."""
         if self._classifier is None or not len(estimate.q):
-            return Judgement()
-        return self._classifier.judge(estimate.time, estimate.q, self._blade_pass_hz)
+            return [Judgement()] * len(estimate.sources)
+        directions = [source.q for source in estimate.sources]
+        return [self._classifier.judge(estimate.time, q, self._blade_pass_hz, directions[:k] + directions[k + 1:])
+                for k, q in enumerate(directions)]
 
     def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         if frame.channels != self._array.channels:

@@ -49,6 +49,23 @@ def steered(array, samples, q, rate=RATE, **options):
 
 
 @pytest.mark.parametrize(('array', 'here', 'there'), [(PAIR, [0.3], [-0.6]), (SQUARE, [0.3, 0.5], [-0.7, -0.2])])
+def test_the_power_of_a_source_is_told_from_that_of_a_louder_one(array, here, there):
+    """A source with lines at other frequencies, ten times as strong, adds little to the spectrum of the first."""
+    rng = np.random.default_rng(5)
+    time = np.arange(2 * RATE) / RATE
+    quiet, loud = (sum(np.cos(2 * np.pi * (order * f * time + rng.random())) for order in range(1, 20)) for f in (210.0, 290.0))
+    alone = steered(array, arriving(array, here, quiet), here)
+    mixed = arriving(array, here, quiet) + 10.0**0.5 * arriving(array, there, loud)
+    apart, together = (steered(array, mixed, here, others=others) for others in ([np.array(there)], ()))
+
+    def error(segment):
+        return np.abs(segment.power.mean(axis=0) - alone.power.mean(axis=0)).sum() / alone.power.mean(axis=0).sum()
+
+    assert error(apart) < 0.4 * error(together)
+    assert apart.total.sum() < 0.5 * together.total.sum()
+
+
+@pytest.mark.parametrize(('array', 'here', 'there'), [(PAIR, [0.3], [-0.6]), (SQUARE, [0.3, 0.5], [-0.7, -0.2])])
 def test_the_power_from_a_direction_is_that_of_its_source(array, here, there):
     """Noise that the microphones do not share, of three times the power, adds nothing on average."""
     rng = np.random.default_rng(1)

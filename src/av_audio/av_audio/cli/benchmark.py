@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, robust, scenes
+from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, robust, scenes, several
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
@@ -34,6 +34,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'room': scenes.room(clips),
         'robust': robust.robust(min(count, 150), sources, data),
         'square': scenes.square(count),
+        'several': several.several(min(count, 100), sources),
         'ego-rotors': ego_rotors.ego_rotors(min(count, 100)),
         'speed': cost.speed(),
         'node': cost.node(),
