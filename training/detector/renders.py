@@ -24,6 +24,7 @@ from av_vision.bearing import bearings_of_boxes
 from av_vision.yolo import Detector
 
 BEFORE_THINGS = {8: '0.75', 12: '0.85'}  # aims by the least size
+LEAST_COUNT = 120
 SUN, SUN_SIZES = 60, (12.0, 60.0)        # images, and sizes in pixels of the drones in them
 CLUTTER = 80                             # images of each kind
 Sprites = list[NDArray[np.uint8]]
@@ -61,12 +62,15 @@ def pasted_into(rng: Rng, frames: Frames, sprites: Sprites, size: float, width: 
 
 
 def rendered(detector: Detector, frames: Frames, sprites: Sprites, width: int, count: int) -> list[Row]:
-    """Recall of drones of builds never trained on, pasted over frames of clips never trained on, by size and background."""
+    """Recall of drones of builds never trained on, pasted over frames of clips never trained on, by size and background.
+
+    At the sizes that have aims before woods at least `LEAST_COUNT` are shown: most frames are mostly sky.
+    """
     rows: list[Row] = []
     for low, high in BANDS:
         found, near, behind = [], 0, []
-        rng = np.random.default_rng([low, width])
-        for _ in range(count):
+        rng, shown = np.random.default_rng([low, width]), max(count, LEAST_COUNT if low in BEFORE_THINGS else 0)
+        for _ in range(shown):
             size = log_uniform(rng, low, high)
             one = pasted_into(rng, frames, sprites, size, width)
             overlap, off = one.overlaps(detector)
@@ -76,7 +80,7 @@ def rendered(detector: Detector, frames: Frames, sprites: Sprites, width: int, c
             near += bool((off[good] <= max(5.0, 0.1 * size)).any())
         right, crowded = np.array(found), np.array(behind) > CROWD
         before, sky = share(right[crowded]), share(right[~crowded])
-        print(f'  {low:3}-{high:3} px: {right.mean():.3f}, centre within 5 px or a tenth of its size {near / count:.3f}; '
+        print(f'  {low:3}-{high:3} px: {right.mean():.3f}, centre within 5 px or a tenth of its size {near / shown:.3f}; '
               f'before sky {sky:.3f} of {np.sum(~crowded)}, before other things {before:.3f} of {np.sum(crowded)}', flush=True)
         if aim := BEFORE_THINGS.get(low):
             rows.append((f'rendered drones of {low} to {high} pixels before woods, fields, houses', aim,
