@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,28 +89,27 @@ def rendered(detector: Detector, frames: Frames, sprites: Sprites, width: int, c
     return rows
 
 
-def against_sun(detector: Detector, frames: Frames, sprites: Sprites, count: int) -> list[Row]:
+def against_sun(detector: Detector, frames: Frames, sprites: Sprites, count: int) -> Iterator[Row]:
     """Recall of the same drones where the sun stands in the image and its glare lies over them."""
     rng = np.random.default_rng(7)
     low, high = SUN_SIZES
     shown = (pasted_into(rng, frames, sprites, log_uniform(rng, low, high), sun=True) for _ in range(count))
     right = [bool((one.overlaps(detector)[0] >= 0.3).any()) for one in shown]
-    return [(f'rendered drones of {low:.0f} to {high:.0f} pixels against the sun', '', f'{share(right):.2f} of {count}')]
+    yield f'rendered drones of {low:.0f} to {high:.0f} pixels against the sun', '', f'{share(right):.2f} of {count}'
 
 
-def clutter(detector: Detector, frames: Frames, others: Sprites, count: int) -> list[Row]:
+def clutter(detector: Detector, frames: Frames, others: Sprites, count: int) -> Iterator[Row]:
     """Share of images in which leaves, insects and other things that are no drones are taken for one."""
     rng = np.random.default_rng(8)
     kinds = {'leaves and branches': ([branches(rng) for _ in range(20)], (60.0, 300.0)),
              'insects near the camera': ([insect(rng) for _ in range(20)], (8.0, 60.0)),
              'rendered balloons, kites, poles': (others, (12.0, 150.0))}
-    rows: list[Row] = []
     for kind, (sprites, sizes) in kinds.items():
         shown = (pasted_into(rng, frames, sprites, log_uniform(rng, *sizes)) for _ in range(count))
         wrong = [bool((one.overlaps(detector)[0] > 0).any()) for one in shown]
-        rows.append((f'{kind} taken for a drone', '< 0.08', f'{share(wrong):.3f} of {count}'))
+        yield f'{kind} taken for a drone', '< 0.08', f'{share(wrong):.3f} of {count}'
     wrong = [len(detector.detect(shot[0].bgr)) > 0 for shot in simulator_images('urban', 0.0, count, 6, drones=False)]
-    return [*rows, ('simulated streets with parked cars, a false drone', '< 0.08', f'{share(wrong):.3f} of {count}')]
+    yield 'simulated streets with parked cars, a false drone', '< 0.08', f'{share(wrong):.3f} of {count}'
 
 
 def share(right: NDArray | list[bool]) -> float:
