@@ -118,3 +118,62 @@ def test_boxes_stay_on_their_objects_in_windows(side):
         assert np.abs(boxes[0, 1:] - found).max() <= 2.5 + 0.03 * side
         seen += 1
     assert seen > 20
+
+
+def test_motion_is_fitted_as_two_normal_distributions_demand():
+    from flight import fit
+
+    from av_vision.motion import FAINT
+    rng, count = np.random.default_rng(0), 4000
+    mean, spread = {'DRONE': 0.6, 'AIRPLANE': -1.0, 'HELICOPTER': -1.0, 'BIRD': 0.0}, 0.9
+    kinds = np.repeat(list(mean), [count, 2 * count, count // 2, count])  # each class counts alike, birds do not
+    accelerations = np.exp([mean[kind] for kind in kinds] + spread * rng.normal(size=len(kinds))) - FAINT
+    model = fit(kinds, np.ones(len(kinds)), accelerations, 0.3)
+    assert model.gain == pytest.approx(1.6 / spread**2, rel=0.05)  # difference of the means over the variance
+    assert np.log(model.neutral + FAINT) == pytest.approx(-0.2, abs=0.05)  # half way between them
+
+
+def test_paths_of_labels_have_the_motion_that_was_written(tmp_path):
+    from clips import split_of
+    from flight import paths
+    (tmp_path / 'labels').mkdir()
+    number = next(n for n in range(100) if split_of(f'V_AIRPLANE_{n:03d}') == 'train')
+    rows, size = ['frame,label,x,y,width,height'], 30.0  # and the padding of labels
+    for frame in range(100):
+        time = frame / 30.0
+        x, y = 100.0 + 60.0 * time, 200.0 + 0.5 * 15.0 * time**2
+        rows.append(f'{frame},AIRPLANE,{x},{y},{size + 20},{size - 10 + 18}')
+    (tmp_path / f'labels/V_AIRPLANE_{number:03d}.csv').write_text('\n'.join(rows))
+    found = list(paths(tmp_path, 'train'))
+    assert len(found) >= 3
+    for kind, speed, acceleration in found:
+        assert kind == 'AIRPLANE'
+        assert speed >= 60.0 / size
+        assert acceleration == pytest.approx(15.0 / size, rel=1e-3)
+
+
+def test_a_picture_with_a_balloon_says_so(tmp_path):
+    from places import SOURCES, pictures
+    flying = next(place for place in SOURCES if place.name == 'flying')
+    folder = tmp_path / 'places/flying'
+    for name, label in (('a', '3 0.5 0.5 0.2 0.2'), ('b', '2 0.5 0.5 0.2 0.2'), ('c', '2 0.3 0.3 0.2 0.2\n3 0.7 0.7 0.1 0.1')):
+        for part in ('images', 'labels'):
+            (folder / f'Dataset/train/{part}').mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(folder / f'Dataset/train/images/{name}.jpg'), sky())
+        (folder / f'Dataset/train/labels/{name}.txt').write_text(label)
+    (folder / 'whole').touch()
+    assert [(one.nameless, len(one.boxes)) for one in pictures(flying, tmp_path)] == [(True, 0), (False, 1), (True, 1)]
+
+
+def test_the_sun_saturates_and_an_insect_is_a_blurred_thing_in_the_middle():
+    from painted import insect, sunlit
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        plain = np.full((200, 240, 3), 60, np.uint8)
+        lit = sunlit(rng, plain)
+        assert (lit >= plain).all()
+        assert lit.min(axis=2).max() > 200
+        alpha = insect(rng)[..., 3].astype(float)
+        assert alpha.max() > 20
+        assert alpha[0].max() == alpha[-1].max() == 0.0
+        assert np.abs(np.gradient(alpha)[0]).max() < 100.0  # no sharp edge

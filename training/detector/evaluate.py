@@ -10,7 +10,7 @@ import argparse
 import sys
 import time
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -148,8 +148,10 @@ def pasted(plain: Detector, args: argparse.Namespace) -> list[Row]:
     bank, frames = build_bank(args.cache, 'test'), Frames(args.cache, 'test_clip', 'test_scene')
     print('rendered drones, recall at IoU 0.3, 512 x 512 images:', flush=True)
     rows = rendered(plain, frames, bank['drone'], HEIGHT, 120 // part)
-    rows += against_sun(plain, frames, bank['drone'], SUN // part)
-    rows += clutter(plain, frames, bank['other'], CLUTTER // part)
+    sun = against_sun(plain, frames, bank['drone'], SUN // part)
+    for row in chain(sun, clutter(plain, frames, bank['other'], CLUTTER // part)):
+        print(f'  {row[0]}: {row[2]}', flush=True)
+        rows.append(row)
     if not args.quick:
         print(f'1280 x 512 images in tiles of {SLICE}:')
         rendered(Detector(plain.model.path, replace(plain.settings, slice_size=SLICE)), frames, bank['drone'], 1280, 60)
