@@ -13,6 +13,7 @@ from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
 from av_reports.contacts import BearingTrack, Place, PositionTrack, Selection
 from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
 
+MOST_TRACKS = 100  # those that are most likely there
 SILENT_S = 2.0  # without a message of the tracker for this long it is missing
 NO_HEADING = ("the rig's heading is not known: it needs odometry, or surveyed.enabled with surveyed.heading_deg, or north "
               'false, with which directions count from ahead')
@@ -131,8 +132,10 @@ class ReportStage:
         """
         utc = now.ros + to_utc
         silent = now.steady - self._tracks_arrived > SILENT_S
-        tracks = () if silent else tuple(track for track in self._tracks if self.settings.selection.takes(track, utc))
-        return Situation(tracks, self._place(now), self.settings.place is not None, tuple(self._problems(silent)), silent, utc)
+        taken = [] if silent else [track for track in self._tracks if self.settings.selection.takes(track, utc)]
+        taken = sorted(taken, key=lambda track: -track.existence)[:MOST_TRACKS]
+        return Situation(tuple(taken), self._place(now), self.settings.place is not None, tuple(self._problems(silent)),
+                         silent, utc)
 
     def _place(self, now: Instant) -> Place | None:
         if self.settings.place is not None:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import socket
+import struct
+
+from link_peer import LONG_S, exactly
 from report_tracks import NOW
+from wire_decoder import fields
 
 from av_reports.identifiers import new_ulid
 from av_reports.sapient.protocol import SapientMessage, Task
 from av_reports.sapient.settings import SapientSettings
 
+START_S = 180.0  # of a rig on a busy machine
 NODE, FUSION_NODE = '6ba7b810-9dad-41d1-80b4-00c04fd430c8', '0f0e0d0c-0b0a-4908-8706-050403020100'
 SETTINGS = SapientSettings(NODE, obey_tasks=True)
 
@@ -24,3 +30,36 @@ def acknowledgement(acceptance=True, reasons=()):
 
 def task(control=Task.CONTROL_START, task_id=None, **content):
     return from_fusion_node(task=Task(task_id=task_id or new_ulid(NOW), control=control, **content))
+
+
+class FusionNode:
+    """A fusion node of SAPIENT that accepts whoever names itself NODE."""
+
+    def __init__(self):
+        self.listener = socket.create_server(('127.0.0.1', 0))
+        self.listener.settimeout(START_S)
+        self.peer = self.listener
+        self.address = f'127.0.0.1:{self.listener.getsockname()[1]}'
+
+    def accept(self):
+        self.peer, _ = self.listener.accept()
+        self.peer.settimeout(LONG_S)
+        assert 4 in fields(self.receive()), 'a registration comes first'
+        self.send(acknowledgement())
+
+    def receive(self):
+        return exactly(self.peer, struct.unpack('<I', exactly(self.peer, 4))[0])
+
+    def next(self, kind):
+        """Content of the next message of a kind, by its field number."""
+        while True:
+            message = fields(self.receive())
+            if kind in message:
+                return message[kind][0]
+
+    def send(self, message):
+        self.peer.sendall(struct.pack('<I', len(message)) + message)
+
+    def close(self):
+        self.listener.close()
+        self.peer.close()

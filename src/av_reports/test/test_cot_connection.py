@@ -15,12 +15,12 @@ from functools import partial
 import pytest
 
 pytest.importorskip('pytak', reason='needs pytak')
-from av_reports import link as link_module
+from link_peer import LONG_S, exactly, wait_for, without_pauses
+
 from av_reports.cot.connection import CotAddress, check_address, connect
 from av_reports.link import Link
 
 pytestmark = pytest.mark.system
-LONG_S = 60.0
 GROUP = '239.77.3.1'
 EVENT = b'<event/>'
 IP_RECVTTL = 12  # of Linux; not in the module socket
@@ -28,15 +28,7 @@ IP_RECVTTL = 12  # of Linux; not in the module socket
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr(link_module, 'FIRST_PAUSE_S', 0.05)
-    monkeypatch.setattr(link_module, 'LONGEST_PAUSE_S', 0.05)
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + LONG_S
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert condition()
+    without_pauses(monkeypatch)
 
 
 def opened(address):
@@ -85,15 +77,6 @@ def test_tcp_gets_a_stream_and_what_it_sends_is_thrown_away():
         assert exactly(peer, 2 * len(EVENT)) == 2 * EVENT and link.take().messages == []
         peer.close()
         wait_for(lambda: link.connections == 2)
-
-
-def exactly(peer, size):
-    data = b''
-    while len(data) < size:
-        piece = peer.recv(size - len(data))
-        assert piece
-        data += piece
-    return data
 
 
 @pytest.fixture(scope='module')

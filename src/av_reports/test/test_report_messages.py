@@ -10,10 +10,12 @@ from geometry_msgs.msg import Point, Vector3
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
+from av_common.freshness import Instant
 from av_common.stamps import to_stamp
-from av_interfaces.msg import Track, TrackArray, WorldTrack, WorldTrackArray
-from av_reports.contacts import Selection
+from av_interfaces.msg import Bearing, FusionState, Track, TrackArray, WorldTrack, WorldTrackArray
+from av_reports.contacts import Place, Selection
 from av_reports.messages import bearing_tracks, place_of_fix, position_tracks
+from av_reports.stage import MOST_TRACKS, SILENT_S, ReportSettings, ReportStage
 
 TIME = 1000.0
 
@@ -112,3 +114,35 @@ def test_a_fix_is_a_place():
         with pytest.raises(ValueError, match='no fix'):
             place_of_fix(fix)
         fix.latitude = 51.5
+
+
+def test_of_very_many_targets_the_likeliest_are_reported():
+    stage = ReportStage(ReportSettings(north=False))
+    message = targets()
+    message.tracks = [targets(id=number, existence=0.5 + 1e-4 * number).tracks[0] for number in range(1, 1001)]
+    stage.on_targets(message, Instant(0.0, TIME), 0.0)
+    assert {track.id for track in stage.situation(Instant(0.1, TIME), 0.0).tracks} == set(range(1001 - MOST_TRACKS, 1001))
+    assert stage.situation(Instant(SILENT_S + 0.1, TIME), 0.0).silent
+
+
+def test_without_a_heading_nothing_is_reported_and_the_reason_is_given():
+    stage = ReportStage(ReportSettings())
+    stage.on_targets(targets(), Instant(0.0, TIME), 0.0)
+    situation = stage.situation(Instant(0.1, TIME), 0.0)
+    assert situation.tracks == () and 'heading is not known' in situation.problems[0] and situation.place is None
+    stage.on_bearing(Bearing(attitude_known=True))
+    stage.on_targets(targets(), Instant(0.2, TIME), 0.0)
+    stage.on_state(FusionState(missing=['doa']))
+    assert stage.situation(Instant(0.3, TIME), 0.0).problems == ('no doa',)
+    assert len(stage.situation(Instant(0.3, TIME), 0.0).tracks) == 1
+
+
+def test_a_place_of_the_receiver_ages_and_a_surveyed_one_does_not():
+    fix = NavSatFix(status=NavSatStatus(status=NavSatStatus.STATUS_FIX), latitude=51.5)
+    stage = ReportStage(ReportSettings(place_age=5.0))
+    stage.on_fix(fix, Instant(0.0, TIME))
+    assert stage.situation(Instant(4.9, TIME), 0.0).place.latitude == 51.5
+    assert stage.situation(Instant(5.1, TIME), 0.0).place is None
+    surveyed = ReportStage(ReportSettings(place=Place(1.0, 2.0, 3.0)))
+    surveyed.on_fix(fix, Instant(0.0, TIME))
+    assert surveyed.situation(Instant(99.0, TIME), 0.0).place == Place(1.0, 2.0, 3.0)

@@ -17,26 +17,24 @@ from std_msgs.msg import Header
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
 pytest.importorskip('pytak', reason='needs pytak')
-from sapient_peer import NODE, acknowledgement, task
-from wire_decoder import dig, fields
+from link_peer import LONG_S, wait_for, without_pauses
+from sapient_peer import NODE, FusionNode, task
+from wire_decoder import dig
 
 from av_common.node import Executor
 from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import Bearing, Track, TrackArray
 from av_interfaces.srv import SelectTarget
-from av_reports import link
 from av_reports.nodes.report_node import ReportNode
 
 pytestmark = pytest.mark.system
-LONG_S = 60.0
 SURVEYED = ('surveyed.enabled:=true', 'surveyed.latitude:=51.5', 'surveyed.longitude:=-0.12', 'surveyed.altitude:=30.0')
 
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr(link, 'FIRST_PAUSE_S', 0.05)
-    monkeypatch.setattr(link, 'LONGEST_PAUSE_S', 0.05)
+    without_pauses(monkeypatch)
 
 
 class Rig:
@@ -92,50 +90,6 @@ class Rig:
         self.reports.destroy_node()
         self.node.destroy_node()
         rclpy.try_shutdown()
-
-
-class FusionNode:
-    """A fusion node of SAPIENT that accepts everybody."""
-
-    def __init__(self):
-        self.listener = socket.create_server(('127.0.0.1', 0))
-        self.listener.settimeout(LONG_S)
-        self.address = f'127.0.0.1:{self.listener.getsockname()[1]}'
-
-    def accept(self):
-        self.peer, _ = self.listener.accept()
-        self.peer.settimeout(LONG_S)
-        assert 4 in fields(self.receive()), 'a registration comes first'
-        self.send(acknowledgement())
-
-    def receive(self):
-        data = b''
-        size = 4
-        while len(data) < size:
-            data += self.peer.recv(size - len(data)) or pytest.fail('disconnected')
-            size = 4 + struct.unpack('<I', data[:4])[0] if len(data) >= 4 else 4
-        return data[4:]
-
-    def next(self, kind):
-        """Content of the next message of a kind, by its field number."""
-        while True:
-            message = fields(self.receive())
-            if kind in message:
-                return message[kind][0]
-
-    def send(self, message):
-        self.peer.sendall(struct.pack('<I', len(message)) + message)
-
-    def close(self):
-        self.listener.close()
-        self.peer.close()
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + LONG_S
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert condition()
 
 
 @pytest.fixture

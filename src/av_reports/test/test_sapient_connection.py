@@ -12,6 +12,7 @@ from functools import partial
 import pytest
 
 pytest.importorskip('sapient_msg', reason='needs sapient-msg')
+from link_peer import LONG_S, exactly, wait_for, without_pauses
 from report_tracks import bearing
 from sapient_peer import NODE, acknowledgement, task
 from wire_decoder import dig, fields
@@ -25,20 +26,11 @@ from av_reports.sapient.stage import SapientStage
 
 pytestmark = pytest.mark.system
 
-LONG_S = 60.0
 
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr(link_module, 'FIRST_PAUSE_S', 0.05)
-    monkeypatch.setattr(link_module, 'LONGEST_PAUSE_S', 0.05)
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + LONG_S
-    while not condition() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert condition()
+    without_pauses(monkeypatch)
 
 
 class FusionNode:
@@ -55,16 +47,8 @@ class FusionNode:
 
     def receive(self):
         """The next message, framed by hand."""
-        size, = struct.unpack('<I', self.exactly(4))
-        return self.exactly(size)
-
-    def exactly(self, size):
-        data = b''
-        while len(data) < size:
-            piece = self.peer.recv(size - len(data))
-            assert piece, 'the node has disconnected'
-            data += piece
-        return data
+        size, = struct.unpack('<I', exactly(self.peer, 4))
+        return exactly(self.peer, size)
 
     def send(self, message):
         self.peer.sendall(struct.pack('<I', len(message)) + message)

@@ -83,7 +83,6 @@ class ReportNode(RigNode):
         if settings.log.folder:
             self._outputs['log'] = LogOutput(
                 Path(settings.log.folder).expanduser(), settings.cot.sensor_range, MEGABYTE * settings.log.max_megabytes)
-
         if settings.traffic.enabled:
             self._outputs['traffic'] = TrafficOutput(self, settings.traffic.topic, settings.traffic.geoid_height)
 
@@ -98,8 +97,11 @@ class ReportNode(RigNode):
 
     def _report(self) -> None:
         situation = self._stage.situation(self._instant(), self._to_utc())
-        for output in self._outputs.values():
-            output.report(situation)
+        for name, output in self._outputs.items():
+            try:
+                output.report(situation)
+            except Exception as error:  # noqa: BLE001  one output does not stop the others
+                self.refused.refuse(name, error)
         self._commands.repeat()
 
     def _instant(self) -> Instant:
