@@ -43,9 +43,9 @@ def _print(profiles: Sequence[str], flights: Sequence[Flight]) -> None:
         known = [flight.right for flight in own if np.isfinite(flight.right)]
         right = f'{100 * np.mean(known):>12.0f} %' if known else f'{NONE:>14}'
         print(f'{profile:<18}' + ''.join(f'{counts[name]:>18}' for name in columns) + right, flush=True)
-    right = sum(flight.named == flight.profile for flight in flights)
+    named = sum(flight.named == flight.profile for flight in flights)
     wrong = sum(flight.named not in (flight.profile, '') for flight in flights)
-    print(f'of {len(flights)} flights {100 * right / len(flights):.0f} % are named rightly, '
+    print(f'of {len(flights)} flights {100 * named / len(flights):.0f} % are named rightly, '
           f'{100 * wrong / len(flights):.0f} % wrongly')
 
 
