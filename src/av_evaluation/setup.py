@@ -29,6 +29,7 @@ setup(
             'monitor_node = av_evaluation.nodes.monitor_node:main',
             'attack = av_evaluation.cli.attack:main',
             'benchmark = av_evaluation.cli.benchmark:main',
+            'drone_types = av_evaluation.cli.drone_types:main',
             'estimate_latency = av_evaluation.cli.estimate_latency:main',
             'evaluate = av_evaluation.cli.evaluate:main',
             'export_tracks = av_evaluation.cli.export_tracks:main',

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 FRAME_S, HOP_S = 0.256, 0.064  # length of a frame and time between frames; a bin is 1 / FRAME_S wide
 SEGMENT_FRAMES = 12  # of which features are computed: one second
@@ -25,12 +25,15 @@ LOG_STEP = 0.01  # of the logarithmic frequency axis on which combs are searched
 ORDERS = 12  # harmonics of a comb
 NEIGHBOURS = (3, 6, 10, 16)  # steps from the best fundamental, at which the combs of other rotors may lie
 SHIFTS = 8  # largest change of the fundamental within a segment, in steps
+LEAST_PROMINENCE = 1.5  # of a line, as opposed to a chance maximum
 TONE_BINS = 5  # over which a line of rotors with different speeds extends
 LINE_BANDS_HZ = (62.5, 300.0, 800.0, 1600.0, 3200.0, 7500.0)
 # The comb of a shaft's frequency has lines of imbalance between those of the blades. A multiple is the blade-pass frequency
-# where its harmonics have this share of the power. Twice needs more: reflections may weaken every second line of a true comb.
-LEAST_SHARES = {2: 0.95, 3: 0.8, 4: 0.8}
-LEAST_COMB = 1.0  # by which the lines of a comb stand out from what is between them
+# where the strongest line between its harmonics has less than this ratio of the strongest harmonic's power. For twice it is
+# smaller: reflections may weaken every second line of a true comb.
+LARGEST_BETWEEN = {2: 0.06, 3: 0.2, 4: 0.2, 5: 0.2, 6: 0.2}
+LEAST_COMB = 0.5  # by which the lines of a comb stand out from what is between them; of noise it is up to 0.4
+COMB_STEPS = 5  # over which the lines of rotors with different speeds spread
 HARMONICS_HZ = 6000.0  # highest of the lines of a comb
 FUNDAMENTAL_SIGMA = 0.03  # relative error of fundamentals: the rotors of one drone differ
 SPACINGS_HZ = (20.0, 40.0, 60.0, 90.0, 130.0, 180.0, 250.0, 350.0, 500.0, 700.0)  # distances between lines
@@ -92,26 +95,23 @@ class DroneFeatures:
     def fundamental(self, segment: Segment) -> float:
         """Fundamental (Hz) of the harmonics, which is the blade-pass frequency of a drone; NaN where none stand out."""
         prominence = self._prominence(segment, slice(None))
-        lines = self._on_log_axis(prominence)
+        lines = uniform_filter1d(self._on_log_axis(prominence), COMB_STEPS)
         scores = self._combs @ lines - self._gaps @ lines
         if scores.max() < LEAST_COMB:
             return float('nan')
         found = float(self._fundamentals[int(np.argmax(scores))])
-        tones = segment.power.mean(axis=0) * (1.0 - np.exp(-prominence))
+        tones = np.where(prominence > LEAST_PROMINENCE, segment.power.mean(axis=0), 0.0)
         tones = maximum_filter1d(np.maximum(tones, 0.0), TONE_BINS)
         multiple = self._multiple(tones, found)
-        while multiple > 1 and multiple * found <= FUNDAMENTALS_HZ[1]:
-            found *= multiple
-            multiple = self._multiple(tones, found)
-        return found
+        return multiple * found if multiple * found <= FUNDAMENTALS_HZ[1] else found
 
     def _multiple(self, tones: NDArray, fundamental: float) -> int:
-        """The multiple of a fundamental (Hz) whose harmonics hold nearly all of the power (k,) of the lines; 1 for none."""
+        """The largest multiple of a fundamental (Hz) between whose harmonics there is hardly any power (k,); 1 for none."""
         orders = np.arange(1, int(HARMONICS_HZ / fundamental) + 1)
         bins = np.round(orders * fundamental * FRAME_S).astype(int) - round(self._frequencies[0] * FRAME_S)
         powers = np.where(bins < 0, 0.0, tones[np.maximum(bins, 0)])
-        return max((multiple for multiple, least in LEAST_SHARES.items()
-                    if powers[multiple - 1::multiple].sum() > least * powers.sum()), default=1)
+        return max((k for k, ratio in LARGEST_BETWEEN.items()
+                    if powers[orders % k > 0].max() < ratio * powers[orders % k == 0].max(initial=0.0)), default=1)
 
     def _band_features(self, segment: Segment) -> NDArray:
         power, total = segment.power @ self._bands.T, segment.total @ self._bands.T

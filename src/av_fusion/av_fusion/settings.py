@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from av_common.rig import GimbalMount
@@ -45,10 +44,9 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
         gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay)
     if p.method == 'multi':
-        steady = MultiTargetSettings().target
         return MultiTargetTracker(MultiTargetSettings(
-            replace(target, acceleration_density=p.targets.acceleration_density, elevation_density=steady.elevation_density),
-            policy=p.targets.policy, types=types_of(p.targets.types)))
+            target, acceleration_density=p.targets.acceleration_density, policy=p.targets.policy,
+            types=types_of(p.targets.types)))
     return BayesTracker(target)
 
 

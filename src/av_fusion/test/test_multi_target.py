@@ -121,7 +121,7 @@ def test_a_missed_detection_in_clear_air_ends_a_false_track():
 def test_mirror_images_stay_inside_of_one_track_until_the_rig_turns():
     """A pair of microphones hears one source: one track with two components, and with one after the turn."""
     sensors, (targets, motion) = SimulatedSensors(5), make_filter()
-    for step in range(80):
+    for step in range(100):
         time = 0.1 * step
         yaw = max(0.0, 0.3 * (time - 3.0))
         motion.add(Pose.level(time, yaw))

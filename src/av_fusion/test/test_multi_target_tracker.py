@@ -142,4 +142,4 @@ def test_parameters_choose_the_tracker():
     values = {'method': 'multi', 'targets.policy': 'closing'}
     tracker = make_tracker(node_parameters('av_fusion', 'fusion_node', overrides=values))
     assert isinstance(tracker, MultiTargetTracker) and tracker.settings.policy == 'closing'
-    assert np.isclose(tracker.settings.target.acceleration_density, 0.001)
+    assert np.isclose(tracker.settings.acceleration_density, 0.001)

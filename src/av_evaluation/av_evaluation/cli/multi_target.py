@@ -31,7 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if len(names) == 1 and not options.without_peers:
         print('stonesoup is not installed: without its trackers (pip install stonesoup)', file=sys.stderr)
     seeds = range(options.seed, options.seed + options.seeds)
-    jobs = [Job(scenario, seed, name, options.pair, options.alike)
+    jobs = [Job(scenario, seed, name, options.pair, options.alike, options.rate)
             for scenario in options.scenarios for seed in seeds for name in names]
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
         found = dict(zip(jobs, pool.map(run, jobs), strict=True))
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for scenario in options.scenarios:
         means = {}
         for name in names:
-            runs = [found[Job(scenario, seed, name, options.pair, options.alike)] for seed in seeds]
+            runs = [found[Job(scenario, seed, name, options.pair, options.alike, options.rate)] for seed in seeds]
             means[name] = _print(scenario, name, runs)
         worse += [f'{scenario}: {means[OWN]:.2f} deg, {name} {mean:.2f} deg' for name, mean in means.items()
                   if name != OWN and means[OWN] > (1.0 - BETTER) * mean]
@@ -59,6 +59,7 @@ class Job(NamedTuple):
         tracker: its name.
         pair: whether the microphones are a pair.
         alike: whether all targets are of the type of the first.
+        rate (Hz): of windows and of images.
     """
 
     scenario: str
@@ -66,11 +67,12 @@ class Job(NamedTuple):
     tracker: str
     pair: bool = False
     alike: bool = False
+    rate: float = 10.0
 
 
 def run(job: Job) -> MultiTargetFigures:
     """Figures of one tracker in one run."""
-    model = SensorModel(pair=job.pair, birds=BIRDS.get(job.scenario, 0))
+    model = SensorModel(pair=job.pair, sound_rate=job.rate, image_rate=job.rate, birds=BIRDS.get(job.scenario, 0))
     scenario = load_scenario(find_config(job.scenario, 'scenarios'))
     if job.alike:
         first = scenario.targets[0]
@@ -104,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--seed', type=int, default=1, help='of the first run (%(default)s)')
     parser.add_argument('--pair', action='store_true', help='two microphones, which measure cones, in place of four')
     parser.add_argument('--alike', action='store_true', help='all targets are of the same type')
+    parser.add_argument('--rate', type=float, default=10.0, help='of windows and of images in Hz (%(default)s)')
     parser.add_argument('--without-peers', action='store_true', help='this filter alone')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     return parser

@@ -80,10 +80,8 @@ class Sequence:
                                          self._value(0.6, 0.1), self._value(0.5, 0.1), self._value(0.5, 0.3),
                                          rotation(self._attitude()) if self._chance(0.95) else (ZERO,) * 3))
         else:
-            hypotheses = tuple(self._hypothesis() for _ in range(self._random.randrange(4)))
-            axis = self._unit(self._vector(1.0))
-            cone = Cone(axis, self._value(0.0, 0.5), self._variance()) if len(hypotheses) == 2 else None
-            self._send(DoaMeasurement(self._stamp(), hypotheses, self._value(0.7, 0.3), self._value(0.5, 0.1), cone))
+            stamp = self._stamp()
+            self._send(*(self._doa(stamp) for _ in range(self._random.choice((1, 1, 2, 4)))))
         passed = self._random.choices((0.0, STEP, 0.05, 0.5, -0.1, 30.0), (0.1, 0.5, 0.3, 0.06, 0.03, 0.01))[0]
         self._now += passed
         self._pointing.enabled = self._chance(0.9)
@@ -114,12 +112,20 @@ class Sequence:
             return f'the body moves by old data: {self._ages}'
         return self._limits.check(command, elapsed)
 
-    def _send(self, message: DoaMeasurement | CameraMeasurement) -> None:
-        self._sent.append(message)
-        if isinstance(message, DoaMeasurement):
-            self._tracker.add_doas([message])
-        else:
-            self._tracker.add_camera(message)
+    def _send(self, *messages: DoaMeasurement | CameraMeasurement) -> None:
+        """Send an image, or the directions of one window."""
+        self._sent.extend(messages)
+        self._tracker.add_doas([message for message in messages if isinstance(message, DoaMeasurement)])
+        for message in messages:
+            if isinstance(message, CameraMeasurement):
+                self._tracker.add_camera(message)
+
+    def _doa(self, stamp: float) -> DoaMeasurement:
+        hypotheses = tuple(self._hypothesis() for _ in range(self._random.randrange(4)))
+        axis = self._unit(self._vector(1.0))
+        cone = Cone(axis, self._value(0.0, 0.5), self._variance()) if len(hypotheses) == 2 else None
+        return DoaMeasurement(stamp, hypotheses, self._value(0.7, 0.3), self._value(0.5, 0.1), cone, self._value(0.5, 0.3),
+                              self._value(200.0, 100.0), self._value(30.0, 10.0))
 
     def _chance(self, probability: float) -> bool:
         return self._random.random() < probability
@@ -172,7 +178,8 @@ def check_targets(targets: Targets) -> str:
     if ids != sorted(set(ids)) or targets.selected not in (0, *ids):
         return f'targets {ids}, of which {targets.selected} is selected'
     for target in targets.targets:
-        if not 0.0 <= target.existence <= 1.0 or not all(map(math.isfinite, (target.track.azimuth, target.track.elevation))):
+        possible = 0.0 <= target.existence <= 1.0 and 0.0 <= target.identity <= 1.0
+        if not possible or not all(map(math.isfinite, (target.track.azimuth, target.track.elevation))):
             return f'target is impossible: {target}'
     return ''
 

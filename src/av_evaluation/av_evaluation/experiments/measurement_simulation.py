@@ -103,7 +103,7 @@ class MeasurementSimulation:
         self._level = self._random.normal(0.0, self._model.fluctuation, count)  # dB
         self._overlap = max(round(self._model.window * self._model.sound_rate), 1)  # windows that share noise with one
         self._noise = self._random.normal(size=(self._overlap, count, 2))  # of the parts of the newest window
-        self._blade_pass = [_blade_pass_of(target) for target in scenario.targets]
+        self._blade_pass = [blade_pass_of(target) for target in scenario.targets]
         self._voices = np.random.default_rng([seed, 1])  # of fundamentals, so that directions do not depend on them
 
     def scans(self) -> Iterator[Scan]:
@@ -209,7 +209,7 @@ class MeasurementSimulation:
                          sigma**2)
 
 
-def _blade_pass_of(target: Target) -> float:
+def blade_pass_of(target: Target) -> float:
     """Blade-pass frequency (Hz) of a target in level flight; NaN for one without rotors."""
     signal = target.signal or load_profile(find_config(target.drone, 'drones')).signal
     return signal.blades * float(np.mean(signal.rotor_hz)) if isinstance(signal, RotorSignal) else math.nan

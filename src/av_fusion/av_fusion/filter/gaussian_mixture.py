@@ -72,7 +72,7 @@ class GaussianMixture:
         self.components: list[GaussianComponent] = []
         self.background = 1.0
         self.p_outlier = 0.0
-        self._model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
+        self.model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
         self._primary: GaussianComponent | None = None
 
     def predict(self, dt: float, noise_scale: float, kept: float, moved: Vector = ZERO) -> None:
@@ -85,7 +85,7 @@ class GaussianMixture:
             moved (m): displacement of the rig meanwhile, in the world.
         """
         for component in self.components:
-            component.predict(dt, self._model, noise_scale, moved)
+            component.predict(dt, self.model, noise_scale, moved)
             component.weight *= kept
         self.background += (1.0 - kept) * (1.0 - self.background)
 
@@ -159,7 +159,7 @@ class GaussianMixture:
 
     def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float,
                       moved: Vector) -> GaussianComponent:
-        level, model = math.cos(birth.elevation) ** 2, self._model
+        level, model = math.cos(birth.elevation) ** 2, self.model
         up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
         covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
         covariance[0, 1] = covariance[1, 0] = birth.hv
@@ -231,7 +231,7 @@ class GaussianMixture:
             noise_scale: factor of the acceleration density.
             moved (m): displacement of the rig meanwhile, in the world.
         """
-        return component.predicted(ahead, self._model, noise_scale, moved)
+        return component.predicted(ahead, self.model, noise_scale, moved)
 
     def front_probability(self, attitude: Rows, ahead: float, noise_scale: float, moved: Vector) -> float:
         """Probability, given that there is a target, that its azimuth in the body will be within 90 degrees in `ahead` s.

@@ -56,7 +56,8 @@ class BernoulliTrack(TargetDensity):
         self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
         self.time = time
-        self.manoeuvre_gate = MANOEUVRE_GATE
+        self._steady = settings.target.model._replace(acceleration_density=settings.acceleration_density,
+                                                      elevation_density=settings.elevation_density)
 
     @property
     def existence(self) -> float:
@@ -67,6 +68,11 @@ class BernoulliTrack(TargetDensity):
     def identity(self) -> float:
         """Probability that this is still the target that was given its id."""
         return math.prod(1.0 - confusion for confusion in self.confusions.values())
+
+    def assume_alone(self, alone: bool) -> None:
+        """Assume ordinary motion of the only target, and steady motion of several, by which they are told apart."""
+        self.mixture.model = self._settings.model if alone else self._steady
+        self.manoeuvre_gate = math.inf if alone else MANOEUVRE_GATE
 
     def compare_identity(self, other: BernoulliTrack) -> None:
         """Note how probable it is that this target and another one are taken for each other."""

@@ -5,37 +5,48 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from av_common.track import Source
+
 MEMORY = 20.0  # observations of one target, over which their log-odds are averaged
 LEAST = 0.5  # observations, fewer say nothing
 PRIOR_LOG_ODDS = 1.0  # of a target before the first observation, as much as one observation
 LARGEST_LOG_ODDS = 5.0
+# A low score says that little of the object can be seen, as in fog, rather than that it is something else.
+LEAST_LOG_ODDS = {Source.SOUND: -5.0, Source.SIGHT: -1.0}
 
 
 class DroneEvidence:
-    """The mean of the log-odds of all observations of a target.
+    """The mean of the log-odds of all observations by one sensor, summed over the sensors.
 
-    Their errors are those of one object in one detector, hence correlated: ten scores of 0.6 are not the evidence of ten
-    independent observations, which their sum would be.
+    Errors of one sensor are those of one object in one detector, hence correlated: ten scores of 0.6 are not the evidence of
+    ten independent observations, which their sum would be. Those of microphones and camera are independent.
     """
 
     def __init__(self) -> None:
-        self._mean, self._count = PRIOR_LOG_ODDS, 0.0
+        self._sums = {Source.SOUND: (0.0, 0.0), Source.SIGHT: (0.0, 0.0)}  # of log-odds and of shares
 
     @property
     def probability(self) -> float:
         """Probability 0..1 that the target is a drone; NaN without an observation that is probably its own."""
-        return 1.0 / (1.0 + math.exp(-self._mean)) if self._count >= LEAST else math.nan
+        observed = sum(count for _, count in self._sums.values())
+        if observed < LEAST:
+            return math.nan
+        odds = PRIOR_LOG_ODDS / (1.0 + observed) + sum(total / (1.0 + count) for total, count in self._sums.values())
+        return 1.0 / (1.0 + math.exp(-odds))
 
-    def note(self, probabilities: Sequence[float], shares: Sequence[float]) -> None:
+    def note(self, sensor: Source, probabilities: Sequence[float], shares: Sequence[float]) -> None:
         """Add observations.
 
         Parameters:
+            sensor: SOUND or SIGHT.
             probabilities: that each observed object is a drone; NaN where unknown.
             shares: probability of each that it stems from this target.
         """
+        total, count = self._sums[sensor]
         for probability, share in zip(probabilities, shares, strict=True):
             if share > 0.0 and not math.isnan(probability):
                 bounded = min(max(probability, 1e-3), 1.0 - 1e-3)
-                odds = min(max(math.log(bounded / (1.0 - bounded)), -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)
-                self._count = min(self._count + share, MEMORY)
-                self._mean += share / (1.0 + self._count) * (odds - self._mean)
+                odds = min(max(math.log(bounded / (1.0 - bounded)), LEAST_LOG_ODDS[sensor]), LARGEST_LOG_ODDS)
+                kept = min(1.0, MEMORY / (count + share))
+                total, count = kept * (total + share * odds), kept * (count + share)
+        self._sums[sensor] = total, count

@@ -9,6 +9,7 @@ from itertools import combinations, count
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.track import Source
 from av_fusion.filter.component_merging import are_mergeable
 from av_fusion.filter.gaussian_component import ASSOCIATED
 from av_fusion.filter.gaussian_mixture import BirthComponent
@@ -94,12 +95,12 @@ class MultiTargetFilter:
         for track, each, factors in zip(self.tracks, compared, free * voices, strict=True):
             if each:
                 track.use_sound(time, each, heard, factors, fraction)
-        shares = self._note(time, ratios * free, [_kind(measurement) for measurement in measurements])
+        shares = self._note(time, ratios * free, Source.SOUND, [_kind(measurement) for measurement in measurements])
         for track, row in zip(self.tracks, shares, strict=True):
             track.blade_pass.update(likelihoods, row, fraction)
         for j, new in enumerate(unexplained * odds / (1.0 + odds)):
             begun = self._begin(time, [birth._replace(newest_doa=time) for birth in heard[j].births], fraction * float(new),
-                                _kind(measurements[j]))
+                                Source.SOUND, _kind(measurements[j]))
             if begun is not None:
                 begun.blade_pass.update(likelihoods[j:j + 1], np.ones(1), fraction)
 
@@ -125,22 +126,22 @@ class MultiTargetFilter:
             track.use_image(image, each, factors)
         if detections:
             self._newest_sighting = max(self._newest_sighting, time)
-            self._note(time, ratios * free, [detection.score for detection in detections])
+            self._note(time, ratios * free, Source.SIGHT, [detection.score for detection in detections])
             new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new, strict=True):
                 self._begin(time, [birth_of(direction, 1.0, target)._replace(newest_sighting=time)], float(existence),
-                            detection.score)
+                            Source.SIGHT, detection.score)
         self._detect(2.0 * measurement.half_view * UNIFORM_DENSITY * target.detection_probability * image.visibility, fraction)
         self._reduce(time)
 
-    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float, probability: float
-               ) -> BernoulliTrack | None:
-        """Start a track where a measurement is not explained; `probability` that it is a drone."""
+    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float, sensor: Source,
+               probability: float) -> BernoulliTrack | None:
+        """Start a track where a measurement of a sensor is not explained; `probability` that it is a drone."""
         track = None
         if births and existence >= self._settings.least_existence:
             track = BernoulliTrack(next(self._ids), time, self._settings, self._motion)
             track.begin(births, existence)
-            track.kind.note([probability], [1.0])
+            track.kind.note(sensor, [probability], [1.0])
             self.tracks.append(track)
         return track
 
@@ -149,7 +150,7 @@ class MultiTargetFilter:
         usual = self._settings.undetected
         self._undetected = usual + (self._undetected - usual) * (1.0 - probability) ** fraction
 
-    def _note(self, time: float, claimed: NDArray[np.float64], probabilities: Sequence[float]
+    def _note(self, time: float, claimed: NDArray[np.float64], sensor: Source, probabilities: Sequence[float]
               ) -> NDArray[np.float64]:
         """Note what the measurements of one scan tell of the kind of each track, and which tracks have different ones.
 
@@ -157,7 +158,7 @@ class MultiTargetFilter:
         """
         shares = claimed / (1.0 + claimed.sum(axis=1, keepdims=True))
         for track, row in zip(self.tracks, shares, strict=True):
-            track.kind.note(probabilities, row.tolist())
+            track.kind.note(sensor, probabilities, row.tolist())
         measured = [(track, int(row.argmax())) for track, row in zip(self.tracks, shares, strict=True)
                     if row.size and row.max() >= ASSOCIATED]
         for (one, first), (other, second) in combinations(measured, 2):
@@ -179,6 +180,8 @@ class MultiTargetFilter:
         confirmed = [track for track in self.tracks if track.existence >= self._settings.confirmed]
         for one, another in combinations(confirmed, 2):
             one.compare_identity(another)
+        for track in self.tracks:
+            track.assume_alone(len(confirmed) < 2)
 
     def _are_one(self, first: BernoulliTrack, second: BernoulliTrack, time: float) -> bool:
         a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)

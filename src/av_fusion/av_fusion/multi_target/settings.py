@@ -13,8 +13,9 @@ class MultiTargetSettings:
     """Settings of `MultiTargetFilter`.
 
     Parameters:
-        target: models of each target and of the sensors. Targets that can be mistaken for each other are told apart by steady
-            motion: the acceleration is that of a steady flight, until innovations raise it.
+        target: models of each target and of the sensors.
+        acceleration_density (rad^2/s^3), elevation_density (rad^2/s): of several targets, in place of those of a single one.
+            They are told apart by steady motion: the acceleration is that of a steady flight, until innovations raise it.
         undetected_first: expected number of targets in the sky before the first scan.
         undetected: expected number of targets that were not detected yet, later on.
         sound_detection_probability: that a target that can be heard is among the directions of arrival of a window.
@@ -28,7 +29,9 @@ class MultiTargetSettings:
         types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
     """
 
-    target: BayesSettings = field(default_factory=lambda: BayesSettings(acceleration_density=0.001, elevation_density=0.0003))
+    target: BayesSettings = field(default_factory=BayesSettings)
+    acceleration_density: float = 0.001
+    elevation_density: float = 0.0003
     undetected_first: float = 1.0
     undetected: float = 0.1
     sound_detection_probability: float = 0.9
