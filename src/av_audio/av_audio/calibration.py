@@ -116,13 +116,13 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
                          f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed')
     relative = paths / array.aperture
     offset, weights = _consensus(azimuths - axis, relative)
-    coefficients, offset, outliers = _refine(azimuths - axis, relative, offset, weights)
+    coefficients, offset, scale, outliers = _refine(azimuths - axis, relative, offset, weights)
     grid = np.linspace(np.pi, 0.0, 61)
     measured = _bernstein(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
     cosines = np.cos(grid)
     cosines[[0, -1]] = -1.0, 1.0
-    curve = DelayCurve(cosines, measured / stretch)
+    curve = DelayCurve(cosines, measured / stretch, scale / stretch)
     fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
     angles = np.abs(wrap(azimuths - axis - offset))
     residuals = np.arccos(np.clip(curve.true_cosine(paths / fitted.aperture), -1.0, 1.0)) - angles
@@ -173,8 +173,9 @@ def _single_terms(terms: NDArray, paths: NDArray, picked: NDArray) -> NDArray:
     return np.concatenate(rows)
 
 
-def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
-    """Bernstein coefficients (DEGREE + 1,) of the path by the angle to the axis, rotation of the axis, and outliers (n,).
+def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
+            ) -> tuple[NDArray, float, float, NDArray[np.bool_]]:
+    """Bernstein coefficients (DEGREE + 1,) of the path by angle, rotation of the axis, scatter of the paths, outliers (n,).
 
     Iteratively reweighted least squares with Tukey's biweight. The coefficients fall by at least LEAST_STEP.
 
@@ -214,7 +215,7 @@ def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray) 
         offset += float(solution[-1])
         misfits = np.abs(_bernstein(np.abs(wrap(azimuths - offset))) @ coefficients - paths)
         scale = max(LEAST_SCALE, 1.4826 * float(np.median(misfits[misfits < 2.0 * AGREEMENT])))
-    return coefficients, offset, misfits > BIWEIGHT * scale
+    return coefficients, offset, scale, misfits > BIWEIGHT * scale
 
 
 def _terms(angles: NDArray) -> NDArray:

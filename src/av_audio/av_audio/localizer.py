@@ -255,9 +255,10 @@ class Localizer:
 
     def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
         q, slope = undo_delay_curve(self.array, peak.q)
-        covariance = slope**2 * (peak.covariance + peak.bias)
+        bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma**2
+        covariance = slope**2 * (peak.covariance + bias)
         angles, variances = to_directions(self.array, q, slope**2 * peak.covariance)
-        if peak.bias.any():  # the angle remains: the direction in which reflections shift it is unknown
+        if bias.any():  # the angle remains: the direction in which reflections shift it is unknown
             variances = to_directions(self.array, q, covariance).variances
         kept = within_elevations(self.array, angles, self._elevations)
         count = int(kept.sum())

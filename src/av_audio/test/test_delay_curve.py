@@ -68,6 +68,12 @@ def test_a_cluster_of_reflections_is_an_outlier():
     assert error_deg(calibrate(NOMINAL, azimuths, paths)) < 0.5
 
 
+def test_the_scatter_about_the_curve_is_kept():
+    azimuths, paths, _ = recording(np.random.default_rng(4), 400, 0.1, noise=0.004)
+    calibration = calibrate(NOMINAL, azimuths, paths)
+    assert calibration.array.delay_curve.sigma * calibration.baseline == pytest.approx(0.004, rel=0.15)
+
+
 @pytest.mark.parametrize('seed', range(20))
 def test_the_curve_rises_whatever_was_measured(seed):
     rng = np.random.default_rng(seed)

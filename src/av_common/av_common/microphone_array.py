@@ -28,12 +28,14 @@ class DelayCurve:
     Parameters:
         cosine (k,): cosines of the angle between a direction and the array's axis, strictly increasing.
         measured (k,): c tau / d at these directions, strictly increasing; in the free field it is the cosine itself.
+        sigma: standard deviation of what is measured about the curve: front and back differ, and so do frequencies.
 
     Raises ValueError for anything else.
     """
 
     cosine: Sequence[float] | NDArray
     measured: Sequence[float] | NDArray
+    sigma: float = bounded(0.0, low=0.0, high=1.0)
 
     def __post_init__(self) -> None:
         cosine, measured = (np.asarray(values, dtype=float) for values in (self.cosine, self.measured))
@@ -114,7 +116,8 @@ class MicrophoneArray:
         content = {'name': self.name, 'microphones': np.round(self.positions, 6).tolist()}
         if self.delay_curve is not None:
             content['delay_curve'] = {'cosine': np.round(self.delay_curve.cosine, 6).tolist(),
-                                      'measured': np.round(self.delay_curve.measured, 6).tolist()}
+                                      'measured': np.round(self.delay_curve.measured, 6).tolist(),
+                                      'sigma': round(self.delay_curve.sigma, 6)}
         lines = ''.join(f'# {line}\n' for line in comment.splitlines())
         Path(path).expanduser().write_text(lines + yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
                                            encoding='utf-8')

@@ -46,13 +46,14 @@ def test_a_plane_mirrors_up_and_down_and_a_space_not_at_all():
 
 def test_delay_curve_bends_delays_and_back(tmp_path):
     cosine = np.linspace(-1.0, 1.0, 21)
-    curve = DelayCurve(cosine, cosine + 0.1 * np.sin(np.pi * cosine))
+    curve = DelayCurve(cosine, cosine + 0.1 * np.sin(np.pi * cosine), 0.02)
     bent = MicrophoneArray(PAIR.positions, 'bent', curve)
     np.testing.assert_allclose(curve.true_cosine(curve.measured_cosine([-1.1, -0.3, 0.77])), [-1.1, -0.3, 0.77])
     assert bent.delays([[0.0, 0.5, 0.0]], 340.0)[0, 0] == pytest.approx(0.2 / 340.0 * 0.6)
     bent.save(tmp_path / 'bent.yaml', 'two lines\nof comment')
     again = MicrophoneArray.load(tmp_path / 'bent.yaml')
     np.testing.assert_allclose(again.delay_curve.measured, curve.measured, atol=1e-6)
+    assert again.delay_curve.sigma == 0.02
     np.testing.assert_allclose(again.positions, PAIR.positions)
 
 
