@@ -2,6 +2,7 @@
 
 ros2 launch av_fusion network.launch.py                                          three rigs, the oracle as their detector
 ros2 launch av_fusion network.launch.py rigs:=2 radius:=30 scenario:=circle
+ros2 launch av_fusion network.launch.py view:=true                               a map of rigs and targets in a browser
 ros2 topic echo /tracks
 """
 
@@ -15,7 +16,7 @@ from launch import LaunchDescription, LaunchDescriptionEntity
 from launch.actions import GroupAction, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-from av_fusion.launching import Arguments, describe, require, rig_node
+from av_fusion.launching import RIG_ARGUMENTS, Arguments, describe, require, rig_node, view_nodes
 from av_fusion.supervision import Supervision
 
 MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
@@ -33,6 +34,7 @@ ARGUMENTS = {
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
     'params': ('', 'a parameter file that overrides config/rig_params.yaml', None),
     'namespace': ('', 'namespace of the network node', None),
+    **{name: RIG_ARGUMENTS[name] for name in ('view', 'view_control', 'bags')},
     'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
 }
 
@@ -52,7 +54,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     node = rig_node(arguments, 'av_network', 'network_node', {
         'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)
-    return [*supervision.entities(), *(_rig(arguments, names, index, radius, begin) for index in range(len(names))), node]
+    return [*supervision.entities(), *(_rig(arguments, names, index, radius, begin) for index in range(len(names))), node,
+            *view_nodes(arguments, {})]
 
 
 def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> GroupAction:
@@ -60,7 +63,7 @@ def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begi
     angle = math.tau * index / len(names)
     place = (radius * math.cos(angle), radius * math.sin(angle), HEIGHT_M, math.degrees(angle) - 180.0)
     values = {'namespace': names[index], 'port_offset': str(PORTS * index), 'begin': f'{begin:.3f}', 'monitor': 'false',
-              'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0',
+              'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0', 'view': 'false', 'bags': '',
               **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security')}}
     source = PythonLaunchDescriptionSource(str(Path(__file__).with_name('rig.launch.py')))
     return GroupAction([IncludeLaunchDescription(source, launch_arguments=values.items())])

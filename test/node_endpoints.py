@@ -112,8 +112,10 @@ def write_bag(file: Path) -> None:
 def everything_published() -> Iterator[None]:
     """Have a second node that publishes all topics of the rig."""
     other = Node('everything')
-    for name, kinds in (KINDS | {'/diagnostics': ('diagnostic_msgs/msg/DiagnosticArray',)}).items():
-        other.create_publisher(get_message(kinds[0]), name, QoSProfile(depth=1))
+    kinds = {name: found[0] for name, found in KINDS.items()}
+    beside = {'/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray', 'tracks': 'av_interfaces/msg/WorldTrackArray'}
+    for name, kind in (kinds | beside).items():
+        other.create_publisher(get_message(kind), name, QoSProfile(depth=1))
     yield
     other.destroy_node()
 
@@ -126,11 +128,11 @@ def wait_for_recording(node: RigNode) -> None:
 
 
 def wait_for_a_watch(node: RigNode) -> None:
-    """Look at the page's rig, and spin until the node has subscribed to its true poses."""
+    """Look at the page's rig, and spin until the node has subscribed to its true poses, and to tracks of several rigs."""
     with connect(f'ws://127.0.0.1:{node.server.port}/feed', proxy=None) as viewer:
         viewer.send('{"do": "watch"}')
         deadline = time.monotonic() + 60.0
-        while not any('truth/rig' in subscription.topic_name for subscription in node.subscriptions):
+        while not {'/truth/rig', '/tracks'} <= {subscription.topic_name for subscription in node.subscriptions}:
             assert time.monotonic() < deadline
             rclpy.spin_once(node, timeout_sec=0.1)
 

@@ -101,12 +101,13 @@ async def measure(address: str, process: psutil.Process, viewers: int, seconds: 
 
 
 def row(viewers: int, phases: list[Phase]) -> str:
-    """A row of the table: means of the phases, and quantiles of all delays in ms."""
+    """A row of the table: means of the phases, quantiles of all delays in ms, and the range of the phases' medians."""
     delays = 1000.0 * np.array([delay for phase in phases for delay in phase.delays] or [np.nan])
+    medians = [1000.0 * float(np.median(phase.delays or [np.nan])) for phase in phases]
     share, updates, pictures, size = (float(np.mean([phase[column] for phase in phases])) for column in range(4))
     median, late = np.quantile(delays, (0.5, 0.95))
     return (f'{viewers:7d}  {100.0 * share:15.1f}  {updates:9.1f}  {pictures:10.1f}  {1e-3 * size:6.0f}  '
-            f'{median:9.0f}  {late:7.0f}  {len(delays):8d}')
+            f'{median:9.0f}  {min(medians):4.0f} to {max(medians):4.0f}  {late:7.0f}  {len(delays):8d}')
 
 
 def process_at(port: int) -> psutil.Process | None:
@@ -156,6 +157,6 @@ def main() -> None:
                   'processor', flush=True)
             time.sleep(SETTLE_S)
         phases = measure_all(options, process)
-    print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     95 %  bearings')
+    print('viewers  % of one core  updates/s  pictures/s    kB/s  delay, ms     by rounds     95 %  bearings')
     for viewers, found in phases.items():
         print(row(viewers, found))

@@ -38,7 +38,7 @@ function take(message) {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
     control = message.control; rig ??= message.rig; showRigs(message.rigs);
-    if (state === null && !message.rigs.includes(rig)) watch(message.rigs[0]);
+    if (state === null && message.rigs.length && !message.rigs.includes(rig)) watch(message.rigs[0]);
   } else if (message.type === 'answer') {
     answers.get(message.number)?.(message); answers.delete(message.number);
   } else if (message.type === 'end') {
