@@ -27,6 +27,8 @@ SEPARATION = 0.36
 LEAST_SIGNIFICANCE = 2.8
 ARRAY_SIGNIFICANCE = 0.6
 LEAST_SHARE = 0.5
+# Coherent share of all bins that a further source has at least: what a window without noise leaves of its source has less.
+LEAST_COHERENCE = 0.03
 
 
 class FurtherSources(SteeredResponse):
@@ -66,11 +68,16 @@ class FurtherSources(SteeredResponse):
         found, peaks = [strongest], list[Peak]()
         while len(found) < most:
             peak = self._beside(phases, found)
-            if peak is None or peak.significance < LEAST_SIGNIFICANCE or peak.main_share < LEAST_SHARE:
+            if peak is None or not self._is_source(peak, phases.size):
                 break
             found.append(peak.q)
             peaks = [self._again(phases, found, k) for k in range(len(found))]
         return peaks
+
+    @staticmethod
+    def _is_source(peak: Peak, bins: int) -> bool:
+        return (peak.significance >= LEAST_SIGNIFICANCE and peak.main_share >= LEAST_SHARE
+                and peak.height >= LEAST_COHERENCE * bins)
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)

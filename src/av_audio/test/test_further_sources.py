@@ -70,6 +70,13 @@ def test_one_source_is_one():
         assert all(further.confidence[0] < 0.9 for further in estimates[0].further)
 
 
+@pytest.mark.parametrize('azimuth', [-1.4, -0.5, 0.0, 0.2, 1.1])
+def test_a_source_without_noise_is_one(azimuth):
+    rng = np.random.default_rng(4)
+    sound = rotors(rng, SECONDS, -PAIR.positions[:, 1] * np.sin(azimuth) / C)
+    assert not located(0.1 * sound / sound.std()).further
+
+
 def test_the_message_has_a_group_for_each_source():
     estimate = located(sources(np.random.default_rng(3), np.radians([-40.0, 20.0]), [0.0, -3.0]))
     message = doa_array(estimate, PAIR, 10.0, 'microphones', SECONDS, 'ml', [Judgement(0.9), Judgement(0.2)])
