@@ -42,6 +42,8 @@ VARIANTS: dict[str, list[dict]] = {
     'camera_node': [{'file': '{folder}/images', 'depth': True, 'imu': True}],
     'detector_node': [{'compressed': True, 'camera_height': 1.0}, {'compressed': False}],
     'doa_node': [{'array_file': ARRAY, 'ego_rotors': 'topic'}],
+    'network_node': [{'rigs': ['left', 'right'], 'positions': [0.0] * 6, 'pose_sources': ['odometry', 'fix'], 'cue': True,
+                      'datum': {'known': True, 'latitude': 48.0, 'longitude': 11.0, 'altitude': 500.0}}],
     'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
     'px4_node': [{'external_mode': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],

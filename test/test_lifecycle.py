@@ -39,6 +39,7 @@ def parameters(node: str, folder: Path) -> dict[str, object]:
         'camera_node': {'file': ROOT / 'docs' / 'images' / 'demo.png'},
         'detector_node': {'threads': 1},
         'doa_node': {'array_file': ARRAY},
+        'network_node': {'rigs': '[left, right]', 'positions': '[0.0, 0.0, 0.0, 40.0, 0.0, 0.0]'},
         'player_node': {'bag': folder / 'flight.mcap', 'only': 'all'},
         'recorder_node': {'path': folder / 'bag-%f.mcap'},
         'report_node': {'cot.url': 'udp://127.0.0.1:9', 'sapient.peer': '127.0.0.1:9'},

@@ -38,9 +38,9 @@ class NetworkNode(RigNode):
         if not names or len(set(names)) < len(names):
             raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right]')
         places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
-        datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude)
+        datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude) if p.datum.known else Datum()
         if any(place.source == FIX for place in places) and not datum.known:
-            raise ValueError('pose_sources has fix, which needs datum.latitude, datum.longitude and datum.altitude')
+            raise ValueError('pose_sources has fix, which needs datum.known, and latitude, longitude and altitude of datum')
         rigs = [RigSettings(name, math.radians(p.heading_sigma_deg), p.clock_sigma if index else 0.0, p.position_sigma)
                 for index, name in enumerate(names)]
         self._stage = NetworkStage(
