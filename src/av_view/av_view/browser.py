@@ -137,7 +137,8 @@ class Browser:
             browser.send(json.dumps({'id': 1, 'method': 'Target.getTargets'}))
             targets = json.loads(browser.recv(timeout=ANSWER_S))['result']['targetInfos']
         tab = next(target['targetId'] for target in targets if target['type'] == 'page')
-        page = connect(f'ws://127.0.0.1:{port}/devtools/page/{tab}', max_size=None, proxy=None)
+        # Without pings: events that nobody reads for a while would hold up their answers.
+        page = connect(f'ws://127.0.0.1:{port}/devtools/page/{tab}', max_size=None, proxy=None, ping_interval=None)
         return self._connections.enter_context(page)
 
     def _end(self) -> None:
