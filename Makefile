@@ -24,7 +24,7 @@ MODEL ?= src/av_vision/models/drone_detector.onnx
 CACHE ?= results/detector_cache
 
 build:
-	$(ENV) && colcon build --symlink-install
+	$(ENV) && MAKEFLAGS=-j$$(nproc) colcon build --symlink-install  # colcon would wait for a low load
 
 demo: build
 	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO) $(if $(VIEW),view:=true view_control:=true bags:=results/bags)
