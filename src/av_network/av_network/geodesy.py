@@ -1,4 +1,4 @@
-"""Geodetic coordinates (WGS 84) and a local tangent plane."""
+"""The datum of a network's coordinates."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
-ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
+from av_common.geodesy import geodetic_to_enu
 
 
 class Datum(NamedTuple):
@@ -26,7 +25,7 @@ class Datum(NamedTuple):
 
 
 def to_enu(place: Datum, origin: Datum) -> NDArray[np.float64]:
-    """East, north and up (3,) (m) of a place in the tangent plane at an origin (NIMA TR8350.2, section 4).
+    """East, north and up (3,) (m) of a place in the tangent plane at an origin.
 
     Parameters:
         place: latitude, longitude and altitude.
@@ -37,16 +36,4 @@ def to_enu(place: Datum, origin: Datum) -> NDArray[np.float64]:
     for each in (place, origin):
         if not (each.known and abs(each.latitude) <= 90.0 and abs(each.longitude) <= 180.0 and abs(each.altitude) < 1e5):
             raise ValueError(f'{tuple(each)} is no latitude, longitude (deg) and altitude (m)')
-    latitude, longitude = math.radians(origin.latitude), math.radians(origin.longitude)
-    sine, cosine = math.sin(latitude), math.cos(latitude)
-    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
-    up = np.array([cosine * math.cos(longitude), cosine * math.sin(longitude), sine])
-    return np.stack([east, np.cross(up, east), up]) @ (_geocentric(place) - _geocentric(origin))
-
-
-def _geocentric(place: Datum) -> NDArray[np.float64]:
-    latitude, longitude = math.radians(place.latitude), math.radians(place.longitude)
-    radius = SEMI_MAJOR_M / math.sqrt(1.0 - ECCENTRICITY_SQUARED * math.sin(latitude) ** 2)
-    level = (radius + place.altitude) * math.cos(latitude)
-    return np.array([level * math.cos(longitude), level * math.sin(longitude),
-                     (radius * (1.0 - ECCENTRICITY_SQUARED) + place.altitude) * math.sin(latitude)])
+    return geodetic_to_enu(place, origin)
