@@ -1,12 +1,15 @@
 """Settings of every test run."""
 
 import os
+import signal
 
 import pytest
 
 # Test runs side by side do not hear each other's nodes. Above 101, ports collide with those the kernel lends.
 if 'PYTEST_XDIST_WORKER' in os.environ or 'ROS_DOMAIN_ID' not in os.environ:
     os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
+# Under nohup SIGHUP is ignored, and by all that tests start, too.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
 os.environ['AV_STRICT'] = '1'
 

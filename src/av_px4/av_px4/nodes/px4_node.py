@@ -33,6 +33,8 @@ MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
                'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply',
                'config_control_setpoints': 'VehicleControlMode'}
 NO_MODE = (-1, -1)
+# What stops the vehicle is sent repeatedly: PX4 reads without acknowledgement, and nothing follows.
+LAST_SENT, LAST_PERIOD_S = 3, 0.02
 
 
 class Px4Node(RigNode):
@@ -73,7 +75,10 @@ class Px4Node(RigNode):
 
     def deactivate(self) -> None:
         """Stop the vehicle's motion, release the gimbal and unregister the mode."""
-        self._send(self._stage.stop(self._instant()))
+        last = self._stage.stop(self._instant())
+        for _ in range(LAST_SENT):
+            self._send(last)
+            time.sleep(LAST_PERIOD_S)
         self._kept_mode.keep(*NO_MODE)
         self._link.close()
 
