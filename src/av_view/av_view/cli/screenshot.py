@@ -37,9 +37,11 @@ def main() -> None:
             stack.enter_context(launched_rig(options.launch, options.address))
         browser = stack.enter_context(Browser(program, width, height, dark=not options.light))
         browser.open(options.address)
-        if not browser.wait_for('typeof state === "object" && state !== null', START_S):
+        if not browser.wait_for('typeof socket === "object" && socket.readyState === 1 && state !== null', START_S):
             sys.exit(f'screenshot: no rig answers at {options.address}: start it with view:=true')
         if options.rig:
+            if not browser.wait_for(f'[...$("rigs").options].some(one => one.value === {options.rig!r})', START_S):
+                sys.exit(f'screenshot: no rig has the namespace {options.rig}')
             browser.value(f'$("rigs").value = {options.rig!r}, $("rigs").onchange()')
         time.sleep(options.after)
         browser.wait_for(options.when, START_S)

@@ -119,7 +119,7 @@ function showMap() {
     element(svg, 'polyline', { class: 'tail', points: points(mapTails.get(track.id).map(([, x, y]) => place(x, y))) });
     if (track.positioned) element(svg, 'ellipse', { class: 'sigma', cx, cy, rx: long * scale, ry: short * scale, transform: `rotate(${-angle} ${cx} ${cy})` });
     element(svg, 'circle', { class: `track ${track.positioned ? 'selected' : ''}`, cx, cy, r: 3 });
-    text(cx, cy, `#${track.id} ${track.name}${track.positioned ? `, ${Math.round(track.z)} m up` : ', distance unknown'}`);
+    text(cx, cy, [`#${track.id}`, track.name, track.positioned ? `${Math.round(track.z)} m up` : 'distance unknown'].filter(Boolean).join(', '));
   }
   for (const rig of rigs) { const [x, y] = place(rig.x, rig.y); element(svg, 'rect', { class: 'rig', x: x - 3, y: y - 3, width: 6, height: 6 }); text(x, y, rig.name || 'rig'); }
   const step = 10 ** Math.floor(Math.log10(half)), length = step * [5, 2, 1].find(one => one * step <= half);
