@@ -112,14 +112,14 @@ class Listener:
         self._node = rclpy.create_node('listener', context=self._context)
         self._executor = Executor(context=self._context)
         self._executor.add_node(self._node)
-        self.counts, self.modes = Counter(), Counter()
+        self.counts, self.moving = Counter(), 0
         for topic, kind in TOPICS.items():
             self._node.create_subscription(kind, topic, lambda message, topic=topic: self.take(topic, message), RESULT)
 
     def take(self, topic, message):
         self.counts[topic] += 1
         if topic == 'pointing/command':
-            self.modes[message.mode] += 1
+            self.moving += message.move_gimbal or message.move_body
 
     def listen(self, rig, enough, seconds=120.0):
         """Receive until there are `enough` messages of each topic, or the rig has ended; the limit is for a slow machine."""
@@ -145,13 +145,13 @@ def complaints(name, *arguments):
 
 
 def test_the_rig_runs_on_its_microphones_without_what_a_desk_needs(robot, microphones):
-    """No camera, no monitor: directions, bearings and commands come, pointing holds, and all processes live to the end."""
+    """No camera, no monitor: directions, bearings and commands come, nothing moves, and all processes live to the end."""
     rig = RigProcess('source:=hardware')
     listener = Listener(rig.domain)
     try:
         listener.listen(rig, enough=20)
         assert all(listener.counts[topic] >= 20 for topic in TOPICS), (listener.counts, rig.output)
-        assert set(listener.modes) == {PointingCommand.MODE_HOLD}
+        assert not listener.moving    # noise may have a bearing, but pointing is not enabled
         assert all(len(rig.processes(f'/{node}')) == 1 for node in NODES), rig.output
         assert not rig.processes('monitor_node')
     finally:

@@ -316,5 +316,5 @@ def test_a_process_outlives_errors_of_the_middleware_but_no_fault_in_tests(fault
     result = subprocess.run([sys.executable, '-c', PROCESS, fault], capture_output=True, text=True, timeout=60.0,
                             env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'AV_STRICT': strict})
     assert result.returncode == code, result.stderr
-    assert 'alive True' in result.stdout if not code else 'KeyError' in result.stderr
+    assert 'alive True' in result.stdout if not code else 'KeyError' in result.stderr, result.stderr
     assert result.returncode != -signal.SIGSEGV
