@@ -314,7 +314,7 @@ run(Faulty)
 def test_a_process_outlives_errors_of_the_middleware_but_no_fault_in_tests(fault, strict, code):
     """What a take raises in the executor, before any callback, is counted; a fault ends a strict process with its traceback."""
     result = subprocess.run([sys.executable, '-c', PROCESS, fault], capture_output=True, text=True, timeout=60.0,
-                            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'AV_STRICT': strict})
+                            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN + 1), 'AV_STRICT': strict})
     assert result.returncode == code, result.stderr
     assert 'alive True' in result.stdout if not code else 'KeyError' in result.stderr, result.stderr
     assert result.returncode != -signal.SIGSEGV
