@@ -108,8 +108,7 @@ class JointFilter:
 
     def conditional_covariance(self, index: int) -> NDArray[np.float64]:
         """Covariance (6, 6) of a target if headings and clocks were known."""
-        n, part, P = self._offset, self._part(index), self.covariance
-        return P[part, part] - P[part, :n] @ np.linalg.solve(P[:n, :n], P[:n, part])
+        return self._given_rigs(self._part(index))[1]
 
     def difference(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean (6,) and covariance (6, 6) of the difference of two targets."""
@@ -147,9 +146,7 @@ class JointFilter:
         if self.time is not None:
             other.predict(self.time)
         n = self._offset
-        P = other.covariance
-        gain = np.linalg.solve(P[:n, :n], P[:n, n:]).T  # (6, n)
-        conditional = P[n:, n:] - gain @ P[:n, n:]
+        gain, conditional = other._given_rigs(slice(n, None))
         mean = other.mean[n:] + gain @ (self.mean[:n] - other.mean[:n])
         cross = gain @ self.covariance[:n, :]  # with all of this filter's state
         self.add(mean, conditional + cross[:, :n] @ gain.T)
@@ -162,9 +159,8 @@ class JointFilter:
         Parameters:
             mean (2 r,), covariance (2 r, 2 r): (heading, clock) of each of r rigs.
         """
-        n, P = self._offset, self.covariance
-        gain = np.linalg.solve(P[:n, :n], P[:n, n:]).T
-        conditional = P[n:, n:] - gain @ P[:n, n:]
+        n = self._offset
+        gain, conditional = self._given_rigs(slice(n, None))
         cross = gain @ covariance
         self.mean = np.concatenate([mean, self.mean[n:] + gain @ (mean - self.mean[:n])])
         self.covariance = np.block([[covariance, cross.T], [cross, conditional + cross @ gain.T]])
@@ -256,6 +252,12 @@ class JointFilter:
                                     expected.by_position, expected.by_velocity], 2)
         place = ((self._rigs[rig].position_sigma / expected.distance) ** 2)[:, None, None] * np.eye(2)
         return _Linearised(residuals, jacobians, observation.covariance + place)
+
+    def _given_rigs(self, part: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Dependence (k, n) of a part of the state on headings and clocks, and its covariance (k, k) if those were known."""
+        n, P = self._offset, self.covariance
+        gain = np.linalg.solve(P[:n, :n], P[:n, part]).T
+        return gain, P[part, part] - gain @ P[:n, part]
 
     def _part(self, index: int) -> slice:
         start = self._offset + TARGET_SIZE * index

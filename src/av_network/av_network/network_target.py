@@ -24,7 +24,8 @@ class NetworkTarget:
         members: the rigs' tracks of it by index of the rig, with the time of their newest observation.
         nis: running mean of the normalised innovation squared of its observations.
         classes: how often the rigs named each class.
-        unsteady_since (s): since when it may be the same target as an older one; inf if it is not.
+        log_odds_drone: running mean of the logarithms of the odds that the rigs report for a drone; NaN while unknown.
+        duplicate_since (s): since when it may be the same target as an older one; inf if it is not.
     """
 
     id: int
