@@ -74,3 +74,7 @@ class FreshInput:
         inf before the first.
         """
         return now.steady - self._fresh
+
+    def captured_age(self, now: Instant) -> float:
+        """Time (s) since the newest data was captured; inf before the first."""
+        return now.steady - self._captured

@@ -80,6 +80,7 @@ def test_after_a_step_back_the_data_of_the_new_time_counts():
 def test_what_was_captured_before_the_clock_stepped_forth_is_not_new():
     """Its stamp is later than that of data captured after it; what is captured later counts at once."""
     data = FreshInput(latency=math.inf)
-    assert data.take(START - 0.1, at(0.0))
+    assert data.captured_age(at(0.0)) == math.inf
+    assert data.take(START - 0.1, at(0.0)) and data.captured_age(at(0.2)) == pytest.approx(0.3, abs=1e-6)
     assert not data.take(START + 2.25 - 0.9, at(0.25, 2.25)) and data.age(at(0.25, 2.25)) == 0.25
     assert data.take(START + 2.3 - 0.1, at(0.3, 2.3)) and data.age(at(0.3, 2.3)) == 0.0

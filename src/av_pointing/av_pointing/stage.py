@@ -41,7 +41,7 @@ class PointingStage:
         self._base_frame = base_frame
         self._track: Track | None = None
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
-        self._measured, self._captured, self._odometry = FreshInput(math.inf), FreshInput(), FreshInput()
+        self._measured, self._odometry = FreshInput(math.inf), FreshInput()
 
     @property
     def refused(self) -> int:
@@ -60,7 +60,6 @@ class PointingStage:
         self._arrived, self._late = arrival.steady, ahead if ahead > FUTURE_S else max(-ahead, 0.0)
         if track.state != State.NONE:
             self._measured.take(track.measured, arrival)
-            self._captured.take(track.measured, arrival)
         return self.on_time(arrival)
 
     def on_odometry(self, message: Odometry, arrival: Instant) -> None:
@@ -80,7 +79,7 @@ class PointingStage:
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
-                    self._captured.age(now))
+                    self._measured.captured_age(now))
         self.command = self.controller.step(now.steady, self._track, ages)
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
 
