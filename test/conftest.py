@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
+
 import pytest
 from rig_process import RigProcess
 
@@ -12,3 +15,12 @@ def leave_nothing_running():
     yield
     while RigProcess.running:
         RigProcess.running.pop().kill()
+
+
+@pytest.fixture(scope='module')
+def launch_file():
+    """The rig's launch file as a module."""
+    specification = importlib.util.spec_from_file_location('rig_launch', Path(__file__).parents[1] / 'launch' / 'rig.launch.py')
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module

@@ -2,21 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip('launch_ros', reason='needs ROS 2')
-
-
-@pytest.fixture(scope='module')
-def launch_file():
-    """The launch file as a module."""
-    specification = importlib.util.spec_from_file_location('rig_launch', Path(__file__).parents[1] / 'launch' / 'rig.launch.py')
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize(('arguments', 'moves'), [

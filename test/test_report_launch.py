@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 
 pytest.importorskip('launch_ros', reason='needs ROS 2')
 from av_fusion import launching
-
-
-@pytest.fixture(scope='module')
-def launch_file():
-    """The launch file as a module."""
-    specification = importlib.util.spec_from_file_location('rig_launch', Path(__file__).parents[1] / 'launch' / 'rig.launch.py')
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
 
 
 def started(launch_file, **arguments):
