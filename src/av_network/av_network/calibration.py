@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_network.apparent_direction import apparent_directions
 from av_network.joint_filter import LEAST_SIGMA, RIG_SIZE, Observation
+from av_network.motion_model import nearly_constant_velocity
 from av_network.settings import NetworkSettings, RigSettings
 
 SEGMENT_S = 5.0
@@ -179,8 +180,7 @@ class RigCalibration:
         return track
 
     def _motion(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        F = np.eye(6)
-        F[:3, 3:] = step * np.eye(3)
-        step = max(step, 1e-4)  # so that predicted covariances are regular
-        Q = np.kron([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]], np.eye(3))
-        return F, np.asarray(self._settings.manoeuvre * Q, np.float64)
+        F, _ = nearly_constant_velocity(step, 0.0)
+        _, Q = nearly_constant_velocity(max(step, 1e-4), self._settings.manoeuvre)  # so that predicted covariances are regular
+        axes = np.eye(3)
+        return np.asarray(np.kron(F, axes), np.float64), np.asarray(np.kron(Q, axes), np.float64)

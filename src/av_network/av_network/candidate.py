@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from av_common.angles import angles_to_direction, wrap
 from av_network.joint_filter import RIG_SIZE, JointFilter, Observation
+from av_network.motion_model import nearly_constant_velocity
 from av_network.settings import NetworkSettings
 
 WIDE_M = 300.0  # standard deviation of a position before the first observation
@@ -41,8 +42,7 @@ class LoneTarget:
     def log_likelihood(self, observation: Observation) -> float:
         """Logarithm of the density (1/rad^2) of the next observation, which is used then."""
         step = observation.time - self._time
-        F = np.array([[1.0, step], [0.0, 1.0]])
-        Q = self._density * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        F, Q = nearly_constant_velocity(step, self._density)
         self._P, self._time = F @ self._P @ F.T + Q, observation.time
         self._angles = self._angles + step * self._rates
         sighting = observation.sighting

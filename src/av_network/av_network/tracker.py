@@ -14,6 +14,7 @@ from av_network.calibration import RigCalibration
 from av_network.candidate import GATE, Candidate, largest_sigma, propose
 from av_network.decorrelation import Decorrelation
 from av_network.joint_filter import Innovations, JointFilter, Observation
+from av_network.motion_model import nearly_constant_velocity
 from av_network.network_target import NetworkTarget
 from av_network.packing import log_odds
 from av_network.report import Report
@@ -110,9 +111,7 @@ class NetworkTracker:
         for index, target in enumerate(self.targets):
             mean, P = self.filter.target(index)
             step = 0.0 if self.filter.time is None else time - self.filter.time
-            F = np.eye(6)
-            F[:3, 3:] = step * np.eye(3)
-            Q = self.settings.manoeuvre * np.kron([[abs(step)**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, abs(step)]], np.eye(3))
+            F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
             rigs = tuple(sorted(rig for rig, (_, last) in target.members.items() if time - last < 1.0))
             existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / self.settings.coast)
             found.append(TargetState(target, existence, F @ mean, F @ P @ F.T + Q, rigs))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_network.motion_model import nearly_constant_velocity
 from av_network.report import Report, Sighting
 
 Trajectory = Callable[[float], NDArray[np.float64]]
@@ -97,8 +98,7 @@ class _AngleFilter:
         self._density = density
 
     def predict(self, step: float) -> None:
-        F = np.array([[1.0, step], [0.0, 1.0]])
-        Q = self._density * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        F, Q = nearly_constant_velocity(step, self._density)
         self._x, self._P = self._x @ F.T, F @ self._P @ F.T + Q
 
     def update(self, angles: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
