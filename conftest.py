@@ -2,12 +2,14 @@
 
 import os
 import signal
+import sys
 
 import pytest
+from ros_domains import free_domain
 
-# Test runs side by side do not hear each other's nodes. Above 101, ports collide with those the kernel lends.
+# Test runs side by side do not hear each other's nodes.
 if 'PYTEST_XDIST_WORKER' in os.environ or 'ROS_DOMAIN_ID' not in os.environ:
-    os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
+    os.environ['ROS_DOMAIN_ID'] = str(free_domain())
 # Under nohup SIGHUP is ignored, and by all that tests start, too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
@@ -20,6 +22,14 @@ def pytest_collection_modifyitems(items):
     for item in items:
         group = 'system' if item.get_closest_marker('system') else item.path.name
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.fixture(autouse=True, scope='module')
+def end_ros():
+    """A fixture that fails after `rclpy.init` does not fail the tests of other modules."""
+    yield
+    if 'rclpy' in sys.modules:
+        sys.modules['rclpy'].try_shutdown()
 
 
 def pytest_sessionfinish(session):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import re
 import signal
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from machine_load import slowness
+from ros_domains import free_domain
 
 from av_evaluation.processes import MarkedProcesses
 
@@ -23,7 +23,7 @@ class RigProcess:
     running: ClassVar[list[RigProcess]] = []  # killed after each test by the fixture in conftest.py
 
     def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py') -> None:
-        self.domain = random.SystemRandom().randrange(1, 100)
+        self.domain = free_domain()
         self.marked = MarkedProcesses(['ros2', 'launch', 'av_fusion', launch_file, *arguments],
                                        {'ROS_DOMAIN_ID': str(self.domain), 'PYTHONUNBUFFERED': '1'}, subprocess.PIPE)
         self._process = self.marked.process

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import random
 import signal
 import subprocess
 import sys
 
 import pytest
 from fake_vehicle import FakeVehicle
+from ros_domains import free_domain
 
 pytestmark = pytest.mark.system
 RATE = math.radians(25.0)
@@ -18,7 +18,7 @@ RATE = math.radians(25.0)
 @pytest.fixture
 def flight():
     """A vehicle in OFFBOARD that pointing turns, and its px4_node."""
-    vehicle = FakeVehicle('1.16', '--pilot', '14', domain=random.SystemRandom().randrange(1, 100))
+    vehicle = FakeVehicle('1.16', '--pilot', '14', domain=free_domain())
     node = vehicle.node(**{'gimbal.enabled': 'false'})
     pointing = subprocess.Popen(
         [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args', '-p', 'enabled:=true',

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import subprocess
 import sys
 import threading
@@ -15,6 +14,7 @@ from pathlib import Path
 import participant
 import pytest
 from rig_process import RigProcess
+from ros_domains import free_domain
 from udp_ports import free_offset
 
 from av_fusion.cli.security import main as security
@@ -135,7 +135,7 @@ def test_the_secured_rig_tracks_and_only_its_keys_take_part(keystores, join):
 
 @pytest.mark.timeout(600)
 def test_the_agent_of_px4_needs_no_keys_for_its_own_topics(tmp_path, join):
-    keystore, domain = tmp_path / 'keys', random.SystemRandom().randrange(1, 100)
+    keystore, domain = tmp_path / 'keys', free_domain()
     assert security(['--keystore', str(keystore), '--px4']) == 0
     agent = join(domain, 'agent', 'test_agent', 'fmu/out/x', BEARING)
     px4 = join(domain, 'px4_node', 'test_px4', 'fmu/in/x', keystore=keystore)

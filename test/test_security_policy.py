@@ -14,8 +14,8 @@ from pathlib import Path
 import node_endpoints
 import pytest
 from node_endpoints import variants
+from ros_domains import free_domain
 
-from av_evaluation.attack.rig import free_domain
 from av_fusion.security.policy import DISCOVERY, RULES, read_policy
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'

@@ -20,15 +20,13 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
+from ros_domains import free_domain
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from av_common.node import RigNode
 
 pytestmark = pytest.mark.system
-
-DOMAIN = 96
-
 
 class Listener(RigNode):
     """Refuses odometry of the year 0, and has a fault that a number triggers."""
@@ -54,7 +52,7 @@ class Rig:
     """A node under test, another node that attacks it, and the executor of both."""
 
     def __init__(self, make=Listener, **kwargs) -> None:
-        rclpy.init(domain_id=DOMAIN)
+        rclpy.init(domain_id=free_domain())
         self.executor = SingleThreadedExecutor()
         self.node, self.attacker = make(**kwargs), rclpy.create_node('attacker')
         self.executor.add_node(self.node)
@@ -314,7 +312,7 @@ run(Faulty)
 def test_a_process_outlives_errors_of_the_middleware_but_no_fault_in_tests(fault, strict, code):
     """What a take raises in the executor, before any callback, is counted; a fault ends a strict process with its traceback."""
     result = subprocess.run([sys.executable, '-c', PROCESS, fault], capture_output=True, text=True, timeout=60.0,
-                            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN + 1), 'AV_STRICT': strict})
+                            env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain()), 'AV_STRICT': strict})
     assert result.returncode == code, result.stderr
     assert 'alive True' in result.stdout if not code else 'KeyError' in result.stderr, result.stderr
     assert result.returncode != -signal.SIGSEGV

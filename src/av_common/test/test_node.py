@@ -15,6 +15,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from ros_domains import free_domain
 
 from av_common.node import RigNode
 from av_common.rate_meter import RateMeter
@@ -42,7 +43,7 @@ class Sensor(RigNode):
 @pytest.fixture
 def executor():
     """rclpy, up and down again."""
-    rclpy.init(domain_id=97)
+    rclpy.init(domain_id=free_domain())
     executor = SingleThreadedExecutor()
     yield executor
     executor.shutdown()
@@ -113,7 +114,7 @@ run(Idle)
 def test_a_process_ends_cleanly_though_nothing_happens(end):
     """By signal, or because its work is done: the node deactivates while the middleware is still there."""
     process = subprocess.Popen([sys.executable, '-c', PROCESS, str(end)], stdout=subprocess.PIPE, text=True,
-                               env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+                               env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain())})
     assert process.stdout.readline() == 'active\n'
     if end != 'done':
         process.send_signal(end)
@@ -124,7 +125,7 @@ def test_a_process_ends_cleanly_though_nothing_happens(end):
 def test_signals_while_it_ends_change_nothing():
     """Ctrl-C reaches a node from the terminal and from its launch, at any time: no exit code tells of a crash."""
     process = subprocess.Popen([sys.executable, '-c', PROCESS], stdout=subprocess.PIPE, text=True,
-                               env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+                               env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain())})
     assert process.stdout.readline() == 'active\n'
     while process.poll() is None:
         process.send_signal(signal.SIGINT)
@@ -135,11 +136,12 @@ def test_signals_while_it_ends_change_nothing():
 
 def test_a_node_that_is_shut_down_ends_its_process():
     """By request: it answers, deactivates and ends well, so that a launch sees it; finalized nodes can do nothing."""
-    environment = {**os.environ, 'ROS_DOMAIN_ID': '97'}
+    domain = free_domain()
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
     process = subprocess.Popen([sys.executable, '-c', PROCESS, 'shutdown'], stdout=subprocess.PIPE, text=True, env=environment)
     assert process.stdout.readline() == 'active\n'
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=97)
+    rclpy.init(context=context, domain_id=domain)
     caller = rclpy.create_node('caller', context=context)
     client = caller.create_client(ChangeState, '/idle/change_state')
     assert client.wait_for_service(20.0)
@@ -172,7 +174,7 @@ def test_a_parameter_given_by_its_old_name_ends_the_node(how, tmp_path):
     file.write_text('/**:\n  ros__parameters: {recall: 0.5}\n')
     given = ['-p', 'recall:=0.5'] if how == 'command line' else ['--params-file', str(file)]
     result = subprocess.run([sys.executable, '-c', RENAMED, '--ros-args', *given], capture_output=True, text=True,
-                            timeout=60.0, env={**os.environ, 'ROS_DOMAIN_ID': '97'})
+                            timeout=60.0, env={**os.environ, 'ROS_DOMAIN_ID': str(free_domain())})
     assert result.returncode == 1
     assert result.stderr.count('\n') == 1 and 'parameter recall is now named detection_probability' in result.stderr
 

@@ -16,6 +16,7 @@ from generate_parameter_library_py.generate_python_module import (
 )
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from ros_domains import free_domain
 
 from av_common.parameters import check_parameter_file, node_parameters
 
@@ -58,7 +59,7 @@ def package(tmp_path_factory):
 def context():
     """rclpy, up and down again."""
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=97)
+    rclpy.init(context=context, domain_id=free_domain())
     yield context
     rclpy.shutdown(context=context)
 

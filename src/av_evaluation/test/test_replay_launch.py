@@ -1,5 +1,4 @@
 import os
-import random
 import re
 import signal
 import subprocess
@@ -7,6 +6,7 @@ import subprocess
 import bag_messages as make
 import numpy as np
 import pytest
+from ros_domains import free_domain
 
 from av_bags.reader import Bag
 from av_bags.writer import BagWriter
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.system
 
 def launch(*arguments, timeout=120.0):
     """`ros2 launch av_fusion replay.launch.py` in a domain of its own; returns exit code and output."""
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(random.SystemRandom().randrange(1, 100)), 'PYTHONUNBUFFERED': '1'}
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(free_domain()), 'PYTHONUNBUFFERED': '1'}
     process = subprocess.Popen(
         ['ros2', 'launch', 'av_fusion', 'replay.launch.py', *arguments], stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, text=True, env=environment, start_new_session=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ import pytest
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from ros_domains import free_domain
 from rosgraph_msgs.msg import Clock
 
 from av_common.qos import RESULT, STREAM
@@ -26,7 +26,7 @@ class Bench:
     """Publishes clock, odometry and bearings at 50 Hz, and receives commands as (monotonic time in s, yaw rate)."""
 
     def __init__(self):
-        domain = random.SystemRandom().randrange(1, 100)
+        domain = free_domain()
         self.process = subprocess.Popen(
             [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args',
              '-p', 'enabled:=true', '-p', 'use_sim_time:=true', '-p', 'move_gimbal:=false'],

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import random
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ import time
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from ros_domains import free_domain
 
 from av_common.launched import RESTARTS, RUN_FOLDER, KeptNumbers, KeptSwitch
 from av_common.qos import RESULT
@@ -21,7 +21,7 @@ from av_pointing.controller import PointingController
 
 def first_command(environment):
     """The first command of a new pointing_node that is enabled by its parameters."""
-    domain = random.SystemRandom().randrange(1, 100)
+    domain = free_domain()
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
     node, executor, commands = rclpy.create_node('bench', context=context), SingleThreadedExecutor(context=context), []

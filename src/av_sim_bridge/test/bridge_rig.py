@@ -70,6 +70,11 @@ class BridgeRig:
             before = now
             self.spin(1.0)
 
+    def pairs(self):
+        """Depth images that came with a picture of the same stamp and frame."""
+        headers = [message.header for message in self.received['camera/image_raw']]
+        return [depth for depth in self.received['camera/depth/image_raw'] if depth.header in headers]
+
     def status(self):
         """The node's diagnostics that were published last; waits for the first ones."""
         self.spin_until(lambda: self.received['/diagnostics'], 'diagnostics')

@@ -1,9 +1,8 @@
-"""UDP ports for a rig under test, which no other program has or gets."""
+"""UDP ports for a rig under test, which no other program of this machine has or gets."""
 
 from __future__ import annotations
 
-import random
-import socket
+from ros_domains import free_choice
 
 from av_sim_bridge.wire.ports import Ports
 
@@ -14,22 +13,10 @@ _OFFSETS = [250 * step + more for step in range(-35, 7) if step != 0 for more in
 
 def free_offset() -> int:
     """A `port_offset` at which all ports of a rig are free. Raises OSError when there is none."""
-    for offset in random.SystemRandom().sample(_OFFSETS, len(_OFFSETS)):
-        ports = Ports().shifted(offset)
-        if all(map(_is_free, [*vars(ports).values(), ports.depth])):
-            return offset
-    raise OSError(f'no free ports for a rig at any offset of {min(_OFFSETS)}..{max(_OFFSETS)}')
+    shifted = {offset: Ports().shifted(offset) for offset in _OFFSETS}
+    return free_choice('offset', {offset: (*vars(ports).values(), ports.depth) for offset, ports in shifted.items()})
 
 
 def free_ports() -> Ports:
     """Ports of a rig that are free."""
     return Ports().shifted(free_offset())
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', port))
-        except OSError:
-            return False
-    return True
