@@ -15,6 +15,7 @@ pytest.importorskip('av_interfaces.msg', reason='needs the built workspace')
 pytest.importorskip('av_sim_bridge.nodes.bridge_node_parameters', reason='needs the built workspace')
 
 from bridge_rig import PATIENCE, BridgeRig  # noqa: E402
+from machine_load import skip_figures_where_overloaded  # noqa: E402
 from udp_ports import free_ports  # noqa: E402
 
 from av_common.stamps import to_seconds  # noqa: E402
@@ -86,6 +87,7 @@ def test_without_a_simulator_the_node_says_so(rig):
 
 
 def test_everything_is_published(rig):
+    skip_figures_where_overloaded()
     counts = {name: len(messages) for name, messages in rig.fed.items()}
     assert counts['audio/frames'] >= 20
     assert counts['odometry'] == counts['truth/rig'] >= 380
@@ -108,6 +110,7 @@ def test_stamps_are_capture_times(rig):
 
 
 def test_the_oracle_is_marked(rig):
+    skip_figures_where_overloaded()
     seen = [message for message in rig.fed['detections'] if message.detections]
     assert seen
     detection = seen[0].detections[0]
@@ -117,6 +120,7 @@ def test_the_oracle_is_marked(rig):
 
 def test_commands_turn_the_rig(rig):
     """To the commanded rate and no further; a machine that stalls for longer than a command lives lets it slow down."""
+    skip_figures_where_overloaded()
     assert rig.sent.commands > 10 and rig.sent.refused_commands == 0
     assert max(message.twist.twist.angular.z for message in rig.fed['odometry']) == pytest.approx(0.3, abs=1e-3)
     assert max(message.angular_velocity.z for message in rig.fed['imu']) == pytest.approx(0.3, abs=1e-3)
