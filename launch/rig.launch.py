@@ -20,7 +20,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription, LaunchDescriptionEntity
-from launch.actions import ExecuteProcess, LogInfo
+from launch.actions import ExecuteProcess, LogInfo, TimerAction
 
 from av_common.yaml_reader import load_yaml
 from av_fusion.launching import (
@@ -43,6 +43,7 @@ from av_fusion.supervision import RESPAWN, Supervision
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')
+PAGE_START_S = 1.0  # people wait for the page: its process has the cores to itself until it is there
 HOW_TO_ENABLE = ('commands move nothing yet; enable them from the start by enable_pointing:=true, or now by: ros2 service call '
                  "{namespace}/pointing_node/enable std_srvs/srv/SetBool '{{data: true}}'")
 ARGUMENTS = {
@@ -99,7 +100,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
-    optional = [*recorder_nodes(arguments, {}), *view_nodes(arguments, {}), *report_nodes(arguments, {})]
+    page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
     essential = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
@@ -111,8 +112,9 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     notes = []
     if not may_move(arguments):
         notes.append(LogInfo(msg=HOW_TO_ENABLE.format(namespace=f"/{arguments['namespace'].strip('/')}".rstrip('/'))))
-    supervision = Supervision(essential, optional, monitor[0] if monitor else None, duration, bool(arguments['out']))
-    return [*supervision.entities(), *essential, *monitor, *optional, *notes]
+    supervision = Supervision(essential, [*page, *optional], monitor[0] if monitor else None, duration, bool(arguments['out']))
+    rest = [*essential, *monitor, *optional]
+    return [*supervision.entities(), *page, *([TimerAction(period=PAGE_START_S, actions=rest)] if page else rest), *notes]
 
 
 def described_rig(arguments: Arguments) -> str:
