@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.drone_features import FUNDAMENTAL_SIGMA, HIGHEST_HZ, DroneFeatures
+from av_audio.drone_features import FUNDAMENTAL_SIGMA, HIGHEST_HZ, DroneFeatures, Segment
 from av_audio.drone_model import DroneModel
 from av_audio.ego_noise import NoiseRecording
 from av_audio.source_spectra import SourceSpectra
@@ -23,7 +23,7 @@ SAME_SOURCE, MEMORY_S = 0.2, 5.0
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 
-@dataclass
+@dataclass(eq=False)
 class _Source:
     """A direction that was judged: its q, mean log-odds and their weight, fundamental (Hz), and when (s) it was judged last."""
 
@@ -76,31 +76,48 @@ class DroneClassifier:
         if self._spectra is not None:
             self._spectra.add(samples)
 
-    def judge(self, time: float, q: NDArray, blade_pass_hz: NDArray | None = None,
-              others: Sequence[NDArray] = ()) -> Judgement:
-        """What is known of the sound from a direction.
+    def judge(self, time: float, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Judgement]:
+        """What is known of the sound from each direction; those of the other directions are separated from it.
 
         Parameters:
             time (s): time of the newest sample.
-            q (rank,): measured projection of the direction on the array's basis.
+            directions: measured projections q (rank,) of the directions on the array's basis, of different sources.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors.
-            others: directions q (rank,) of other sources, whose sound is separated.
         """
         if self._spectra is None or not self._spectra.is_full:
-            return Judgement()
+            return [Judgement()] * len(directions)
         self._sources = [source for source in self._sources if 0.0 <= time - source.time <= MEMORY_S]
-        known = min(self._sources, key=lambda source: _apart(source.q, q), default=None)
-        if known is None or _apart(known.q, q) > SAME_SOURCE:
-            known = _Source(q, 0.0, 0.0, -math.inf)
-            self._sources.append(known)
-        if time - known.time >= PERIOD_S or known.weight == 0.0:
-            segment = self._spectra.steered(q, blade_pass_hz, others)
-            found, known.fundamental = float(self._model.log_odds(self._features(segment))), self._features.fundamental(segment)
-            kept = known.weight * math.exp(-(time - known.time) / MEMORY_S) if known.weight else 0.0
-            known.log_odds = (kept * known.log_odds + found) / (kept + 1.0)
-            known.q, known.weight, known.time = q, kept + 1.0, time
-        odds = min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)
-        return Judgement(1.0 / (1.0 + math.exp(-odds)), known.fundamental, (FUNDAMENTAL_SIGMA * known.fundamental) ** 2)
+        judgements = []
+        for k, (q, known) in enumerate(zip(directions, self._known(directions), strict=True)):
+            if time - known.time >= PERIOD_S or known.weight == 0.0:
+                self._listen(known, time, self._spectra.steered(q, blade_pass_hz, [*directions[:k], *directions[k + 1:]]))
+            known.q = q
+            odds = min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)
+            judgements.append(Judgement(1.0 / (1.0 + math.exp(-odds)), known.fundamental,
+                                        (FUNDAMENTAL_SIGMA * known.fundamental) ** 2))
+        return judgements
+
+    def _listen(self, source: _Source, time: float, segment: Segment) -> None:
+        """Add what a segment of its sound says to what is known of a source."""
+        found, source.fundamental = float(self._model.log_odds(self._features(segment))), self._features.fundamental(segment)
+        kept = source.weight * math.exp(-(time - source.time) / MEMORY_S) if source.weight else 0.0
+        source.log_odds = (kept * source.log_odds + found) / (kept + 1.0)
+        source.weight, source.time = kept + 1.0, time
+
+    def _known(self, directions: Sequence[NDArray]) -> list[_Source]:
+        """The source in each direction, the nearest pairs first; one that is in no direction yet begins."""
+        free, sources = list(self._sources), dict[int, _Source]()
+        while free and len(sources) < len(directions):
+            apart, k, source = min(((_apart(source.q, directions[k]), k, source) for source in free
+                                    for k in range(len(directions)) if k not in sources), key=lambda pair: pair[0])
+            if apart > SAME_SOURCE:
+                break
+            sources[k] = source
+            free.remove(source)
+        for k in set(range(len(directions))) - set(sources):
+            sources[k] = _Source(directions[k], 0.0, 0.0, -math.inf)
+            self._sources.append(sources[k])
+        return [sources[k] for k in range(len(directions))]
 
 
 def load_model(name: str) -> DroneModel | None:

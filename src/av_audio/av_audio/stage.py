@@ -114,9 +114,7 @@ class DoaStage:
         """What is known of the sound in the direction of each source, from all that has arrived."""
         if self._classifier is None or not len(estimate.q):
             return [Judgement()] * len(estimate.sources)
-        directions = [source.q for source in estimate.sources]
-        return [self._classifier.judge(estimate.time, q, self._blade_pass_hz, directions[:k] + directions[k + 1:])
-                for k, q in enumerate(directions)]
+        return self._classifier.judge(estimate.time, [source.q for source in estimate.sources], self._blade_pass_hz)
 
     def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         if frame.channels != self._array.channels:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -136,8 +137,32 @@ def test_a_drone_is_told_from_a_rumble():
     for name, sound in (('drone', multirotor(6.0, rng)), ('rumble', np.cumsum(rng.standard_normal(6 * RATE)) * 0.03)):
         classifier = DroneClassifier(SQUARE, RATE, C, load_model(''))
         classifier.add(0.05 * arriving(SQUARE, q, sound).astype(np.float32))
-        found[name] = classifier.judge(6.0, q).probability
+        (judgement,) = classifier.judge(6.0, [q])
+        found[name] = judgement.probability
     assert found['drone'] > 0.5 > found['rumble']
+
+
+class Alternating:
+    """A model that finds a drone in every other sound."""
+
+    def __init__(self) -> None:
+        self._odds = cycle([4.0, -4.0])
+
+    def log_odds(self, features: np.ndarray) -> float:
+        return next(self._odds)
+
+
+def test_sources_of_one_window_are_judged_apart_however_close_they_are():
+    """Each keeps what is known of it while both move, in whatever order they are given."""
+    classifier = DroneClassifier(SQUARE, RATE, C, Alternating())
+    classifier.add(0.05 * np.random.default_rng(6).standard_normal((3 * RATE, 4)).astype(np.float32))
+    first, second = np.array([0.5, 0.2]), np.array([0.6, 0.2])
+    drone, other = classifier.judge(3.0, [first, second])
+    assert drone.probability > 0.9 and other.probability < 0.1
+    other, drone = classifier.judge(3.1, [second + 0.03, first + 0.03])
+    assert drone.probability > 0.9 and other.probability < 0.1
+    (drone,) = classifier.judge(3.2, [first + 0.05])
+    assert drone.probability > 0.9
 
 
 @pytest.mark.skipif(not CLIPS.is_dir(), reason=f'{CLIPS} is absent')

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from nav_msgs.msg import Odometry
@@ -20,6 +20,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
+from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
@@ -83,6 +84,7 @@ class FusionStageSettings:
         missing_after (s): an input without messages for this long is reported as missing.
         visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
         transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
+        fixed_emitters: how sources at fixed places are learnt.
     """
 
     base_frame: str = 'base_link'
@@ -92,6 +94,7 @@ class FusionStageSettings:
     missing_after: float = 1.0
     visibility_age: float = 1.0
     transform_wait: float = 0.15
+    fixed_emitters: FixedEmitterSettings = field(default_factory=FixedEmitterSettings)
 
 
 class FusionStage:
@@ -101,6 +104,7 @@ class FusionStage:
     Times are in s of one clock. Arrivals must not decrease, except for a restart of the clock.
 
     Attributes:
+        emitters: sources at fixed places that are no targets.
         foreign_stamps: number of messages that were not used because of their stamps, by input.
         untransformed: number of measurements that were not used because their sensor's orientation came too late.
 
@@ -116,6 +120,7 @@ class FusionStage:
                  observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None) -> None:
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
+        self.emitters = FixedEmitters(self.settings.fixed_emitters, tracker.motion)
         self.foreign_stamps = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), 0)
         self._observer = observer
         self._period = 1.0 / self.settings.rate
@@ -176,7 +181,9 @@ class FusionStage:
             arrival (s): time of its arrival.
         """
         if self._accept(ODOMETRY, message, arrival):
-            add_odometry(self.tracker, message)
+            jump = add_odometry(self.tracker, message)
+            if jump is not None:
+                self.emitters.turn_world(jump)
 
     @property
     def due(self) -> float:
@@ -241,7 +248,7 @@ class FusionStage:
         return self._output(now) if used else None
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
-        measurements = self.converter.doa(message)
+        measurements = self.emitters.judge(self.converter.doa(message))
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
         self.tracker.add_doas([measurement for measurement in measurements
@@ -259,6 +266,7 @@ class FusionStage:
             measurement = blurred(measurement, self._gimbal.variance(time))
         if self._observer is not None:
             self._observer.on_camera(measurement, message, arrival)
+        self.emitters.see(measurement)
         self.tracker.add_camera(measurement)
         return True
 
@@ -286,5 +294,8 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         gimbal: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
-    settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence)
+    emitters = FixedEmitterSettings(parameters.fixed_emitters.enabled, parameters.fixed_emitters.learn_after,
+                                    parameters.sound_delay, parameters.sight_delay)
+    settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence,
+                                   fixed_emitters=emitters)
     return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal)

@@ -10,6 +10,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner
 from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import Rows
 
 
 class Tracker(Protocol):
@@ -29,8 +30,8 @@ class Tracker(Protocol):
     def reset(self) -> None:
         """Discard the track, but keep the rig's motion and the result of calibration."""
 
-    def add_pose(self, pose: Pose) -> None:
-        """Use attitude and motion of the rig."""
+    def add_pose(self, pose: Pose) -> Rows | None:
+        """Use attitude and motion of the rig; returns the rotation of the world where the attitude jumped, else None."""
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Use the directions of arrival of one window, of different sources; those that are not plausible are ignored."""

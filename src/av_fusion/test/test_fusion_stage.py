@@ -194,3 +194,32 @@ def test_an_unknown_attitude_is_ignored():
     for k in range(5):
         bearing = stage.on_doa(doa(START, 0.2), START + 0.1 * k).bearing
     assert bearing.azimuth_world - bearing.azimuth == pytest.approx(1.0)
+
+
+def hum(stamp, drone_probability, azimuth=0.7):
+    """Directions of arrival of a source with a probability of a drone."""
+    message = doa(stamp, azimuth)
+    for hypothesis in message.hypotheses:
+        hypothesis.drone_probability = drone_probability
+    return message
+
+
+def test_a_learnt_emitter_is_not_followed_and_forgotten_by_request():
+    stage = make_stage(**{'fixed_emitters.learn_after': 10.0})
+    for step in range(100):
+        stage.on_doa(hum(START + 0.2 * step, 0.1), START + 0.2 * step)
+    later = START + 20.0
+    assert '2; ' in stage.emitters.diagnostics()['fixed emitters']
+    assert stage.on_doa(hum(later, 0.6), later).bearing.state == Bearing.STATE_NONE
+    assert stage.emitters.forget() == 2
+    assert stage.on_doa(hum(later + 0.2, 0.6), later + 0.2).bearing.state != Bearing.STATE_NONE
+
+
+def test_a_jump_of_the_heading_turns_learnt_emitters():
+    stage = make_stage(**{'fixed_emitters.learn_after': 10.0})
+    for step in range(100):
+        time = START + 0.2 * step
+        stage.on_odometry(odometry(time, 0.0), time)
+        stage.on_doa(hum(time, 0.1), time)
+    stage.on_odometry(odometry(time + 0.1, 1.0), time + 0.1)
+    assert [azimuth for azimuth, _ in stage.emitters.known] == pytest.approx([1.7, math.pi - 0.7 + 1.0 - math.tau], abs=0.05)

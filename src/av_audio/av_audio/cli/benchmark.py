@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, robust, scenes, several
+from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, outliers, robust, scenes, several
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
@@ -31,6 +31,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'sigma': accuracy.sigma(count, sources),
         'motion': motion.motion(min(count, 100), sources),
         'kemar': scenes.kemar(data),
+        'outliers': outliers.outliers(min(count, 10), sources.get('drone recordings', rotors), data),
         'room': scenes.room(clips),
         'robust': robust.robust(min(count, 150), sources, data),
         'square': scenes.square(count),

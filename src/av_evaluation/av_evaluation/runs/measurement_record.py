@@ -12,6 +12,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner
 from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import Rows
 from av_fusion.tracker_protocol import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
@@ -85,10 +86,10 @@ class RecordingTracker:
         """See `Tracker`."""
         self._tracker.reset()
 
-    def add_pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> Rows | None:
         """See `Tracker`."""
         self._events.append(pose)
-        self._tracker.add_pose(pose)
+        return self._tracker.add_pose(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""

@@ -28,7 +28,7 @@ from av_fusion.measurement.measurements import (
     usable_doa,
 )
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import angles, direction, turned, turned_back
+from av_fusion.measurement.vectors import Rows, angles, direction, turned, turned_back
 
 RESOLVED_PROBABILITY = 0.95  # reported for a resolved hemisphere
 PREDICTION_RATE = 0.3  # rad/s, standard deviation of the target's azimuth rate, by which the variance of a prediction grows
@@ -100,10 +100,12 @@ class GatedTracker:
         """See `Tracker`."""
         self._target = _Target()
 
-    def add_pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> Rows | None:
         """See `Tracker`."""
-        if self.motion.add(pose) is not None:  # the attitude jumped: earlier directions in the world are not valid
+        jump = self.motion.add(pose)
+        if jump is not None:  # earlier directions in the world are not valid
             self._target.unambiguous = self._target.stored = None
+        return jump
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """See `Tracker`; only the detection of highest score is used."""

@@ -78,13 +78,14 @@ class BayesTracker:
         self._visibility = math.nan
         self._mirror_axis = None
 
-    def add_pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> Rows | None:
         """See `Tracker`. Where the attitude jumps, the track keeps its direction in the body: that was measured."""
         jump = self.motion.add(pose)
         if jump is not None:
             self._posterior.mixture.turn_world(jump)
             self._calibration.turn_world(jump)
             self._coasting.turn_world(jump)
+        return jump
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
@@ -99,7 +100,7 @@ class BayesTracker:
         if usable.target_probability < LEAST_TARGET_PROBABILITY:
             self.bystander = usable
             return
-        usable = usable._replace(confidence=usable.confidence * usable.target_probability)
+        usable = usable._replace(confidence=usable.target_confidence)
         time = usable.time - self.settings.sound_delay
         corrected = self._calibration.correct(usable, time, self._posterior.newest_doa)
         self._reset_after_gap(time)

@@ -62,7 +62,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         measurements.append(DoaMeasurement(
             time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
             *((sound.fundamental, sound.fundamental_variance) if known else (math.nan, math.nan))))
-    return sorted(measurements, key=lambda measurement: -measurement.confidence * measurement.target_probability)
+    return sorted(measurements, key=lambda measurement: -measurement.target_confidence)
 
 
 def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:

@@ -100,6 +100,11 @@ class DoaMeasurement(NamedTuple):
         p = self.drone_probability
         return 1.0 if math.isnan(p) else TARGET_ODDS * p / (TARGET_ODDS * p + 1.0 - p)
 
+    @property
+    def target_confidence(self) -> float:
+        """Probability that there is a source in this direction, and that it is the target."""
+        return self.confidence * self.target_probability
+
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:
         """The measurement of a linear array.

@@ -16,7 +16,7 @@ from av_fusion.filter.tracker import MAX_GAP_S, SOURCES, UNKNOWN
 from av_fusion.filter.world_track import placed
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Vector, turned
+from av_fusion.measurement.vectors import Rows, Vector, turned
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
@@ -62,12 +62,13 @@ class MultiTargetTracker:
         self._visibility = math.nan
         self._mirror_axis = None
 
-    def add_pose(self, pose: Pose) -> None:
+    def add_pose(self, pose: Pose) -> Rows | None:
         """See `Tracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
         jump = self.motion.add(pose)
         if jump is not None:
             self.filter.turn_world(jump)
             self._calibration.turn_world(jump)
+        return jump
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""

@@ -60,6 +60,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
         self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
+        self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
@@ -99,6 +100,10 @@ class FusionNode(RigNode):
             response.message = str(error)
         return response
 
+    def _on_forget_emitters(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, f'{self._stage.emitters.forget()} fixed emitters forgotten'
+        return response
+
     def _publish_posterior(self) -> None:
         if self._posterior_publisher.get_subscription_count():
             self._posterior_publisher.publish(self._stage.posterior(self.now()))
@@ -136,7 +141,7 @@ class FusionNode(RigNode):
             foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
-        for name, value in self._stage.tracker.diagnostics().items():
+        for name, value in {**self._stage.tracker.diagnostics(), **self._stage.emitters.diagnostics()}.items():
             status.add(name, value)
 
     def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:
