@@ -46,7 +46,7 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     if p.method == 'multi':
         return MultiTargetTracker(MultiTargetSettings(
             target, acceleration_density=p.targets.acceleration_density, policy=p.targets.policy,
-            types=types_of(p.targets.types)))
+            visits=p.look.visits, dwell=p.look.dwell, types=types_of(p.targets.types)))
     return BayesTracker(target)
 
 

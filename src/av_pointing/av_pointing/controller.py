@@ -184,9 +184,9 @@ class PointingController:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
             self.body.turn(time, dt, aim, settings.dead_band, ages.measurement, left, settings.search_rate)
             self.gimbal.follow(dt, None, None)
-        elif mode == Mode.LOOK and track.look is not None:
+        elif mode == Mode.LOOK and (look := _look_of(track)) is not None:
             self.body.stop(dt)
-            self.gimbal.follow(dt, *self.gimbal.of_body(*track.look), self._slowed(ages))
+            self.gimbal.follow(dt, *self.gimbal.of_body(*look), self._slowed(ages))
         else:
             self._track(time, dt, track, ages)
         yaw_rate = self.body.command(time, left, self.enabled and settings.move_body)
@@ -218,8 +218,9 @@ class PointingController:
     def _decide_ambiguous(self, track: Track, may_move: bool, stands: str) -> tuple[Mode, str]:
         """A look of the gimbal goes before a turn of the body."""
         settings = self.settings
-        if track.look is not None and settings.move_gimbal and all(map(math.isfinite, track.look)):
-            azimuth, elevation = map(math.degrees, track.look)
+        look = _look_of(track)
+        if look is not None and settings.move_gimbal:
+            azimuth, elevation = map(math.degrees, look)
             return Mode.LOOK, f'looking at azimuth {azimuth:+.0f} deg, elevation {elevation:+.0f} deg for the target'
         if math.isfinite(track.requested_rotation) and track.requested_rotation != 0.0 and settings.move_body:
             if not may_move:
@@ -246,7 +247,10 @@ class PointingController:
 
     def _track(self, time: float, dt: float, track: Track, ages: Ages) -> None:
         settings, body, aim = self.settings, self.body, self._aim(time, track, ages)
-        if settings.move_gimbal:
+        look = _look_of(track)
+        if settings.move_gimbal and look is not None:
+            self.gimbal.follow(dt, *self.gimbal.of_body(*look), self._slowed(ages))
+        elif settings.move_gimbal:
             body_rate, ahead = body.motion.rate(time), max(settings.lead, ages.bearing)
             turned = body.motion.yaw(time) - body.motion.yaw(aim.time) + (ahead - ages.bearing) * body_rate
             elevation = self._elevation(track, ahead)
@@ -258,16 +262,19 @@ class PointingController:
             body.turn(time, dt, aim, settings.dead_band, ages.measurement, ages.body_left - settings.period)
 
     def _elevation(self, track: Track, ahead: float) -> float | None:
-        """Elevation (rad) in the world of a track, or of the look that it asks for while it has none; `ahead` s later."""
+        """Elevation (rad) in the world of a track `ahead` s later, None while it has none."""
         if math.isfinite(track.elevation_variance) and math.isfinite(track.elevation):
             known = (track.attitude_known and self._has_odometry
                      and math.isfinite(track.elevation_world + track.elevation_world_rate))
             return track.elevation_world + ahead * track.elevation_world_rate if known else track.elevation
-        if track.look is None or not all(map(math.isfinite, track.look)):
-            return None
-        return self.gimbal.elevation_of_body(*track.look)
+        return None
 
     def _slowed(self, ages: Ages) -> float:
         """Rate (rad/s) of the gimbal, which slows down as the newest measurement ages."""
         left = self.settings.coast - ages.measurement
         return max(min(left / self.settings.coast * self.settings.pan.rate, left * self.settings.pan.acceleration), 0.0)
+
+
+def _look_of(track: Track) -> tuple[float, float] | None:
+    """The look that a track asks for, None without a possible one."""
+    return track.look if track.look is not None and all(map(math.isfinite, track.look)) else None

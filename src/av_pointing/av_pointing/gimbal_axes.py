@@ -55,10 +55,6 @@ class GimbalAxes:
             return azimuth, elevation
         return _angles(stabilized_to_body(self._attitude) @ angles_to_direction(azimuth, elevation))
 
-    def elevation_of_body(self, azimuth: float, elevation: float) -> float:
-        """Elevation (rad) in the world of a direction in the body's frame, as the body is tilted now."""
-        return _angles(stabilized_to_body(self._attitude).T @ angles_to_direction(azimuth, elevation))[1]
-
     def follow(self, dt: float, pan: float | None, tilt: float | None, rate: float = math.inf, pan_rate: float = 0.0) -> None:
         """Turn towards angles; an axis without one brakes.
 

@@ -153,6 +153,18 @@ def test_a_target_of_unknown_elevation_is_looked_for_up_and_down_where_it_is_hea
     assert command.tilt == pytest.approx(math.radians(30.0), abs=math.radians(0.6))
 
 
+def test_the_camera_visits_another_target_within_its_limits_and_the_body_follows_the_bearing():
+    """Looks change from one side to the other: rate and acceleration stay within the limits."""
+    rig, pan = Rig(), AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6)
+    for azimuth in (0.8, -0.6, 0.8):
+        command = rig.run(1.5, resolved=True, azimuth=1.0, azimuth_world=1.0, look=(azimuth, 0.2))
+        assert command.mode == PointingCommand.MODE_TRACK and command.yaw_rate > 0.0
+        assert (command.pan, command.tilt) == pytest.approx((azimuth, 0.2), abs=math.radians(0.6))
+    rates = np.diff([command.pan for command in rig.commands]) / STEP
+    assert np.abs(rates).max() <= pan.rate + 1e-6
+    assert np.abs(np.diff(rates) / STEP).max() <= 1.5 * pan.acceleration  # of finite differences
+
+
 def test_limits_of_the_gimbal_narrow_those_of_the_parameters():
     settings = with_gimbal(PointingSettings(pan=AxisLimits(2.0, 6.0, -1.0, 3.0)), GimbalMount(
         pan_limits_deg=(-90.0, 90.0), tilt_limits_deg=(-20.0, 80.0), max_rate_deg=60.0, stabilized=False))

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from av_common.angles import angles_to_direction, direction_to_angles
+from av_common.angles import angles_to_direction
 from av_common.gimbal_geometry import gimbal_to_mount
 from av_common.rig import GimbalMount
+from av_fusion.disambiguation.gimbal_reach import GimbalReach, Matrix
 
 REPLAN_S = 0.2  # time between predictions
 OVERHEAD_S = 0.6  # of each look beside the way: the gimbal settles, an image is taken, and the detector answers
@@ -27,15 +27,12 @@ REST_S = 8.0  # without looks after that, and after looks told nothing; in betwe
 ARRIVAL_S = 1.5  # beyond the time of the way until the camera must see where it was asked to look
 LEAST_CHANCE = 0.15  # that a look shows the target, for which it is made
 EDGE = 0.93  # share of the field of view that counts: boxes at its edge are cut off
-BESIDE = math.radians(75.0)  # from a stop of the gimbal, up to which a wide view from there may show something
 STICK = 1.3  # gain for which another look replaces one that is under way
 GLANCE_S, GLANCES_KEPT_S = 0.3, 5.0  # of looking until images are independent, and how long what was looked at is remembered
 MISSED = 0.1  # probability that a glance misses what is visible
 # Offsets (standard deviations) and weights of the points that stand for a direction: Gauss-Hermite quadrature of a Gaussian.
 OFFSETS = (-2.857, -1.356, 0.0, 1.356, 2.857)
 WEIGHTS = (0.01126, 0.22208, 0.53333, 0.22208, 0.01126)
-
-Matrix = NDArray[np.float64]
 
 
 class Place(NamedTuple):
@@ -94,9 +91,7 @@ class LookPlanner:
 
     def __init__(self, settings: LookSettings) -> None:
         self.settings = settings
-        gimbal = settings.gimbal
-        self._limits = np.radians([gimbal.pan_limits_deg, gimbal.tilt_limits_deg])
-        self._rate = math.radians(gimbal.max_rate_deg)
+        self._reach = GimbalReach(settings.gimbal)
         self._since: float | None = None  # first of the looks in a row
         self._rests_until = self._planned = -math.inf
         self._look: Matrix | None = None  # direction in the world
@@ -153,14 +148,14 @@ class LookPlanner:
 
     def _best(self, places: Sequence[Place], sight: Sight, mount_in_world: Matrix) -> Matrix | None:
         points, shares, visible = self._points(places)
-        looks = self._reachable(points @ mount_in_world)
+        looks = self._reach.reachable(points @ mount_in_world)
         if self._look is not None:
-            looks = np.vstack([looks, self._nearest(self._look @ mount_in_world)])
+            looks = np.vstack([looks, self._reach.nearest(self._look @ mount_in_world)])
         if not len(looks):
             return None
         cameras = np.array([mount_in_world @ gimbal_to_mount(pan, tilt) for pan, tilt in looks])
-        now = self._nearest(sight.camera_in_world[:, 0] @ mount_in_world)
-        way = np.abs(looks - now).max(axis=1) / self._rate
+        now = self._reach.nearest(sight.camera_in_world[:, 0] @ mount_in_world)
+        way = self._reach.times(looks, now)
         rates = np.repeat([place.rate for place in places], shares.shape[1])
         seen = np.array([in_view(_turned(points, rates * time), camera, sight.half_view, sight.half_height)
                          for time, camera in zip(way, cameras, strict=True)])
@@ -201,20 +196,6 @@ class LookPlanner:
         """For how long (s) the camera had directions (n, 3) in view."""
         return sum((duration * in_view(directions, sight.camera_in_world, sight.half_view, sight.half_height)
                     for duration, sight in self._glances), np.zeros(len(directions)))
-
-    def _reachable(self, directions: Matrix) -> Matrix:
-        """Pans and tilts (m, 2) that are closest to directions (n, 3) in the mount's frame, from either stop."""
-        pan, tilt = direction_to_angles(directions)
-        (left, right), (low, high) = self._limits
-        turned = np.concatenate([pan, pan + math.tau, pan - math.tau])
-        reached = np.stack([np.clip(turned, left, right), np.tile(np.clip(tilt, low, high), 3)], axis=1)
-        return np.unique(reached[np.abs(reached[:, 0] - turned) < BESIDE], axis=0)
-
-    def _nearest(self, direction: Matrix) -> Matrix:
-        """Pan and tilt (2,) that are closest to a direction (3,) in the mount's frame."""
-        reached = self._reachable(direction[None])
-        off = [angles_to_direction(*angles) @ direction for angles in reached]
-        return reached[int(np.argmax(off))] if len(reached) else np.zeros(2)
 
 
 def in_view(directions: Matrix, camera: Matrix, half_view: float, half_height: float) -> Matrix:

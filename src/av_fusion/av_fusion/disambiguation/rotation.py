@@ -182,8 +182,7 @@ class RotationPlanner:
         if replan or self._direction not in left:
             turns = [*(direction * room for direction, room in left.items()), 0.0]
             known = visibility if math.isfinite(visibility) else 0.0
-            *expected, waiting = np.mean([expected_times(turns, first, second, tilt, known, settings)
-                                          for first, second in self._pairs], axis=0)
+            *expected, waiting = joint_times(turns, self._pairs, tilt, known, settings).tolist()
             if tilt.continues and waiting <= min(expected) and not asked:
                 self._direction = 0.0
                 return 0.0
@@ -202,6 +201,21 @@ class RotationPlanner:
             return left
         self._since = self._target = None
         return 0.0
+
+
+def joint_times(turns: Sequence[float], pairs: Sequence[Sequence[Candidate]], tilt: Tilt, visibility: float,
+                settings: RotationSettings) -> NDArray[np.float64]:
+    """Mean expected time (s, (n,)) until each rotation has resolved one ambiguity of several, weighted by existence.
+
+    The sum over targets of the probability of existence times the expected time is the integral over time of the expected
+    number of ambiguities that are still open, which the rotation with the smallest mean keeps lowest.
+
+    Parameters:
+        turns (n,) (rad), tilt, visibility, settings: see `expected_times`.
+        pairs: both candidates of each target, whose weights sum to its probability of existence.
+    """
+    times = [expected_times(turns, first, second, tilt, visibility, settings) for first, second in pairs]
+    return np.asarray(np.average(times, axis=0, weights=[max(first.weight + second.weight, 1e-9) for first, second in pairs]))
 
 
 def expected_times(turns: Sequence[float], first: Candidate, second: Candidate, tilt: Tilt, visibility: float,

@@ -64,4 +64,5 @@ class Ambiguity:
             return candidates
         first = max(candidates, key=lambda candidate: candidate.weight)  # one direction close to the axis: either side
         mirrored = remainder(2.0 * math.atan2(axis[1], axis[0]) - first.azimuth, tau)
-        return [first, first._replace(azimuth=mirrored, rate=-first.rate)]
+        either = first._replace(weight=0.5 * first.weight)
+        return [either, either._replace(azimuth=mirrored, rate=-first.rate)]

@@ -26,6 +26,8 @@ class MultiTargetSettings:
         duplicate_time (s): two tracks that agree become one when no scan has told them apart for so long, or ever.
         most_tracks: the least certain tracks beyond this number end.
         policy: which target is followed, see `TargetSelector`.
+        visits: whether a camera on a gimbal visits several targets in turn, instead of the followed one alone.
+        dwell (s): duration of a visit.
         types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
     """
 
@@ -42,4 +44,6 @@ class MultiTargetSettings:
     duplicate_time: float = 10.0
     most_tracks: int = 50
     policy: str = 'certain'
+    visits: bool = False
+    dwell: float = 1.0
     types: Mapping[str, float] = field(default_factory=dict)

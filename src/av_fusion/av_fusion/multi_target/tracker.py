@@ -46,7 +46,7 @@ class MultiTargetTracker:
         self.motion = RigMotion()
         self.machine = StateMachine(target.machine)
         self.planner = RotationPlanner(target.rotation)
-        self.looks = CameraLooks(target.gimbal) if target.gimbal else None
+        self.looks = CameraLooks(target.gimbal, self.settings.dwell) if target.gimbal else None
         self.filter = MultiTargetFilter(self.settings, self.motion)
         self._calibration = SightingCalibration(target, self.motion)
         self._selector = TargetSelector(self.settings.policy)
@@ -188,13 +188,20 @@ class MultiTargetTracker:
                                                      for track in unresolved], tilt, self._visibility)
 
     def _plan_look(self, time: float, state: State, tracks: Sequence[BernoulliTrack]) -> tuple[float, float] | None:
-        """Where a look decides most about the tracks that are not resolved, or about the followed one."""
+        """Where a look decides most about the tracks that are not resolved, or else finds the followed or the next one."""
         if self.looks is None or self.planner.is_asked(time):
             return None
-        if state == State.VISUAL_ACTIVE:
-            self.looks.planner.cancel()
-            return None
-        open_tracks = [track for track in tracks if not track.ambiguity.resolved or track.id == self._targets.selected]
+        visits = self.settings.visits and len(tracks) > 1
+        followed = 0 if visits else self._targets.selected
+        wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == followed]
         visibility = self._visibility if math.isfinite(self._visibility) else UNKNOWN
-        components = [component for track in open_tracks for component in track.mixture.components]
-        return self.looks.plan(time, components, visibility * self.settings.target.detection_probability, self.motion)
+        visible, look = visibility * self.settings.target.detection_probability, None
+        if not wanted or (state == State.VISUAL_ACTIVE and not visits):
+            self.looks.planner.cancel()
+        else:
+            components = [component for track in wanted for component in track.mixture.components]
+            look = self.looks.plan(time, components, visible, self.motion)
+        if look is None and visits:
+            targets = {track.id: primary for track in tracks if (primary := track.mixture.primary()) is not None}
+            look = self.looks.visit(time, targets, {track.id: track.existence for track in tracks}, visible, self.motion)
+        return look
