@@ -92,6 +92,20 @@ def test_tracking_is_back_after_half_a_second_of_true_bearings():
     assert check.faults(START, START + 5.0) == 'true 24, elsewhere 16'
 
 
+def test_an_observer_that_is_behind_keeps_the_truth_since_the_attack():
+    check = BearingCheck()
+    for number in range(20):
+        now = START + 0.05 * number
+        check.on_truth('rig', odometry(now, 0.0), now)
+        check.on_truth('target', odometry(now, 10.0 if number >= 10 else -10.0), now)   # a forged one before
+        bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE, resolved=True, azimuth=0.02)
+        bearing.header.stamp = to_stamp(now)
+        check.on_bearing(bearing, now)
+    check.forget_truth(START + 0.475)    # told only now
+    check.judge(START + 5.0)
+    assert check.faults(START, START + 5.0) == 'true 10'
+
+
 def test_verdicts_name_what_failed():
     good = Result('typed messages', recovery=0.5, growth={'doa_node': 3.0})
     assert not any(verdicts([good], {}).values())

@@ -14,15 +14,16 @@ from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
-from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
+from av_fusion.checkpoints import Checkpoints
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
 from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
+from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
 from av_fusion.settings import make_tracker
@@ -105,7 +106,7 @@ class FusionStage:
 
     Attributes:
         emitters: sources at fixed places that are no targets.
-        foreign_stamps: number of messages that were not used because of their stamps, by input.
+        gate: decides which messages are used, and counts the others.
         untransformed: number of measurements that were not used because their sensor's orientation came too late.
 
     Parameters:
@@ -114,17 +115,19 @@ class FusionStage:
         settings: see `FusionStageSettings`.
         observer: is called with measurements and tracks, or None.
         gimbal: orientations of the gimbal that carries the camera, added to by `on_gimbal`; None without one.
+        checkpoints: keeps states of the tracker, to return to where an input has a second source; None to keep none.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
-                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None) -> None:
+                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None,
+                 checkpoints: Checkpoints | None = None) -> None:
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
         self.emitters = FixedEmitters(self.settings.fixed_emitters, tracker.motion)
-        self.foreign_stamps = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), 0)
+        self.gate = InputGate((DOA, DETECTIONS, ODOMETRY), self.settings.clock_tolerance)
+        self._checkpoints = checkpoints
         self._observer = observer
         self._period = 1.0 / self.settings.rate
-        self._arrivals = dict.fromkeys((DOA, DETECTIONS, ODOMETRY), -math.inf)
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = -math.inf
         self._gimbal = gimbal
@@ -211,16 +214,21 @@ class FusionStage:
 
     def missing(self, now: float) -> list[str]:
         """Names of inputs without recent messages; odometry also where its attitude is old, frozen or not known."""
-        silent = [name for name, arrival in self._arrivals.items() if now - arrival > self.settings.missing_after]
+        silent = self.gate.silent(now, self.settings.missing_after)
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
-        self._arrivals[name] = arrival
-        tolerance = self.settings.clock_tolerance
-        # A stamp from the future would let the tracker refuse all measurements until then.
-        accepted = -tolerance <= to_seconds(message.header.stamp) - arrival <= min(tolerance, FUTURE_S)
-        self.foreign_stamps[name] += not accepted
+        contested_before = self.gate.is_contested(name, arrival)
+        accepted = self.gate.accept(name, to_seconds(message.header.stamp), arrival)
+        if self.gate.is_contested(name, arrival) and not contested_before:
+            self._undo(name, arrival)
         return accepted
+
+    def _undo(self, name: str, now: float) -> None:
+        """Return to the state from before an input had two sources: first messages of the second one were used."""
+        self._waiting.get(name, deque()).clear()
+        if self._checkpoints is not None:
+            self.tracker, self.emitters = self._checkpoints.before(now) or (self.tracker, self.emitters)
 
     def _queue(self, name: str, message: Any, arrival: float) -> FusionOutput | None:
         if not self._accept(name, message, arrival):
@@ -273,6 +281,8 @@ class FusionStage:
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
+        if self._checkpoints is not None and not any(self.gate.is_contested(name, now) for name in self.gate.contested):
+            self._checkpoints.keep((self.tracker, self.emitters), now)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
@@ -282,7 +292,8 @@ class FusionStage:
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
-                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None) -> FusionStage:
+                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
+                      checkpoints: Checkpoints | None = None) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
@@ -291,11 +302,11 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
-        gimbal: see `FusionStage`.
+        gimbal, checkpoints: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
     emitters = FixedEmitterSettings(parameters.fixed_emitters.enabled, parameters.fixed_emitters.learn_after,
                                     parameters.sound_delay, parameters.sight_delay)
     settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence,
                                    fixed_emitters=emitters)
-    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal)
+    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal, checkpoints)

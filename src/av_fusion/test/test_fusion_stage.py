@@ -14,6 +14,7 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
+from av_fusion.checkpoints import Checkpoints
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
@@ -40,7 +41,7 @@ class Recorder:
 
 def make_stage(observer=None, **values):
     return make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides=values), fixed_rotations(ROTATIONS),
-                             observer=observer)
+                             observer=observer, checkpoints=Checkpoints())
 
 
 def doa(stamp, azimuth, frame='microphones', confidence=0.9):
@@ -104,7 +105,7 @@ def test_a_stamp_of_another_clock_is_counted_and_not_used():
     assert stage.on_doa(doa(START - 5.0, 0.2), START) is None
     assert stage.on_detections(detections(START + 5.0), START) is None
     stage.on_odometry(odometry(START + 3.0, 1.0), START)
-    assert stage.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 1}
+    assert stage.gate.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 1}
     assert not recorder.doa and not recorder.camera and not recorder.tracks
     assert stage.on_time(START).bearing.azimuth_world != 1.0
 
@@ -116,7 +117,7 @@ def test_a_stamp_from_the_future_does_not_keep_later_measurements_out():
         stage.on_detections(detections(START + 0.1 * k, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), START + 0.1 * k)
     assert stage.on_doa(doa(START + 2.4, 0.2), START + 0.5) is None
     assert stage.on_detections(detections(START + 2.4), START + 0.5) is None
-    assert stage.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 0}
+    assert stage.gate.foreign_stamps == {'doa': 1, 'detections': 1, 'odometry': 0}
     output = stage.on_detections(detections(START + 0.5, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), START + 0.5)
     assert to_seconds(output.bearing.measured) == pytest.approx(START + 0.5)
 

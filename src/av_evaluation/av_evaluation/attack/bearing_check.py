@@ -25,7 +25,7 @@ class BearingCheck:
     DELAY = 0.2   # s after which a bearing is compared: the truth of its stamp has arrived by then
 
     def __init__(self) -> None:
-        self._truth: dict[str, deque[tuple[float, float, float, float]]] = {
+        self._truth: dict[str, deque[tuple[float, float, float, float, float]]] = {   # stamp, x, y, yaw, published
             'rig': deque(maxlen=400), 'target': deque(maxlen=400)}
         self._truth_from = -math.inf
         self._waiting: deque[tuple[float, float, Bearing]] = deque(maxlen=1000)
@@ -36,7 +36,8 @@ class BearingCheck:
         if published < self._truth_from:
             return
         position, orientation = message.pose.pose.position, message.pose.pose.orientation
-        self._truth[name].append((to_seconds(message.header.stamp), position.x, position.y, yaw_of(attitude_of(orientation))))
+        self._truth[name].append((to_seconds(message.header.stamp), position.x, position.y, yaw_of(attitude_of(orientation)),
+                                  published))
 
     def on_bearing(self, message: Bearing, published: float) -> None:
         """A bearing, and the time (s) of its publication. Raises ValueError for a stamp that is none."""
@@ -51,9 +52,9 @@ class BearingCheck:
     def forget_truth(self, until: float) -> None:
         """Drop what an attack, which ended at `until` (s), may have said about the truth."""
         self._truth_from = until
-        for rows in self._truth.values():
-            rows.clear()
-        self._waiting.clear()
+        for name, rows in self._truth.items():    # an observer that is behind has heard some of the truth since
+            self._truth[name] = deque((row for row in rows if row[-1] >= until), rows.maxlen)
+        self._waiting = deque((row for row in self._waiting if row[0] >= until), self._waiting.maxlen)
 
     def recovered(self, since: float) -> float | None:
         """Time (s) after `since` from which on bearings are true for half a second; None where they are not yet."""

@@ -29,6 +29,7 @@ from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.replay.sensor_frames import SensorFrames
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
+from av_fusion.checkpoints import Checkpoints
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
@@ -200,7 +201,7 @@ class Replay:
             if self._record is not None:
                 tracker = RecordingTracker(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
-                                             gimbal if rig.gimbal else None)
+                                             gimbal if rig.gimbal else None, None if self._record else Checkpoints())
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
@@ -247,9 +248,12 @@ class Replay:
             self._note(problem)
         if self._fusion is not None:
             tolerance = self._fusion.settings.clock_tolerance
-            for name, count in self._fusion.foreign_stamps.items():
+            for name, count in self._fusion.gate.foreign_stamps.items():
                 if count:
                     self._note(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
                                "bag's time")
+            for name, count in self._fusion.gate.contested.items():
+                if count:
+                    self._note(f'{count} messages of {name} left out: two sources sent them, whose stamps alternate')
         for frame in sorted(self._frames.unknown):
             self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')

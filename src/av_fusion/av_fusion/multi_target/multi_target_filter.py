@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations, count
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ class MultiTargetFilter:
     def __init__(self, settings: MultiTargetSettings, motion: RigMotion) -> None:
         self.tracks: list[BernoulliTrack] = []
         self._settings, self._motion = settings, motion
-        self._ids = count(1)
+        self._newest_id = 0
         self.reset()
 
     def reset(self) -> None:
@@ -139,7 +139,8 @@ class MultiTargetFilter:
         """Start a track where a measurement of a sensor is not explained; `probability` that it is a drone."""
         track = None
         if births and existence >= self._settings.least_existence:
-            track = BernoulliTrack(next(self._ids), time, self._settings, self._motion)
+            self._newest_id += 1
+            track = BernoulliTrack(self._newest_id, time, self._settings, self._motion)
             track.begin(births, existence)
             track.kind.note(sensor, [probability], [1.0])
             self.tracks.append(track)

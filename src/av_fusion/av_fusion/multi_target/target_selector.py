@@ -43,7 +43,7 @@ class TargetSelector:
     def __init__(self, policy: str) -> None:
         if policy not in POLICIES:
             raise ValueError(f'policy {policy!r}, expected one of {", ".join(POLICIES)}')
-        self._urgency = POLICIES[policy]
+        self._policy = policy
         self._followed = self._wanted = self._rival = 0
         self._rival_since = math.inf
 
@@ -58,7 +58,7 @@ class TargetSelector:
             time (s): the present.
             targets: of which one is followed.
         """
-        urgency = {target.id: self._urgency(target) for target in targets}
+        urgency = {target.id: POLICIES[self._policy](target) for target in targets}
         if self._wanted in urgency:
             self._followed = self._wanted
             return self._followed

@@ -1,0 +1,56 @@
+"""Which messages of the inputs can be used, by their stamps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from av_common.freshness import FUTURE_S
+from av_fusion.measurement.single_source import SingleSource
+
+
+class InputGate:
+    """Refuses messages of another clock, and those of an input with two sources.
+
+    Attributes:
+        foreign_stamps: number of messages that were refused because of their stamps, by input.
+
+    Parameters:
+        names: of the inputs.
+        tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock.
+    """
+
+    def __init__(self, names: Iterable[str], tolerance: float) -> None:
+        self._sources = {name: SingleSource() for name in names}
+        self._tolerance = tolerance
+        self._arrivals = dict.fromkeys(self._sources, -math.inf)
+        self.foreign_stamps = dict.fromkeys(self._sources, 0)
+
+    @property
+    def contested(self) -> dict[str, int]:
+        """Number of messages that were refused because two sources sent, by input."""
+        return {name: source.refused for name, source in self._sources.items()}
+
+    def accept(self, name: str, stamp: float, arrival: float) -> bool:
+        """Whether a message can be used.
+
+        Parameters:
+            name: of the input.
+            stamp (s): capture time.
+            arrival (s): time of its arrival.
+        """
+        # A stamp from the future would let the tracker refuse all measurements until then.
+        own_clock = -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S)
+        self.foreign_stamps[name] += not own_clock
+        accepted = own_clock and self._sources[name].take(stamp, arrival)
+        if accepted or not own_clock:
+            self._arrivals[name] = arrival
+        return accepted
+
+    def is_contested(self, name: str, now: float) -> bool:
+        """Whether an input has two sources at `now` (s)."""
+        return self._sources[name].is_contested(now)
+
+    def silent(self, now: float, after: float) -> list[str]:
+        """Inputs of which nothing arrived, or nothing that could be used, for `after` (s) at `now` (s)."""
+        return [name for name, arrival in self._arrivals.items() if now - arrival > after]

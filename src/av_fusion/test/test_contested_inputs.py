@@ -1,0 +1,123 @@
+"""Inputs with two sources: neither is used, the track is predicted, and it is back as soon as one source is left."""
+
+from __future__ import annotations
+
+import math
+from random import Random
+
+import numpy as np
+import pytest
+from test_fusion_stage import camera_info, detections, doa, make_stage, odometry
+
+from av_common.angles import wrap
+from av_fusion.checkpoints import LEAST_AGE_S, Checkpoints
+from av_fusion.measurement.single_source import CONTESTED_S, SingleSource
+from av_interfaces.msg import Bearing
+
+START, ATTACK, END, LAST = 1000.0, 1004.0, 1007.0, 1008.5   # s
+TURN, YAW = math.radians(6.0), 0.3    # of the target, of the rig
+VIEW = 0.58    # rad, half
+OFFSETS = (0.0, 0.0, -0.1, 0.09, -0.5, -0.9)    # s, of forged stamps
+FORGED = ('doa', 'detections', 'odometry')
+
+
+def pixel(azimuth):
+    return 319.5 - 457.0 * math.tan(azimuth)
+
+
+def genuine(azimuth, random):
+    """Arrival, input and arguments of the messages of a rig at rest and a target that circles."""
+    for k in range(int((LAST - START) * 100)):
+        yield START + 0.01 * k + 0.003, 'odometry', (START + 0.01 * k, YAW)
+    for k in range(int((LAST - START) * 10)):
+        stamp = START + 0.1 * k
+        yield stamp + 0.3, 'doa', (stamp, azimuth(stamp) + random.normal(0.0, 0.02))
+    for k in range(int((LAST - START) * 15)):
+        stamp = START + k / 15
+        seen = azimuth(stamp) + random.normal(0.0, 0.005)
+        yield stamp + 0.1, 'detections', (stamp, *([(pixel(seen), 0.9, 'drone')] if abs(seen) < VIEW else []))
+
+
+def forged(names, random, rate=60.0):
+    """The same of plausible falsehoods: a target ahead, a rig that has turned."""
+    for k in range(int((END - ATTACK) * rate)):
+        now = ATTACK + k / rate
+        made = {'doa': (0.02,), 'detections': ((309.0, 0.86, 'drone'),), 'odometry': (random.choice((0.25, 1.0, -2.0)),)}
+        for name in names:
+            yield now, name, (now + random.choice(OFFSETS), *made[name])
+
+
+def run(names, start, seed=0, **values):
+    """The stage; time, output and true azimuth of each output; the target is at `start` (deg) when the attack begins."""
+    stage, make = make_stage(**values), {'doa': doa, 'detections': detections, 'odometry': odometry}
+    stage.on_camera_info(camera_info())
+
+    def azimuth(time):
+        return wrap(math.radians(start) + TURN * (time - ATTACK))
+    messages = [*genuine(azimuth, np.random.default_rng(seed)), *forged(names, Random(seed))]
+    outputs = []
+    for now, name, (stamp, *rest) in sorted(messages, key=lambda message: message[0]):
+        output = getattr(stage, f'on_{name}')(make[name](stamp, *rest), now) or stage.on_time(now)
+        if output is not None:
+            outputs.append((now, output, azimuth(now)))
+    return stage, outputs
+
+
+def is_true(output, azimuth):
+    bearing = output.bearing
+    return bearing.state != Bearing.STATE_NONE and bearing.resolved and abs(wrap(bearing.azimuth - azimuth)) < math.radians(5.0)
+
+
+@pytest.mark.parametrize('method', ['bayes', 'multi'])
+@pytest.mark.parametrize('start', [-20.0, 25.0])    # seen when the attack ends, and only heard
+def test_falsehoods_are_not_followed_and_tracking_is_back_at_once(method, start):
+    stage, outputs = run(FORGED, start, method=method)
+    # As soon as the second source is noticed, what is stated to be measured is true, and a prediction is stated to be one.
+    measured = [is_true(output, azimuth) for now, output, azimuth in outputs
+                if ATTACK + 0.3 < now < END and output.bearing.source]
+    assert measured and all(measured)
+    assert not any(output.bearing.source for now, output, _ in outputs if ATTACK + 1.5 < now < END)
+    late = [is_true(output, azimuth) for now, output, azimuth in outputs if now > END + 1.0]
+    assert len(late) > 10 and all(late)
+    assert all(count > 0 for count in stage.gate.contested.values())
+
+
+@pytest.mark.parametrize('name', FORGED)
+def test_one_contested_input_leaves_the_track_to_the_others(name):
+    stage, outputs = run([name], -20.0)
+    assert np.mean([is_true(output, azimuth) for now, output, azimuth in outputs if now > ATTACK]) > 0.95
+    assert [other for other, count in stage.gate.contested.items() if count] == [name]
+    assert all(output.state.missing == [name] for now, output, _ in outputs if ATTACK + 1.5 < now < END)
+
+
+def test_a_source_alone_is_used_whatever_its_period():
+    source = SingleSource()
+    stamps = np.cumsum(np.random.default_rng(0).exponential(0.05, 500))
+    assert all(source.take(stamp, stamp + 0.2) for stamp in (*stamps, stamps[-1]))    # twice the same at the end
+    assert source.refused == 0
+
+
+def test_two_sources_are_refused_until_one_ends():
+    source = SingleSource()
+    assert source.take(10.0, 10.1)
+    assert source.take(10.3, 10.3)    # nothing tells that it is another's
+    assert not source.take(10.2, 10.35)
+    assert not source.take(10.4, 10.5)
+    assert source.take(10.5, 10.35 + CONTESTED_S)
+    assert source.refused == 2
+
+
+def test_a_clock_that_starts_again_is_no_second_source():
+    source = SingleSource()
+    assert source.take(50.0, 50.1)
+    assert source.take(3.0, 3.1)
+
+
+@pytest.mark.parametrize('method', ['bayes', 'multi', 'gated'])
+def test_checkpoints_return_to_a_recent_state(method):
+    checkpoints, tracker = Checkpoints(), make_stage(method=method).tracker
+    assert checkpoints.before(START) is None
+    checkpoints.keep(tracker, START)
+    assert checkpoints.before(START + 0.5 * LEAST_AGE_S) is None    # it may have used the second source already
+    assert type(checkpoints.before(START + 0.3)) is type(tracker)
+    assert checkpoints.before(START + 10.0) is None    # prediction from so long ago tells nothing
