@@ -12,7 +12,7 @@ LEAST_AGE_S, LARGEST_AGE_S = 0.15, 0.75  # of a state to return to: longer than 
 
 
 class Checkpoints:
-    """Keeps copies of objects that belong together every PERIOD_S. Serialised, because that takes a twentieth of the time of a deep copy."""
+    """Keeps copies of objects that belong together every PERIOD_S, serialised: a deep copy takes twenty times as long."""
 
     def __init__(self) -> None:
         self._kept: deque[tuple[float, bytes]] = deque(maxlen=math.ceil(LARGEST_AGE_S / PERIOD_S) + 1)

@@ -117,7 +117,7 @@ def test_a_clock_that_starts_again_is_no_second_source():
 def test_checkpoints_return_to_a_recent_state(method):
     checkpoints, tracker = Checkpoints(), make_stage(method=method).tracker
     assert checkpoints.before(START) is None
-    checkpoints.keep(tracker, START)
+    checkpoints.keep((tracker,), START)
     assert checkpoints.before(START + 0.5 * LEAST_AGE_S) is None    # it may have used the second source already
-    assert type(checkpoints.before(START + 0.3)) is type(tracker)
+    assert [type(copy) for copy in checkpoints.before(START + 0.3)] == [type(tracker)]
     assert checkpoints.before(START + 10.0) is None    # prediction from so long ago tells nothing
