@@ -30,7 +30,7 @@ ARGUMENTS = {
     'seed': ('7', 'seed of the scenario, the same for all rigs', None),
     'oracle': ('true', "the simulator's oracle gives the detections; false: the detector, which needs a core for each rig",
                ['true', 'false']),
-    'cue': ('false', 'rigs are told where a target is that they do not report', ['true', 'false']),
+    'cue': ('false', 'rigs are told where a target is that they do not report, their gimbals turn there', ['true', 'false']),
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
     'params': ('', 'a parameter file that overrides config/rig_params.yaml', None),
     'namespace': ('', 'namespace of the network node', None),
@@ -64,7 +64,7 @@ def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begi
     place = (radius * math.cos(angle), radius * math.sin(angle), HEIGHT_M, math.degrees(angle) - 180.0)
     values = {'namespace': names[index], 'port_offset': str(PORTS * index), 'begin': f'{begin:.3f}', 'monitor': 'false',
               'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0', 'view': 'false', 'bags': '',
-              **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security')}}
+              **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security', 'cue')}}
     source = PythonLaunchDescriptionSource(str(Path(__file__).with_name('rig.launch.py')))
     return GroupAction([IncludeLaunchDescription(source, launch_arguments=values.items())])
 

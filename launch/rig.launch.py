@@ -75,6 +75,8 @@ ARGUMENTS = {
     'allowed_senders': ('', 'source:=udp: addresses or networks, separated by commas, from which is received; empty: this '
                         'machine', None),
     'control_host': ('127.0.0.1', 'source:=udp: host of the simulator to which commands are sent', None),
+    'cue': ('false', 'follow target/cue, where other rigs have a target: its gimbal turns there, and front is told from back',
+            ['true', 'false']),
     'duration': ('0', 'end after this time (s); 0: run until Ctrl-C', None),
     'px4': ('false', "move PX4's gimbal and body, use its pose as odometry; needs av_px4, px4_msgs: docs/guides/px4.md",
             ['true', 'false']),
@@ -101,11 +103,13 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
     page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
+    cue = arguments['cue'] == 'true'
     essential = [
         rig_node(arguments, 'av_fusion', 'rig_frames_node', {'rig_file': arguments['rig']}),
         doa_node(arguments, {}),
-        rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig']}),
-        rig_node(arguments, 'av_pointing', 'pointing_node', {'enabled': may_move(arguments), 'rig_file': arguments['rig']}),
+        rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], 'use_cues': cue}),
+        rig_node(arguments, 'av_pointing', 'pointing_node',
+                 {'enabled': may_move(arguments), 'rig_file': arguments['rig'], 'follow_cues': cue}),
         *sources[arguments['source']](arguments)]
     if arguments['px4'] == 'true':
         essential.append(px4(arguments))

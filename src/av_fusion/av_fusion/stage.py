@@ -8,12 +8,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
 from av_common.camera import PinholeCamera
+from av_common.cue import cue_direction
+from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Track
@@ -32,6 +35,9 @@ from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, 
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
+CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
+CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
+CUE_WRONG = 0.2  # probability that a cue concerns another target
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
 
 
@@ -129,7 +135,7 @@ class FusionStage:
         self._observer = observer
         self._period = 1.0 / self.settings.rate
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
-        self._last_output = -math.inf
+        self._last_output = self._cued = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
         self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
@@ -187,6 +193,26 @@ class FusionStage:
             jump = add_odometry(self.tracker, message)
             if jump is not None:
                 self.emitters.turn_world(jump)
+
+    def on_cue(self, message: PointStamped, arrival: float) -> None:
+        """Decide between mirror images by a place where other rigs have a target; bearings become no more precise by it.
+
+        One in the body's frame is an order to look there, which says nothing about where the target is.
+
+        Parameters:
+            message: the place, seen from the rig.
+            arrival (s): time of its arrival.
+
+        Raises ValueError for a place that is none, and for a stamp of another clock.
+        """
+        direction, stamp = cue_direction(message), to_seconds(message.header.stamp)
+        if not -self.settings.clock_tolerance <= stamp - arrival <= FUTURE_S:
+            raise ValueError(f'stamp of a cue {stamp - arrival:+.2f} s from its arrival')
+        if message.header.frame_id == self.settings.base_frame or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
+            return
+        self._cued = arrival
+        for density in self.tracker.densities():
+            density.mixture.weigh_by_cue(direction, CUE_SIGMA**2, CUE_WRONG)
 
     @property
     def due(self) -> float:

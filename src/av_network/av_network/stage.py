@@ -16,6 +16,7 @@ from std_msgs.msg import Header
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, TrackArray, WorldTrack, WorldTrackArray
+from av_network.candidate import largest_sigma
 from av_network.geodesy import Datum, to_enu
 from av_network.messages import direction_message, positioned_message, report_of
 from av_network.report import Report
@@ -27,6 +28,7 @@ NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
 REPORTED = 0.5  # probability of existence from which a target is published
 RECENT_S = 1.0  # for which a rig's observation counts as recent
+CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 OLDEST_S = 2.0  # age of a message that is used
 
 
@@ -97,6 +99,7 @@ class NetworkStage:
         self._places = dict(zip(self._names, places, strict=True))
         self._positions: dict[str, NDArray[np.float64]] = {
             name: place.position for name, place in self._places.items() if place.source == SURVEYED}
+        self._unresolved: dict[str, set[int]] = {name: set() for name in self._names}  # ids of the rig's tracks
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
 
@@ -120,6 +123,7 @@ class NetworkStage:
         if abs(stamp - statistics.newest) < self.settings.report_period:
             return
         statistics.newest = max(stamp, statistics.newest)
+        self._unresolved[rig] = {track.id for track in message.tracks if not track.resolved}
         report = report_of(message, rig, self._positions[rig], self._places[rig].heading)
         self.queue.put(report, self.tracker.filter.corrected_time(self.tracker.rigs[rig], report.time))
 
@@ -162,23 +166,32 @@ class NetworkStage:
                                rigs=[self._pose(name) for name in sorted(self._names)])
 
     def cues(self, now: float) -> dict[str, PointStamped]:
-        """For each rig the place of the nearest target that it does not report, relative to it and by its own heading.
+        """For each rig the place of the nearest target that it does not report, or not on a certain side.
+
+        The place is relative to the rig, and by its own heading. Others have measured the target within the last RECENT_S.
 
         Parameters:
             now (s): the present.
         """
         found = {}
         for index, name in enumerate(self._names):
-            hidden = [state for state in self._positioned(now) if index not in state.rigs and state.rigs]
-            if name not in self._positions or not hidden:
+            place = self._positions.get(name)
+            if place is None:
                 continue
-            offsets = [state.mean[:3] - self._positions[name] for state in hidden]
-            nearest = offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))]
-            x, y, z = map(float, nearest)
+            offsets = [state.mean[:3] - place for state in self._positioned(now) if self._lacks(index, state)
+                       and largest_sigma(state.covariance) < CUE_SIGMA * float(np.linalg.norm(state.mean[:3] - place))]
+            if not offsets:
+                continue
+            x, y, z = map(float, offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))])
             turn = -float(self.tracker.filter.rig_state(index)[0][0]) - self._places[name].heading
             point = Point(x=x * math.cos(turn) - y * math.sin(turn), y=x * math.sin(turn) + y * math.cos(turn), z=z)
             found[name] = PointStamped(header=Header(stamp=to_stamp(now), frame_id=f'{name}/world'), point=point)
         return found
+
+    def _lacks(self, rig: int, state: TargetState) -> bool:
+        """Whether others have measured a target that a rig does not report, or not told from its mirror image."""
+        ours = rig in state.rigs and state.target.members[rig][0] not in self._unresolved[self._names[rig]]
+        return not ours and any(other != rig for other in state.rigs)
 
     def _positioned(self, now: float) -> list[TargetState]:
         return [state for state in self.tracker.states(now) if state.existence >= REPORTED]

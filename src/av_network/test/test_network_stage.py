@@ -79,6 +79,33 @@ def test_a_rig_without_the_target_is_told_where_it_is():
     assert np.linalg.norm(PLACES['third'] + [point.x, point.y, point.z] - DRONE) < 1.0
 
 
+def test_a_rig_that_does_not_know_the_side_is_told():
+    """Whether the side that it reports is the right one or not; what it reports for certain is not told again."""
+    for mirrored in (False, True):
+        stage = stage_of(('left', 'right', 'third'))
+        for step in range(20):
+            time = START + 0.25 * step
+            for name in ('left', 'right'):
+                stage.on_targets(name, targets(name, time), 200, time + 0.02)
+            unsure = targets('third', time, resolved=False)
+            if mirrored:
+                unsure.tracks[0].azimuth_world = -unsure.tracks[0].azimuth_world
+            stage.on_targets('third', unsure, 200, time + 0.02)
+            stage.output(time + 0.05)
+        point = stage.cues(START + 5.0)['third'].point
+        assert np.linalg.norm(PLACES['third'] + [point.x, point.y, point.z] - DRONE) < 1.0
+    stage = stage_of(('left', 'right', 'third'))
+    run(stage, ('left', 'right', 'third'))
+    assert not stage.cues(START + 5.0)
+
+
+def test_no_cue_without_recent_measurements():
+    """A prediction tells nobody where to look."""
+    stage = stage_of(('left', 'right', 'third'))
+    run(stage, ('left', 'right'))
+    assert stage.output(START + 7.0).tracks and not stage.cues(START + 7.0)
+
+
 def test_positions_by_odometry_and_by_satellites():
     """Odometry counts from the rig's place; a fix is placed by the datum; before either, nothing is used."""
     stage = stage_of(source=ODOMETRY)

@@ -35,6 +35,19 @@ class Mode(enum.IntEnum):
     LOOK = 3
 
 
+class Look(NamedTuple):
+    """A direction in which others say that a target is.
+
+    Parameters:
+        azimuth, elevation (rad): in the world, or level and from the body's heading.
+        in_body: whether the azimuth is from the body's heading.
+    """
+
+    azimuth: float
+    elevation: float
+    in_body: bool = False
+
+
 class Ages(NamedTuple):
     """Ages (s) of what a command rests on, at the time of the command; inf for what never arrived.
 
@@ -162,13 +175,14 @@ class PointingController:
         self.body.motion.measure(time, yaw_of(attitude_wxyz))
         self.gimbal.on_attitude(attitude_wxyz)
 
-    def step(self, time: float, track: Track | None, ages: Ages) -> Command:
+    def step(self, time: float, track: Track | None, ages: Ages, cue: Look | None = None) -> Command:
         """The command from the newest track. Steps back in time count as 0, steps of more than 0.1 s as 0.1 s.
 
         Parameters:
             time (s): time of the command, monotonic.
             track: the newest track; None before the first.
             ages: of what the track rests on, at that time.
+            cue: a fresh cue, to which the gimbal turns while there is no fresh bearing; the body never does.
         """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
@@ -177,7 +191,9 @@ class PointingController:
         mode, reason = self._decide(track, ages)
         if track is not None and track is not self._seen:
             self._see(time, track, ages)
-        if track is None or mode == Mode.HOLD:
+        if cue is not None and reason.startswith('no fresh') and self._may_look(cue, ages):
+            mode, reason = Mode.LOOK, self._look(time, dt, cue)
+        elif track is None or mode == Mode.HOLD:
             self.body.stop(dt)
             self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
         elif mode == Mode.SEARCH:
@@ -227,6 +243,20 @@ class PointingController:
                 return Mode.HOLD, stands
             return Mode.SEARCH, f'turning {math.degrees(track.requested_rotation):+.0f} deg to resolve the front-back ambiguity'
         return Mode.HOLD, 'waiting: the front-back ambiguity is open'
+
+    def _may_look(self, cue: Look, ages: Ages) -> bool:
+        """Whether the gimbal may turn to a cue: in the world only while the rig's heading is known, or was never given."""
+        known = cue.in_body or not self._has_odometry or ages.odometry <= self.settings.stale_after
+        return self.settings.move_gimbal and known
+
+    def _look(self, time: float, dt: float, cue: Look) -> str:
+        """Turn the gimbal to a cue; returns the reason."""
+        self.body.stop(dt)
+        heading = 0.0 if cue.in_body or not self._has_odometry else self.body.motion.yaw(time)
+        azimuth = float(wrap(cue.azimuth - heading))
+        self.gimbal.follow(dt, *self.gimbal.of_level(azimuth, cue.elevation))
+        return (f'looking at a cue at azimuth {math.degrees(azimuth):+.0f} deg, '
+                f'elevation {math.degrees(cue.elevation):+.0f} deg')
 
     def _see(self, time: float, track: Track, ages: Ages) -> None:
         """Learn from a new track how old bearings are, and without odometry how the body turns."""

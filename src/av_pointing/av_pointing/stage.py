@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
+from av_common.angles import direction_to_angles
+from av_common.cue import cue_direction
 from av_common.frames import attitude_of
 from av_common.freshness import FUTURE_S, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
@@ -16,7 +19,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import Ages, Command, PointingController
+from av_pointing.controller import OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings, with_gimbal
 
 
@@ -41,12 +44,13 @@ class PointingStage:
         self._base_frame = base_frame
         self._track: Track | None = None
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
-        self._measured, self._odometry = FreshInput(math.inf), FreshInput()
+        self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
+        self._cue: Look | None = None
 
     @property
     def refused(self) -> int:
-        """Number of bearings and poses whose stamps were in the future, or that arrived as the node's clock stepped back."""
-        return self._measured.refused + self._odometry.refused
+        """Number of inputs whose stamps were in the future, or that arrived as the node's clock stepped back."""
+        return self._measured.refused + self._odometry.refused + self._cued.refused
 
     def on_bearing(self, message: Bearing, arrival: Instant) -> PointingCommand:
         """The command that follows from a bearing.
@@ -76,12 +80,29 @@ class PointingStage:
                 age = max(arrival.ros - stamp, 0.0)
                 self.controller.on_attitude(arrival.steady - age, attitude_of(q))
 
+    def on_cue(self, message: PointStamped, arrival: Instant) -> None:
+        """Note where others say that a target is. Raises ValueError for a place that is none.
+
+        Parameters:
+            message: the place, seen from the rig in the body's frame, or with the axes of the world.
+            arrival: time of its arrival.
+        """
+        azimuth, elevation = map(float, direction_to_angles(cue_direction(message)))
+        if self._cued.take(to_seconds(message.header.stamp), arrival):
+            self._cue = Look(azimuth, elevation, message.header.frame_id == self._base_frame)
+
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
                     self._measured.captured_age(now))
-        self.command = self.controller.step(now.steady, self._track, ages)
+        self.command = self.controller.step(now.steady, self._track, ages, self._fresh_cue(now))
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
+
+    def _fresh_cue(self, now: Instant) -> Look | None:
+        """The newest cue while it is as fresh as a bearing must be."""
+        fresh = (self._cued.age(now) <= self.controller.settings.stale_after
+                 and self._cued.captured_age(now) <= OLDEST_MEASUREMENT_S)
+        return self._cue if fresh else None
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:

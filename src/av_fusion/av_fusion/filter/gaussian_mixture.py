@@ -15,7 +15,7 @@ from av_fusion.filter.gaussian_component import GaussianComponent
 from av_fusion.filter.motion_model import MotionModel
 from av_fusion.filter.normal_distribution import share_within
 from av_fusion.filter.past_state import PastState
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents
 
 AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
 PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
@@ -130,6 +130,28 @@ class GaussianMixture:
             moved (m): displacement of the rig meanwhile, in the world.
         """
         self.components = [part for component in self.components for part in split(component, axis, lag, moved)]
+
+    def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
+        """Weigh the components among each other by where others say that a target is.
+
+        The cue decides between hypotheses: it moves no component, makes none more precise, and says nothing about whether there
+        is a target. With the probability `wrong` it concerns another target, which may be anywhere.
+
+        Parameters:
+            cue: unit vector in the world.
+            variance (rad^2): of its direction along each axis.
+            wrong: probability that it concerns another target.
+        """
+        total = sum([component.weight for component in self.components])
+        for component in self.components:
+            left, above = tangents(component.azimuth, component.elevation)
+            apart = np.array(offset(component.direction, left, above, cue))
+            S = component.covariance[:2, :2] + variance * np.eye(2)
+            density = math.exp(-0.5 * float(apart @ np.linalg.solve(S, apart))) / (tau * math.sqrt(float(np.linalg.det(S))))
+            component.weight *= wrong + (1.0 - wrong) * density * 2.0 * tau
+        changed = sum([component.weight for component in self.components])
+        for component in self.components:
+            component.weight *= total / changed
 
     def turn_world(self, rows: Rows) -> None:
         """Turn all components with the world, where the rig's attitude was corrected."""

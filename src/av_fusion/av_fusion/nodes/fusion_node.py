@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo
 from std_srvs.srv import Trigger
@@ -60,6 +61,8 @@ class FusionNode(RigNode):
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
+        if self._settings.use_cues:
+            self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SelectTarget, '~/select', self._on_select)
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
         self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
@@ -85,6 +88,9 @@ class FusionNode(RigNode):
 
     def _on_gimbal(self, message: GimbalState) -> None:
         self._publish(self._stage.on_gimbal(message, self.now()))
+
+    def _on_cue(self, message: PointStamped) -> None:
+        self._stage.on_cue(message, self.now())
 
     def _on_select(self, request: SelectTarget.Request, response: SelectTarget.Response) -> SelectTarget.Response:
         try:

@@ -15,7 +15,7 @@ from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import Track
 from av_pointing.closed_loop import Conditions, close_loop
-from av_pointing.controller import Ages, Command, Mode, PointingController, PointingSettings
+from av_pointing.controller import Ages, Command, Look, Mode, PointingController, PointingSettings
 from av_pointing.stage import PointingStage
 
 SETTLED_S = 8.0
@@ -32,8 +32,8 @@ class FormerController(PointingController):
         self._axis = LimitedAxis(AxisLimits(settings.yaw.rate, math.radians(180.0)))
         self._before = math.nan
 
-    def step(self, time: float, track: Track | None, ages: Ages) -> Command:
-        """The command that follows from a track."""
+    def step(self, time: float, track: Track | None, ages: Ages, cue: Look | None = None) -> Command:
+        """The command that follows from a track; cues are not obeyed."""
         dt = min(max(time - self._before, 0.0), 0.1) if math.isfinite(self._before) else 0.0
         self._before = time
         if track is None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -52,6 +53,8 @@ class PointingNode(RigNode):
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
+        if self._settings.follow_cues:
+            self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -76,6 +79,9 @@ class PointingNode(RigNode):
     def _on_odometry(self, message: Odometry) -> None:
         self._meters['odometry'].tick()
         self._stage.on_odometry(message, self._instant())
+
+    def _on_cue(self, message: PointStamped) -> None:
+        self._stage.on_cue(message, self._instant())
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._enabled.set(request.data)
