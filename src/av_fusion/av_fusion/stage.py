@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
@@ -19,7 +19,6 @@ from av_common.cue import cue_direction
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.checkpoints import Checkpoints
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
@@ -27,8 +26,8 @@ from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.odometry import add_odometry
+from av_fusion.observer import FusionObserver
 from av_fusion.settings import make_tracker
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
@@ -47,35 +46,6 @@ class FusionOutput(NamedTuple):
     bearing: Bearing
     state: FusionState
     targets: TrackArray
-
-
-class FusionObserver(Protocol):
-    """Receives all measurements and tracks of a `FusionStage`; for recorders and tests."""
-
-    def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
-        """The measurements of one `DoaArray`, most confident first, whether or not they are used.
-
-        Parameters:
-            measurements: measurements in the body frame.
-            arrival (s): time of arrival of the message.
-        """
-
-    def on_camera(self, measurement: CameraMeasurement, message: Detection2DArray, arrival: float) -> None:
-        """The measurement of one `Detection2DArray`.
-
-        Parameters:
-            measurement: measurement in the body frame.
-            message: the message.
-            arrival (s): time of its arrival.
-        """
-
-    def on_track(self, track: Track, time: float) -> None:
-        """The track at `time`, from which an output is made.
-
-        Parameters:
-            track: the estimate.
-            time (s): time of the output.
-        """
 
 
 @dataclass(frozen=True)
