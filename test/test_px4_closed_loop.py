@@ -32,13 +32,14 @@ class Flight:
     def __init__(self, heading_deg, mode):
         self.autopilot = FakeAutopilot(heading=math.radians(heading_deg), nav_state=mode)
         self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
+        self.settings = self.controller.settings
         self.world, self.rows = None, []
 
     def on_attitude(self, time, attitude):
         self.controller.on_attitude(time, attitude)
 
-    def step(self, now, track, ages):
-        autopilot, command = self.autopilot, self.controller.step(now, track, ages)
+    def step(self, now, track, ages, cue=None):
+        autopilot, command = self.autopilot, self.controller.step(now, track, ages, cue)
         status = VehicleStatus(autopilot.nav_state, autopilot.armed, autopilot.failsafe)
         wanted = GimbalInputs(command.move_gimbal, command.pan, command.tilt, command.pan_rate, True, status.nav_state)
         for out in self.gimbal.step(now, wanted):
