@@ -78,6 +78,8 @@ class OfflineRun:
         """Run for `duration` (s), by default the scenario's; returns the log."""
         for _ in self.steps(duration):
             pass
+        if self.rig.emitters.known:
+            self.log.notes |= self.rig.emitters.diagnostics()
         return self.log
 
     def steps(self, duration: float | None = None) -> Iterator[tuple[float, Bearing | None]]:

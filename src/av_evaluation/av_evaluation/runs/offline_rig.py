@@ -48,6 +48,7 @@ class OfflineRig:
         log: truth, measurements and bearings.
         record: the measurements, for other trackers and methods.
         bearing: the newest bearing, None before the first.
+        emitters: sources at fixed places that have been learnt.
 
     Parameters:
         array: microphones.
@@ -78,6 +79,7 @@ class OfflineRig:
         recorder = RunRecorder(self.record)
         fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder,
                              gimbal=history)
+        self.emitters = fusion.emitters
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
             self._converter, self.record)
