@@ -6,10 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.multi_target.blade_pass import BladePassFrequency, fundamental_likelihoods
+from av_fusion.multi_target.blade_pass import BladePassFrequency, fundamental_likelihoods, smoothed
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.settings import types_of
@@ -74,3 +75,9 @@ def test_entries_that_are_no_types_are_refused(entry):
     with pytest.raises(ValueError, match=r'targets\.types.*expected a name'):
         types_of([entry])
     assert types_of(['hexarotor: 133', '']) == {'hexarotor': 133.0}
+
+
+@pytest.mark.parametrize('sigma', [0.05, 0.7, 3.0, 12.0])
+def test_smoothing_is_that_of_scipy(sigma):
+    values = np.random.default_rng(0).random(160)
+    np.testing.assert_allclose(smoothed(values, sigma), gaussian_filter1d(values, sigma, mode='nearest'), rtol=1e-12)

@@ -93,7 +93,8 @@ def test_one_contested_input_leaves_the_track_to_the_others(name):
 def test_a_source_alone_is_used_whatever_its_period():
     source = SingleSource()
     stamps = np.cumsum(np.random.default_rng(0).exponential(0.05, 500))
-    assert all(source.take(stamp, stamp + 0.2) for stamp in (*stamps, stamps[-1]))    # twice the same at the end
+    last = stamps[-1]    # twice the same at the end, and a corrected clock
+    assert all(source.take(stamp, last + 0.2) for stamp in (*stamps, last, last - 0.005))
     assert source.refused == 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 CONTESTED_S = 0.25  # since the newest stamp that went back
+JITTER_S = 0.01  # by which stamps of one source may go back, where its clock is corrected
 
 
 class SingleSource:
@@ -29,7 +30,7 @@ class SingleSource:
             stamp (s): its capture time.
             arrival (s): time of its arrival.
         """
-        if stamp < self._stamp and arrival >= self._arrival:  # an earlier arrival is a restart of the clock
+        if stamp < self._stamp - JITTER_S and arrival >= self._arrival:  # an earlier arrival is a restart of the clock
             self._contested = arrival
         self._stamp, self._arrival = stamp, arrival
         contested = self.is_contested(arrival)

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from av_fusion.measurement.measurements import DoaMeasurement
 
@@ -49,7 +48,7 @@ class BladePassFrequency:
         """Predict by `seconds`."""
         if self._measured and seconds > 0.0:
             kept = math.exp(-seconds / FORGOTTEN_S)
-            spread = gaussian_filter1d(self._density, math.sqrt(DIFFUSION * seconds) / STEP, mode='nearest')
+            spread = smoothed(self._density, math.sqrt(DIFFUSION * seconds) / STEP)
             self._density = kept * spread / spread.sum() + (1.0 - kept) / len(GRID)
 
     def fits(self, likelihoods: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,3 +96,17 @@ class BladePassFrequency:
                                        / (math.sqrt(math.tau) * TYPE_SIGMA)) for name, hz in types.items()}
         total = 1.0 + sum(weights.values())
         return {name: weight / total for name, weight in weights.items()}
+
+
+def smoothed(values: NDArray[np.float64], sigma: float) -> NDArray[np.float64]:
+    """Values (n,) convolved with a Gaussian, as by `scipy.ndimage.gaussian_filter1d`.
+
+    The import of scipy takes a quarter of a node's start.
+
+    Parameters:
+        values: continued beyond their ends by the last ones.
+        sigma: standard deviation of the Gaussian in samples, above 0.
+    """
+    reach = round(4.0 * sigma)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    return np.convolve(np.pad(values, reach, mode='edge'), kernel / kernel.sum(), mode='valid')
