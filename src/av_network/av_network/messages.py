@@ -57,15 +57,16 @@ def _sighting(track: Track, heading: float) -> Sighting | None:
                     str(track.class_id)[:32], bool(track.resolved))
 
 
-def positioned_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:
-    """The message of a target with a position.
+def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:
+    """The message of a target, whose covariance says how far its position is known.
 
     Parameters:
         state: of the target.
         rigs: the rigs' names by index.
     """
-    return _message(state.target.id, state.existence, state.mean, state.covariance, True, [rigs[rig] for rig in state.rigs],
-                    state.target.measured, drone_probability=state.target.drone_probability, class_id=state.target.class_id)
+    return _message(state.target.id, state.existence, state.mean, state.covariance, state.positioned,
+                    [rigs[rig] for rig in state.rigs], state.target.measured,
+                    drone_probability=state.target.drone_probability, class_id=state.target.class_id)
 
 
 def direction_message(identifier: int, report: Report, one: Sighting, heading: float, speed_sigma: float) -> WorldTrack:

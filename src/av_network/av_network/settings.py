@@ -39,6 +39,8 @@ class NetworkSettings:
         confirmed: probability of existence from which a candidate becomes a track.
         least_age (s): for which a candidate is observed before.
         coast (s): time after which a track without reports has lost half of its probability of existence.
+        reported_sigma (m): standard deviation of a position, the largest of any axis, up to which it is reported as one; of
+            distant targets a share of the distance.
         most_sigma (m): standard deviation of a position, the largest of any axis, at which a track ends.
         most_candidates: number of candidates that are examined at a time.
     """
@@ -54,5 +56,6 @@ class NetworkSettings:
     confirmed: float = 0.95
     least_age: float = 1.0
     coast: float = 8.0
+    reported_sigma: float = 4.0
     most_sigma: float = 15.0
     most_candidates: int = 60

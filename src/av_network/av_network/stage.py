@@ -18,7 +18,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, TrackArray, WorldTrack, WorldTrackArray
 from av_network.candidate import largest_sigma
 from av_network.geodesy import Datum, to_enu
-from av_network.messages import direction_message, positioned_message, report_of
+from av_network.messages import direction_message, report_of, target_message
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
@@ -158,7 +158,8 @@ class NetworkStage:
         self._now = now
         for report in self.queue.ready(now):
             self.tracker.use(report)
-        tracks = [positioned_message(state, self._names) for state in self._positioned(now)]
+        tracks = [target_message(state, self._names) for state in self.tracker.states(now)
+                  if state.existence >= REPORTED and (state.positioned or state.rigs)]
         tracks += self._lone(now)
         datum = self.settings.datum
         return WorldTrackArray(header=Header(stamp=to_stamp(now), frame_id=self.settings.frame), latitude=datum.latitude,
@@ -194,7 +195,7 @@ class NetworkStage:
         return not ours and any(other != rig for other in state.rigs)
 
     def _positioned(self, now: float) -> list[TargetState]:
-        return [state for state in self.tracker.states(now) if state.existence >= REPORTED]
+        return [state for state in self.tracker.states(now) if state.existence >= REPORTED and state.positioned]
 
     def _lone(self, now: float) -> list[WorldTrack]:
         """Targets that a single rig reports, in their direction."""

@@ -24,6 +24,8 @@ MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its ta
 RECENT_S = 0.6  # for which an unexplained sighting can be paired with that of another rig
 TEACHING_SIGMA = 0.05  # of a position over its distance, up to which it teaches headings and clocks
 MATURE_S = 2.0  # after which a target teaches headings and clocks
+REPORTED_SHARE = 0.06  # of the distance from the nearest rig, up to which the standard deviation of a distant position may grow
+CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported
 INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
 SAME_SQUARED = 7.8  # Mahalanobis distance squared, 95 % of three degrees of freedom
 SAME_S = 1.0  # for which two tracks must agree to become one
@@ -39,6 +41,7 @@ class TargetState(NamedTuple):
         existence: probability 0..1 that there is such a target.
         mean (6,), covariance (6, 6): position (m) and velocity (m/s) in ENU.
         rigs: indices of the rigs with recent observations.
+        positioned: whether its position is known: precise, and consistent with its directions.
     """
 
     target: NetworkTarget
@@ -46,6 +49,7 @@ class TargetState(NamedTuple):
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
     rigs: tuple[int, ...]
+    positioned: bool
 
 
 class NetworkTracker:
@@ -83,6 +87,7 @@ class NetworkTracker:
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._decorrelation = Decorrelation(self.settings.rig_manoeuvre)
         self._decided = -math.inf
+        self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
 
     def new_id(self) -> int:
         """An id that no other target has."""
@@ -96,6 +101,7 @@ class NetworkTracker:
     def use(self, report: Report) -> None:
         """Use a report. Raises KeyError for an unknown rig."""
         rig = self.rigs[report.rig]
+        self._places[rig] = report.position
         time = self.filter.corrected_time(rig, report.time)
         self.filter.predict(time)
         observations = [Observation(rig, report.position, report.time, sighting, covariance)
@@ -114,8 +120,14 @@ class NetworkTracker:
             F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
             rigs = tuple(sorted(rig for rig, (_, last) in target.members.items() if time - last < 1.0))
             existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / self.settings.coast)
-            found.append(TargetState(target, existence, F @ mean, F @ P @ F.T + Q, rigs))
+            predicted = F @ P @ F.T + Q
+            positioned = target.nis < CONSISTENT and self._is_precise(F @ mean, predicted)
+            found.append(TargetState(target, existence, F @ mean, predicted, rigs, positioned))
         return sorted(found, key=lambda state: state.target.id)
+
+    def _is_precise(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+        distance = min((float(np.linalg.norm(mean[:3] - place)) for place in self._places.values()), default=0.0)
+        return largest_sigma(covariance) <= max(self.settings.reported_sigma, REPORTED_SHARE * distance)
 
     def _use_for_targets(self, observations: Sequence[Observation], time: float) -> list[Observation]:
         """Update the targets; returns the observations that belong to none."""

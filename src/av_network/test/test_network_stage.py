@@ -99,11 +99,19 @@ def test_a_rig_that_does_not_know_the_side_is_told():
     assert not stage.cues(START + 5.0)
 
 
+def test_a_position_that_is_lost_is_not_reported():
+    """A target that no rig reports any more is soon not published, while its track lives."""
+    stage = stage_of()
+    run(stage, ('left', 'right'))
+    assert stage.output(START + 5.5).tracks[0].positioned
+    assert not stage.output(START + 8.5).tracks and stage.tracker.states(START + 8.5)
+
+
 def test_no_cue_without_recent_measurements():
     """A prediction tells nobody where to look."""
     stage = stage_of(('left', 'right', 'third'))
     run(stage, ('left', 'right'))
-    assert stage.output(START + 7.0).tracks and not stage.cues(START + 7.0)
+    assert stage.tracker.states(START + 7.0) and not stage.cues(START + 7.0)
 
 
 def test_positions_by_odometry_and_by_satellites():

@@ -12,9 +12,10 @@ import numpy as np
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound
 from av_evaluation.network.figures import NetworkRun, OwnTracker, run
+from av_evaluation.network.partition import partition_figures
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
-GHOST_S, RATIO, CLOCK_S, HEADING = 2.0, 1.3, 0.005, math.radians(0.5)
+GHOST_S, RATIO, CLOCK_S, HEADING, HEALED_S = 2.0, 1.3, 0.005, math.radians(0.5), 2.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -53,7 +54,7 @@ def drones(options: argparse.Namespace) -> bool:
         simulation = cases.five_drones(seed, drones=options.drones)
         runs.append(run(OwnTracker(cases.settings_of(simulation)), simulation))
     print(f'three rigs, {options.drones} drones, each measured for half of the time')
-    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"longest ghost":>15}')
+    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}')
     _print_drones('av_network', runs)
     return max(each.longest_ghost() for each in runs) <= GHOST_S
 
@@ -77,6 +78,20 @@ def offsets(options: argparse.Namespace) -> bool:
     return bool(clock <= CLOCK_S and heading <= HEADING)
 
 
+def partition(options: argparse.Namespace) -> bool:
+    """Two pairs of rigs, each with a node, that hear nothing of each other for 10 s, by a network that delays and loses."""
+    begin, end = cases.PARTITION
+    print('messages 0.2 s late, 20 % lost, two pairs of rigs parted for 10 s, 3 drones')
+    found = []
+    for seed in _seeds(options):
+        first, second = (run(OwnTracker(cases.settings_of(each)), each) for each in cases.parted_pairs(seed))
+        found.append(partition_figures(first, second, begin, end))
+    missed, healed = 100.0 * np.mean([each.missed for each in found]), max(each.healed for each in found)
+    print(f'tracks lost {sum(each.lost for each in found)}, drones without a track meanwhile {missed:.1f} %, '
+          f'one picture after {healed:.1f} s')
+    return all(each.lost == 0 and each.healed <= HEALED_S for each in found)
+
+
 def cost(options: argparse.Namespace) -> bool:
     """Processor time by number of rigs, in percent of one core."""
     print('percent of one core by number of rigs, 10 targets, 4 reports a second')
@@ -89,14 +104,16 @@ def cost(options: argparse.Namespace) -> bool:
     return shares[-1] < 1.0
 
 
-CASES: dict[str, Callable[[argparse.Namespace], bool]] = {'bound': bound, 'drones': drones, 'offsets': offsets, 'cost': cost}
+CASES: dict[str, Callable[[argparse.Namespace], bool]] = {'bound': bound, 'drones': drones, 'offsets': offsets,
+                                                               'partition': partition, 'cost': cost}
 
 
 def _print_drones(name: str, runs: Sequence[NetworkRun]) -> None:
     distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
     error = np.mean([each.rmse(SETTLED_S) for each in runs])
+    nees = np.mean([np.mean(each.nees(SETTLED_S)) for each in runs])
     ghost = max(each.longest_ghost() for each in runs)
-    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{ghost:>13.1f} s')
+    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{nees:>10.2f}{ghost:>13.1f} s')
 
 
 def _seeds(options: argparse.Namespace) -> range:

@@ -8,12 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from av_evaluation.network.simulation import NetworkSimulation, RigModel, SensingModel, Trajectory
+from av_evaluation.network.simulation import LinkModel, NetworkSimulation, RigModel, SensingModel, Trajectory
 from av_network.settings import RigSettings
 from av_simulator.trajectories import RandomFlight
 
 HEIGHT_M = 1.5  # of the rigs
 SURVEYED = math.radians(0.1)  # standard deviation of a surveyed heading
+SQUARE = ((-20.0, 0.0), (20.0, 0.0), (-20.0, 35.0), (20.0, 35.0))
+PARTITION = (15.0, 25.0)  # s, beginning and end
 TRIANGLE = ((-20.0, 0.0), (20.0, 0.0), (0.0, 35.0))
 
 
@@ -75,6 +77,20 @@ def wrong_clocks(seed: int, offset: float = 0.05, heading: float = math.radians(
     rigs = [RigModel(name, (*place, HEIGHT_M), heading * sign[0], 0.0 if name == 'a' else offset * sign[1])
             for name, place, sign in zip('abc', TRIANGLE, signs, strict=True)]
     return NetworkSimulation(rigs, _flights(seed, 5), 61.0, seed, SensingModel(seen=seen))
+
+
+def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
+    """Four rigs and three drones, as a node beside the first two rigs and one beside the others get their reports.
+
+    Messages take 0.2 s and more, a fifth is lost, and from PARTITION on neither pair hears of the other one.
+
+    Parameters:
+        seed: of all draws, the same for both nodes.
+    """
+    rigs = [RigModel(name, (*place, HEIGHT_M)) for name, place in zip('abcd', SQUARE, strict=True)]
+    flights = _flights(seed, 3)
+    return tuple(NetworkSimulation(rigs, flights, 40.0, seed, SensingModel(), LinkModel(0.2, 0.02, 0.2, PARTITION, others))
+                 for others in (('c', 'd'), ('a', 'b')))  # type: ignore[return-value]
 
 
 def ring(seed: int, rigs: int, drones: int, duration: float = 30.0) -> NetworkSimulation:

@@ -70,7 +70,7 @@ class OwnTracker:
         for report in self._queue.ready(now):
             self.tracker.use(report)
         return [Estimate(state.target.id, state.mean, state.covariance) for state in self.tracker.states(now)
-                if state.existence >= 0.5]
+                if state.existence >= 0.5 and state.positioned]
 
 
 @dataclass

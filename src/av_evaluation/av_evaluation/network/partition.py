@@ -1,0 +1,58 @@
+"""Two nodes of one network that is parted for a while: what each keeps, and when they agree again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from av_evaluation.network.figures import Estimate, NetworkRun
+
+AGREE_M = 5.0  # between the positions of one drone by two nodes
+
+
+class PartitionFigures(NamedTuple):
+    """What a partition does.
+
+    Parameters:
+        lost: number of tracks of either node that had existed before the partition and do not after it.
+        missed: share of drones without a track during the partition, the mean of both nodes.
+        healed (s): time from the end of the partition until both nodes have the same picture, for good; inf if never.
+    """
+
+    lost: int
+    missed: float
+    healed: float
+
+
+def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: float) -> PartitionFigures:
+    """Figures of two nodes' runs.
+
+    Parameters:
+        first, second: with the same times.
+        begin, end (s): of the partition.
+    """
+    times = np.array(first.times)
+    before, after = (int(np.searchsorted(times, moment)) for moment in (begin, end))
+    lost, missed = 0, []
+    for each in (first, second):
+        names = [{one.id for one in found} for found in each.estimates]
+        lost += len(names[before] - set().union(*names[after:after + 20]))
+        missed += [1.0 - min(len(found), len(true)) / len(true) for found, true in
+                   zip(each.estimates[before:after], each.truths[before:after], strict=True)]
+    apart = [time for time, one, other in zip(times[after:], first.estimates[after:], second.estimates[after:], strict=True)
+             if not agree(one, other)]
+    healed = max(apart[-1] - end, 0.0) if apart else 0.0
+    return PartitionFigures(lost, float(np.mean(missed)), math.inf if apart and apart[-1] == times[-1] else float(healed))
+
+
+def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:
+    """Whether two pictures have the same targets: as many, each within AGREE_M of one of the other picture."""
+    if len(first) != len(second):
+        return False
+    one, other = (np.array([each.mean[:3] for each in found]).reshape(-1, 3) for found in (first, second))
+    distances = np.linalg.norm(one[:, None] - other[None], axis=2)
+    return bool(np.all(distances.min(axis=0, initial=math.inf) < AGREE_M)
+                and np.all(distances.min(axis=1, initial=math.inf) < AGREE_M))

@@ -1,0 +1,50 @@
+"""A network of rigs whose messages are late, lost, or kept from the other side for a while."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from av_evaluation.network import cases
+from av_evaluation.network.figures import CUTOFF_M, Estimate, OwnTracker, run
+from av_evaluation.network.partition import agree, partition_figures
+
+
+def estimate(*place):
+    return Estimate(1, np.array([*place, 0.0, 0.0, 0.0]), np.eye(6))
+
+
+def test_pictures_agree_where_each_has_what_the_other_has():
+    """As many targets, each near one of the other."""
+    assert agree([], []) and agree([estimate(1.0, 2.0, 3.0)], [estimate(2.0, 2.0, 3.0)])
+    assert not agree([estimate(1.0, 2.0, 3.0)], [])
+    assert not agree([estimate(0.0, 0.0, 0.0), estimate(1.0, 0.0, 0.0)], [estimate(0.0, 0.0, 0.0), estimate(50.0, 0.0, 0.0)])
+
+
+@pytest.mark.parametrize('seed', [1, 2])
+def test_each_side_of_a_partition_goes_on_and_both_agree_after_it(seed):
+    """With 0.2 s of delay and a fifth of the messages lost: no track is lost, and one picture within 2 s."""
+    begin, end = cases.PARTITION
+    runs = [run(OwnTracker(cases.settings_of(each)), each) for each in cases.parted_pairs(seed)]
+    found = partition_figures(*runs, begin, end)
+    assert found.lost == 0 and found.missed < 0.1 and found.healed <= 2.0
+    for each in runs:
+        assert each.rmse(10.0) < 0.5 * CUTOFF_M
+
+
+def test_the_order_of_arrival_does_not_matter():
+    """Two nodes that get the same reports in another order have the same tracks with the same ids."""
+    simulation = cases.five_drones(3, 1.0, 2)
+    arrivals = [each for each in simulation.arrivals() if each.time < 6.0]
+    late = sorted((each._replace(time=each.time + 0.2 * (each.report.rig == 'b')) for each in arrivals),
+                  key=lambda each: each.time)
+    pictures = []
+    for each in (arrivals, late):
+        peer = OwnTracker(cases.settings_of(simulation))
+        for arrival in each:
+            peer.take(arrival.report, arrival.time)
+            peer.estimates(arrival.time)
+        pictures.append(peer.estimates(7.0))
+    assert [one.id for one in pictures[0]] == [one.id for one in pictures[1]] and pictures[0]
+    for one, other in zip(*pictures, strict=True):
+        assert np.allclose(one.mean, other.mean, atol=1e-9)
