@@ -89,6 +89,7 @@ class MultiTargetFilter:
         likelihoods = fundamental_likelihoods(measurements)
         voices = np.array([track.blade_pass.fits(likelihoods) * track.kind.fits([_kind(each) for each in measurements])
                            for track in self.tracks]).reshape(ratios.shape)
+        voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are told apart
         ratios *= voices
         odds = self._undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
         free = free_factors(ratios, 1.0 + odds)
