@@ -15,6 +15,7 @@ from av_common.track import Source
 from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.geometry import doa_in_body
 from av_fusion.measurement.measurements import DoaMeasurement
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 DRONE, BYSTANDER = math.radians(40.0), math.radians(-60.0)
 
@@ -68,22 +69,25 @@ def test_a_bystander_alone_starts_no_track():
     assert 'azimuth' in tracker.diagnostics()['newest bystander']
 
 
-def test_a_drone_is_followed_beside_a_bystander_that_is_heard_more_often():
+@pytest.mark.parametrize('tracker', [BayesTracker, MultiTargetTracker])
+def test_a_drone_is_followed_beside_a_bystander_that_is_heard_more_often(tracker):
     """Four of five directions are those of the bystander, which the camera has not shown either."""
-    tracks = run(BayesTracker(), JudgedSensors(0.9, 0.02, period=5), lambda t: DRONE + 0.01 * t, 0.0, 20.0)
+    tracks = run(tracker(), JudgedSensors(0.9, 0.02, period=5), lambda t: DRONE + 0.01 * t, 0.0, 20.0)
     errors = [min(abs(wrap(track.azimuth - truth)), abs(wrap(math.pi - track.azimuth - truth)))  # front and back are open
               for track, truth in zip(tracks[1][300:], tracks[2][300:], strict=True)]
     assert max(errors) < math.radians(10.0)
 
 
-def test_the_track_stays_when_a_bystander_takes_over():
-    """The drone is not heard for 2 s, but a siren is."""
-    tracker = BayesTracker()
+@pytest.mark.parametrize('make', [BayesTracker, MultiTargetTracker])
+@pytest.mark.parametrize('bystander', [BYSTANDER, DRONE - math.radians(15.0)])
+def test_the_track_stays_when_a_bystander_takes_over(make, bystander):
+    """The drone is not heard for 2 s, but a siren is, far from it or close."""
+    tracker = make()
     sensors = JudgedSensors(0.95)
     _, tracks, truths = run(tracker, sensors, lambda t: DRONE, lambda t: 0.4 * math.sin(t), 6.0)
     assert abs(errors_deg(tracks, truths, -1)[0]) < 5.0
     for step in range(20):
-        tracker.add_doa(sensors.doa(106.0 + 0.1 * step, BYSTANDER)._replace(drone_probability=0.01))
+        tracker.add_doa(sensors.doa(106.0 + 0.1 * step, bystander)._replace(drone_probability=0.01))
         track = tracker.estimate(106.0 + 0.1 * step)
         if track.source != Source.NOTHING:
             assert abs(wrap(track.azimuth - truths[-1])) < math.radians(10.0)

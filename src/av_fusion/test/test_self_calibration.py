@@ -120,3 +120,16 @@ def test_a_misaligned_camera_has_little_effect():
     angle = math.radians(30.0)  # from the axis
     moved = math.acos(self_calibration.correct(math.cos(angle), angle)[0]) - angle
     assert self_calibration.compared > 100 and abs(math.degrees(moved)) < 4.0
+
+
+def test_a_corrected_direction_keeps_all_else_that_was_measured():
+    """Its probability of being a drone, its fundamental and its window."""
+    calibration, random = ArraySelfCalibration(SelfCalibrationSettings()), np.random.default_rng(2)
+    for step in range(50):
+        cosine = biased_measurement(0.1 * step, 0.3, math.radians(5.0), 0.0, random).cone.cosine
+        calibration.compare(0.1 * step, cosine, 0.5 * math.pi - 0.3, 0.0, 1e-4, 1e-4)
+    given = biased_measurement(6.0, 0.3, math.radians(5.0), 0.0, random)._replace(
+        window=0.3, drone_probability=0.9, fundamental=150.0, fundamental_variance=4.0)
+    corrected = calibration.corrected(given)
+    assert corrected.cone.axis != given.cone.axis
+    assert corrected._replace(hypotheses=given.hypotheses, cone=given.cone) == given

@@ -133,7 +133,7 @@ class ArraySelfCalibration:
         left, right = (math.acos(cosine) for cosine in self.correct(cone.cosine, cone.angle))
         axis = turned(rotation(quaternion_of((0.0, 0.0, 0.5 * (left - right)))), cone.axis)
         moved = Cone(axis, math.cos(0.5 * (left + right)), cone.variance)
-        return DoaMeasurement.of_cone(measurement.time, moved, measurement.confidence, measurement.window)
+        return measurement._replace(hypotheses=moved.images(), cone=moved)
 
     def describe(self) -> dict[str, str]:
         """The parameters with their standard deviations, as texts for diagnostics."""

@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from av_common.track import Source
 
+DRONE = 0.5  # probability of being a drone below which a target, or a sound, is that of something else
 MEMORY = 20.0  # observations of one target, over which their log-odds are averaged
 LEAST = 0.5  # observations, fewer say nothing
 PRIOR_LOG_ODDS = 1.0  # of a target before the first observation, as much as one observation
@@ -33,6 +37,19 @@ class DroneEvidence:
             return math.nan
         odds = PRIOR_LOG_ODDS / (1.0 + observed) + sum(total / (1.0 + count) for total, count in self._sums.values())
         return 1.0 / (1.0 + math.exp(-odds))
+
+    def fits(self, probabilities: Sequence[float]) -> NDArray[np.float64]:
+        """Whether what is heard is of the kind of this target, 0 or 1 (n,); also where either is not known.
+
+        Windows overlap, and one source sounds alike for seconds: the probabilities are no independent evidence by which a
+        drone that was lost for a moment could be told from a talker close to it. A decision is.
+
+        Parameters:
+            probabilities: that each source is a drone; NaN where unknown.
+        """
+        own, heard = self.probability, np.asarray(probabilities, dtype=float)
+        alike = (heard >= DRONE) == (own >= DRONE)
+        return np.where(np.isnan(heard) | math.isnan(own) | alike, 1.0, 0.0)
 
     def note(self, sensor: Source, probabilities: Sequence[float], shares: Sequence[float]) -> None:
         """Add observations.

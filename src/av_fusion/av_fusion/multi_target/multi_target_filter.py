@@ -87,13 +87,15 @@ class MultiTargetFilter:
         ratios = np.array([track.sound_ratios(each, heard) for track, each in zip(self.tracks, compared, strict=True)]
                           ).reshape(len(self.tracks), len(heard))
         likelihoods = fundamental_likelihoods(measurements)
-        voices = np.array([track.blade_pass.fits(likelihoods) for track in self.tracks]).reshape(ratios.shape)
+        voices = np.array([track.blade_pass.fits(likelihoods) * track.kind.fits([_kind(each) for each in measurements])
+                           for track in self.tracks]).reshape(ratios.shape)
+        voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are told apart
         ratios *= voices
         odds = self._undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
         free = free_factors(ratios, 1.0 + odds)
         unexplained = unclaimed(ratios, free, 1.0 + odds)
         for track, each, factors in zip(self.tracks, compared, free * voices, strict=True):
-            if each:
+            if each and factors.any():  # where only others of another kind are heard, its silence tells nothing: they mask it
                 track.use_sound(time, each, heard, factors, fraction)
         shares = self._note(time, ratios * free, Source.SOUND, [_kind(measurement) for measurement in measurements])
         for track, row in zip(self.tracks, shares, strict=True):

@@ -18,11 +18,10 @@ from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, turned
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
+from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.target_selector import TargetSelector
-
-DRONE = 0.5  # probability of being a drone below which a target is known to be something else, and not followed
 
 
 class MultiTargetTracker:
