@@ -65,8 +65,8 @@ class CameraView:
         left, right = (float(np.clip(offset + side * sigma, -half, half)) for side in (1.0, -1.0))
         if left == right:
             return []
-        edges = [self._project(np.full(STEPS, self.axis[0] + edge), self._elevations) for edge in (left, right)]
-        return [*edges[0], *reversed(edges[1])]
+        azimuths = np.repeat([self.axis[0] + left, self.axis[0] + right], STEPS)
+        return self._project(azimuths, np.concatenate([self._elevations, self._elevations[::-1]]))
 
     @cached_property
     def _elevations(self) -> NDArray[np.float64]:
@@ -82,4 +82,5 @@ class CameraView:
         optical = directions @ self.rotation
         pixels = self.model.project(optical[optical[:, 2] > 0.1])
         shares = np.round((pixels + 0.5) / (self.model.width, self.model.height), 4)
-        return [point for point in shares.tolist() if all(map(math.isfinite, point))]
+        points: list[list[float]] = shares[np.isfinite(shares).all(1)].tolist()
+        return points

@@ -45,7 +45,7 @@ from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
-SPECTRUM_PERIOD_S, MOST_SAMPLES = 0.25, 100_000
+CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
 Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
 
 
@@ -72,11 +72,13 @@ class RigWatch:
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
         self._topics: dict[str, tuple[Any, Take]] = {}
+        self._due: dict[str, float] = {}  # when a topic with a period is taken again (monotonic, s)
         before = set(node.entities())
         self._rotations = TfRotations(node, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         # In the order in which they are taken: the camera before what is seen through it.
-        self._subscribe(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message), STREAM)
+        self._subscribe(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message), STREAM,
+                        period=CAMERA_PERIOD_S)
         self._subscribe(Image, 'camera/image_raw', self._on_image, IMAGE)
         self._subscribe(Bearing, 'target/bearing', state.on_bearing, RESULT)
         self._subscribe(FusionState, 'fusion/state', state.on_fusion, RESULT)
@@ -86,7 +88,7 @@ class RigWatch:
         self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
         self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
         self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
-        self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM)
+        self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM, period=SPECTRUM_PERIOD_S)
         self._entities = [entity for entity in node.entities() if entity not in before]
 
     def find_topics(self) -> None:
@@ -102,8 +104,9 @@ class RigWatch:
 
     def update(self) -> None:
         """Put the present state into the feed."""
-        offset = self._node.now() - time.monotonic()
-        for topic in [name for name in self._topics if name in self._waiting]:
+        now = time.monotonic()
+        offset = self._node.now() - now
+        for topic in [name for name in self._topics if name in self._waiting and now >= self._due.get(name, now)]:
             data, arrival = self._waiting.pop(topic)
             self._take(topic, data, arrival + offset)
         snapshot = self._state.snapshot(self._node.now())
@@ -122,12 +125,16 @@ class RigWatch:
         """End the subscriptions."""
         self._node.destroy_entities(self._entities)
 
-    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile, name: str = '') -> None:
-        """Keep the newest message of a topic, which has another `name` where it is not one of the rig."""
+    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile, name: str = '', period: float = 0.0) -> None:
+        """Keep the newest message of a topic, which has another `name` where it is not one of the rig; once a `period` (s)."""
         def wait(data: bytes) -> None:
             self._waiting[topic] = data, time.monotonic()
 
-        self._topics[topic] = kind, take
+        def take_and_rest(message: Any, arrival: float) -> None:
+            self._due[topic] = time.monotonic() + period
+            take(message, arrival)
+
+        self._topics[topic] = kind, take_and_rest if period else take
         self._node.create_subscription(kind, name or f'{self._rig}/{topic}', wait, qos, raw=True)
 
     def _take(self, topic: str, data: bytes, arrival: float) -> None:
@@ -151,7 +158,7 @@ class RigWatch:
         self._put(lambda feed: feed.put_picture(picture.data))
 
     def _on_audio(self, message: AudioFrame, arrival: float) -> None:
-        if not 0.0 <= arrival - self._spectrum_time < SPECTRUM_PERIOD_S and message.channels:
+        if message.channels:
             since, self._spectrum_time = arrival - self._spectrum_time, arrival
             samples = np.asarray(message.samples, np.float32)[:MOST_SAMPLES]
             whole = len(samples) - len(samples) % message.channels
