@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from av_audio.benchmark.scenes import EARS, read_responses
+from av_audio.benchmark.shoebox import shoebox
 from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
@@ -94,7 +95,6 @@ def rooms(rng: Generator, count: int, sources: list[Source], rate: int = RATE) -
 
 def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, float]:
     """Responses of both microphones in a random room, the pair, and the cosine of the source's angle to its axis."""
-    import pyroomacoustics
     while True:
         size, t60 = rng.uniform([4.0, 3.5, 2.5], [10.0, 8.0, 4.0]), rng.uniform(*T60_S)
         place = rng.uniform([0.5, 0.5, 1.0], [size[0] - 0.5, size[1] - 0.5, 1.8])
@@ -103,17 +103,14 @@ def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, fl
         if np.any(place + away < 0.4) or np.any(place + away > size - 0.4):
             continue
         try:
-            absorption, order = pyroomacoustics.inverse_sabine(t60, size)
-        except ValueError:    # too large a room for so short a reverberation
+            room = shoebox(size, t60, LARGEST_ORDER)
+        except ValueError:
             continue
         array, axis = pair(rng.uniform(*SPACING_M)), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-        shoebox = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
-                                          max_order=min(order, LARGEST_ORDER))
-        shoebox.set_sound_speed(speed_of_sound(20.0))
-        shoebox.add_source(place + away)
-        shoebox.add_microphone_array((place + array.positions[:, 1:2] * axis).T)
-        shoebox.compute_rir()
-        return [microphone[0] for microphone in shoebox.rir], array, float(axis @ away / np.linalg.norm(away))
+        room.add_source(place + away)
+        room.add_microphone_array((place + array.positions[:, 1:2] * axis).T)
+        room.compute_rir()
+        return [microphone[0] for microphone in room.rir], array, float(axis @ away / np.linalg.norm(away))
 
 
 class Head:

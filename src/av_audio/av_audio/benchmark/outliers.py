@@ -15,11 +15,11 @@ from av_audio.benchmark.accuracy import rms
 from av_audio.benchmark.fields import LARGEST_ORDER, SPACING_M, pair
 from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.scenes import EARS, read_responses
+from av_audio.benchmark.shoebox import shoebox
 from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.calibration import SEARCH_STRETCH, Calibration, calibrate, measured_path, search_array
 from av_audio.calibration_report import Verdict, judge
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 
@@ -95,19 +95,15 @@ def _error_deg(calibration: Calibration, recording: Recording) -> float:
 
 def _in_room(rng: Generator, source: Source) -> Recording:
     """A loudspeaker at AZIMUTHS places around a pair in a random room of pyroomacoustics."""
-    import pyroomacoustics
-    array, c = pair(rng.uniform(*SPACING_M)), speed_of_sound(20.0)
+    array = pair(rng.uniform(*SPACING_M))
     while True:
         size, t60, distance = rng.uniform([5.0, 5.0, 2.5], [10.0, 9.0, 4.0]), rng.uniform(*T60_S), rng.uniform(*DISTANCE_M)
         try:
-            absorption, order = pyroomacoustics.inverse_sabine(t60, size)
+            room = shoebox(size, t60, LARGEST_ORDER)
             break
-        except ValueError:    # too large a room for so short a reverberation
+        except ValueError:
             continue
     place = rng.uniform([2.3, 2.3, 1.0], [size[0] - 2.3, size[1] - 2.3, 1.5])
-    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
-                                   max_order=min(order, LARGEST_ORDER))
-    room.set_sound_speed(c)
     room.add_microphone_array((place + array.positions).T)
     azimuths = np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False)
     for azimuth in azimuths:

@@ -16,8 +16,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
+from av_audio.benchmark.shoebox import shoebox
 from av_audio.benchmark.signals import RATE, Source, band_power, bright_rotors, recordings, rotors
-from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import CameraMount
@@ -71,21 +71,17 @@ class TurningRoom:
 
     def _random_room(self, rng: Generator) -> tuple[NDArray, float]:
         """Responses (PLACES, taps) around the circle of the microphones, and the azimuth (rad) of the source."""
-        import pyroomacoustics
         while True:
             size, t60 = rng.uniform([4.0, 3.5, 2.5], [10.0, 8.0, 4.0]), rng.uniform(*T60_S)
             place = rng.uniform([1.0, 1.0, 1.0], [size[0] - 1.0, size[1] - 1.0, 1.8])
             azimuth = rng.uniform(-np.pi, np.pi)
             source = place + rng.uniform(*DISTANCE_M) * angles_to_direction(azimuth) + [0.0, 0.0, rng.uniform(-0.2, 0.6)]
             try:
-                absorption, order = pyroomacoustics.inverse_sabine(t60, size)
-            except ValueError:  # too large a room for so short a reverberation
+                room = shoebox(size, t60, LARGEST_ORDER)
+            except ValueError:
                 continue
             if np.all(source > 0.4) and np.all(source < size - 0.4):
                 break
-        room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
-                                       max_order=min(order, LARGEST_ORDER))
-        room.set_sound_speed(speed_of_sound(20.0))
         room.add_source(source)
         around = np.arange(PLACES) * math.tau / PLACES
         circle = 0.5 * self.spacing * np.stack([np.cos(around), np.sin(around), np.zeros(PLACES)])
