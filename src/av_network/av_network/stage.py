@@ -175,11 +175,12 @@ class NetworkStage:
             now (s): the present.
         """
         found = {}
+        positioned = [state for state in self.tracker.states(now) if state.existence >= REPORTED and state.positioned]
         for index, name in enumerate(self._names):
             place = self._positions.get(name)
             if place is None:
                 continue
-            offsets = [state.mean[:3] - place for state in self._positioned(now) if self._lacks(index, state)
+            offsets = [state.mean[:3] - place for state in positioned if self._lacks(index, state)
                        and largest_sigma(state.covariance) < CUE_SIGMA * float(np.linalg.norm(state.mean[:3] - place))]
             if not offsets:
                 continue
@@ -193,9 +194,6 @@ class NetworkStage:
         """Whether others have measured a target that a rig does not report, or not told from its mirror image."""
         ours = rig in state.rigs and state.target.members[rig][0] not in self._unresolved[self._names[rig]]
         return not ours and any(other != rig for other in state.rigs)
-
-    def _positioned(self, now: float) -> list[TargetState]:
-        return [state for state in self.tracker.states(now) if state.existence >= REPORTED and state.positioned]
 
     def _lone(self, now: float) -> list[WorldTrack]:
         """Targets that a single rig reports, in their direction."""

@@ -120,9 +120,9 @@ class NetworkTracker:
             F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
             rigs = tuple(sorted(rig for rig, (_, last) in target.members.items() if time - last < 1.0))
             existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / self.settings.coast)
-            predicted = F @ P @ F.T + Q
-            positioned = target.nis < CONSISTENT and self._is_precise(F @ mean, predicted)
-            found.append(TargetState(target, existence, F @ mean, predicted, rigs, positioned))
+            mean, P = F @ mean, F @ P @ F.T + Q
+            positioned = target.nis < CONSISTENT and self._is_precise(mean, P)
+            found.append(TargetState(target, existence, mean, P, rigs, positioned))
         return sorted(found, key=lambda state: state.target.id)
 
     def _is_precise(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:

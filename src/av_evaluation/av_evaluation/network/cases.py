@@ -89,8 +89,9 @@ def parted_pairs(seed: int) -> tuple[NetworkSimulation, NetworkSimulation]:
     """
     rigs = [RigModel(name, (*place, HEIGHT_M)) for name, place in zip('abcd', SQUARE, strict=True)]
     flights = _flights(seed, 3)
-    return tuple(NetworkSimulation(rigs, flights, 40.0, seed, SensingModel(), LinkModel(0.2, 0.02, 0.2, PARTITION, others))
-                 for others in (('c', 'd'), ('a', 'b')))  # type: ignore[return-value]
+    first, second = (NetworkSimulation(rigs, flights, 40.0, seed, SensingModel(), LinkModel(0.2, 0.02, 0.2, PARTITION, others))
+                     for others in (('c', 'd'), ('a', 'b')))
+    return first, second
 
 
 def ring(seed: int, rigs: int, drones: int, duration: float = 30.0) -> NetworkSimulation:
