@@ -32,7 +32,6 @@ class Flight:
     def __init__(self, heading_deg, mode):
         self.autopilot = FakeAutopilot(heading=math.radians(heading_deg), nav_state=mode)
         self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
-        self.settings = self.controller.settings
         self.world, self.rows = None, []
 
     def on_attitude(self, time, attitude):

@@ -57,6 +57,7 @@ class Ages(NamedTuple):
         odometry: time since the newest odometry arrived.
         late: part of `bearing` that had passed on its arrival.
         captured: time since the newest measurement was captured.
+        cue, cue_captured: time since the newest cue arrived, and since its stamp.
     """
 
     bearing: float = math.inf
@@ -64,6 +65,8 @@ class Ages(NamedTuple):
     odometry: float = math.inf
     late: float = 0.0
     captured: float = 0.0
+    cue: float = math.inf
+    cue_captured: float = math.inf
 
     @property
     def body_left(self) -> float:
@@ -182,7 +185,8 @@ class PointingController:
             time (s): time of the command, monotonic.
             track: the newest track; None before the first.
             ages: of what the track rests on, at that time.
-            cue: a fresh cue, to which the gimbal turns while there is no fresh bearing; the body never does.
+            cue: the newest cue, to which the gimbal turns while it is as fresh as a bearing must be, and there is no fresh
+                bearing; the body never does.
         """
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
@@ -245,9 +249,11 @@ class PointingController:
         return Mode.HOLD, 'waiting: the front-back ambiguity is open'
 
     def _may_look(self, cue: Look, ages: Ages) -> bool:
-        """Whether the gimbal may turn to a cue: in the world only while the rig's heading is known, or was never given."""
-        known = cue.in_body or not self._has_odometry or ages.odometry <= self.settings.stale_after
-        return self.settings.move_gimbal and known
+        """Whether the gimbal may turn to a cue: fresh, and in the world only while a heading that was given is known."""
+        settings = self.settings
+        fresh = ages.cue <= settings.stale_after and ages.cue_captured <= OLDEST_MEASUREMENT_S
+        known = cue.in_body or not self._has_odometry or ages.odometry <= settings.stale_after
+        return settings.move_gimbal and fresh and known
 
     def _look(self, time: float, dt: float, cue: Look) -> str:
         """Turn the gimbal to a cue; returns the reason."""

@@ -19,7 +19,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
 from av_interfaces.msg import Bearing, PointingCommand
-from av_pointing.controller import OLDEST_MEASUREMENT_S, Ages, Command, Look, PointingController
+from av_pointing.controller import Ages, Command, Look, PointingController
 from av_pointing.settings import pointing_settings, with_gimbal
 
 
@@ -94,15 +94,9 @@ class PointingStage:
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
         ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
-                    self._measured.captured_age(now))
-        self.command = self.controller.step(now.steady, self._track, ages, self._fresh_cue(now))
+                    self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now))
+        self.command = self.controller.step(now.steady, self._track, ages, self._cue)
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
-
-    def _fresh_cue(self, now: Instant) -> Look | None:
-        """The newest cue while it is as fresh as a bearing must be."""
-        fresh = (self._cued.age(now) <= self.controller.settings.stale_after
-                 and self._cued.captured_age(now) <= OLDEST_MEASUREMENT_S)
-        return self._cue if fresh else None
 
 
 def command_message(command: Command, time: float, frame_id: str) -> PointingCommand:
