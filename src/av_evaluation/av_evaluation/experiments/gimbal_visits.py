@@ -7,11 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from av_common.angles import angles_to_direction
 from av_common.gimbal_geometry import gimbal_to_body
 from av_common.rig import GimbalMount
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, Scan
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, PointingController, PointingSettings
@@ -50,13 +52,9 @@ class GimbalRig:
             command = self.controller.step(self._time, track, NO_DELAY)
         if scan.time > 0.0:
             self._simulation.camera = gimbal_to_body(self._gimbal, command.pan, command.tilt)
-        return {target.id: _vector(target.track.azimuth, target.track.elevation) for target in tracker.targets(track).targets
-                if not target.drone_probability < 0.5}
+        return {target.id: angles_to_direction(target.track.azimuth, target.track.elevation)
+                for target in tracker.targets(track).targets if not target.drone_probability < DRONE}
 
     def identity(self) -> float:
         """See `Peer`."""
         return min((track.identity for track in self.tracker.filter.tracks), default=math.nan)
-
-
-def _vector(azimuth: float, elevation: float) -> NDArray[np.float64]:
-    return np.array([math.cos(azimuth) * math.cos(elevation), math.sin(azimuth) * math.cos(elevation), math.sin(elevation)])

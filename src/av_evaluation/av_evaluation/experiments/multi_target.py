@@ -16,6 +16,7 @@ from av_evaluation.metrics.gospa import angles_between, gospa
 from av_evaluation.metrics.identity_switches import IdentitySwitches
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
+from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_simulator.scenario import Scenario
@@ -58,7 +59,7 @@ class OwnFilter:
         found = {}
         for track in self.filter.tracks:
             primary = track.mixture.primary()
-            if track.existence >= self._settings.confirmed and primary is not None and not track.kind.probability < 0.5:
+            if track.existence >= self._settings.confirmed and primary is not None and not track.kind.probability < DRONE:
                 found[track.id] = np.array(direction(primary.azimuth, primary.elevation))
         return found
 
