@@ -28,6 +28,7 @@ from av_common.node import RigNode
 
 pytestmark = pytest.mark.system
 
+
 class Listener(RigNode):
     """Refuses odometry of the year 0, and has a fault that a number triggers."""
 

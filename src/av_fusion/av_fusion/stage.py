@@ -277,7 +277,7 @@ class FusionStage:
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
-        if self._checkpoints is not None and not any(self.gate.is_contested(name, now) for name in self.gate.contested):
+        if self._checkpoints is not None and not self.gate.any_contested(now):
             self._checkpoints.keep((self.tracker, self.emitters), now)
         if self._observer is not None:
             self._observer.on_track(track, now)

@@ -51,6 +51,10 @@ class InputGate:
         """Whether an input has two sources at `now` (s)."""
         return self._sources[name].is_contested(now)
 
+    def any_contested(self, now: float) -> bool:
+        """Whether some input has two sources at `now` (s)."""
+        return any(source.is_contested(now) for source in self._sources.values())
+
     def silent(self, now: float, after: float) -> list[str]:
         """Inputs of which nothing arrived, or nothing that could be used, for `after` (s) at `now` (s)."""
         return [name for name, arrival in self._arrivals.items() if now - arrival > after]

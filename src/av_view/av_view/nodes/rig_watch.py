@@ -71,8 +71,8 @@ class RigWatch:
         self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
-        self._topics: dict[str, tuple[Any, Take]] = {}
-        self._due: dict[str, float] = {}  # when a topic with a period is taken again (monotonic, s)
+        self._topics: dict[str, tuple[Any, Take, float]] = {}  # with the period (s) in which one message is taken
+        self._due: dict[str, float] = {}  # when a message of a topic is taken again (monotonic, s)
         before = set(node.entities())
         self._rotations = TfRotations(node, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
@@ -108,6 +108,7 @@ class RigWatch:
         offset = self._node.now() - now
         for topic in [name for name in self._topics if name in self._waiting and now >= self._due.get(name, now)]:
             data, arrival = self._waiting.pop(topic)
+            self._due[topic] = now + self._topics[topic][2]
             self._take(topic, data, arrival + offset)
         snapshot = self._state.snapshot(self._node.now())
         self.shown = Shown(snapshot, self.shown.picture)
@@ -130,16 +131,12 @@ class RigWatch:
         def wait(data: bytes) -> None:
             self._waiting[topic] = data, time.monotonic()
 
-        def take_and_rest(message: Any, arrival: float) -> None:
-            self._due[topic] = time.monotonic() + period
-            take(message, arrival)
-
-        self._topics[topic] = kind, take_and_rest if period else take
+        self._topics[topic] = kind, take, period
         self._node.create_subscription(kind, name or f'{self._rig}/{topic}', wait, qos, raw=True)
 
     def _take(self, topic: str, data: bytes, arrival: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
-        kind, take = self._topics[topic]
+        kind, take, _ = self._topics[topic]
         try:
             take(decode(kind, data), arrival)
         except BAD_INPUT as error:
