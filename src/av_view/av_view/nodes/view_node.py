@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
 
 HEALTH_PERIOD_S = 1.0
+RARE_COLLECTIONS = 20_000  # objects that are left before garbage is looked for; reference counts free almost all
 BEARING = '/target/bearing'  # by which a rig is found
 
 
@@ -130,9 +131,10 @@ class ViewNode(RigNode):
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
 
-        if not gc.get_freeze_count():  # collections would look through what imports made: a fifth of what a viewer costs
+        if not gc.get_freeze_count():  # decoding makes many objects, and collections would look through what imports made
             gc.collect()
             gc.freeze()
+            gc.set_threshold(RARE_COLLECTIONS)
         return RigWatch(self, rig, partial(self.server.put, rig=rig))
 
     def _unwatch(self, rig: str) -> None:
