@@ -13,15 +13,16 @@ REPETITIONS = 2
 def run(item, nextitem) -> bool:
     """Run one test and report it; the hook `pytest_runtest_protocol`.
 
-    A test that fails while the machine stands still, or has other work, is repeated. What it finds at last counts, but on an
-    overloaded machine it has found nothing, and is skipped with the reason.
+    A test that fails while the machine stands still, or has other work, is repeated, unless its time was up. What it finds at
+    last counts, but on an overloaded machine it has found nothing, and is skipped with the reason.
     """
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     for repetition in range(1 + REPETITIONS):
         with LoadWatch() as watch:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         failed = [report for report in reports if report.failed]
-        if not failed or repetition == REPETITIONS or not watch.exceeds(BUSY_PER_CORE):
+        final = repetition == REPETITIONS or not watch.exceeds(BUSY_PER_CORE)
+        if final or not failed or any('from pytest-timeout' in _message(report) for report in failed):
             break
         item.warn(pytest.PytestWarning(f'repeated: {watch}: {_message(failed[0])}'))
         _start_anew(item)

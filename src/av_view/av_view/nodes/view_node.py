@@ -6,7 +6,7 @@ import gc
 import json
 import os
 import time
-from functools import partial
+from functools import partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,10 +36,15 @@ BEARING = '/target/bearing'  # by which a rig is found
 
 
 class ViewNode(RigNode):
-    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at."""
+    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at.
 
-    def __init__(self) -> None:
+    Parameters:
+        owns_process: whether nothing else is in this process, so that its priority and its garbage collection can be set.
+    """
+
+    def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)
+        self._owns_process = owns_process
 
     def configure(self) -> None:
         """Start with no rig and no viewer."""
@@ -65,7 +70,7 @@ class ViewNode(RigNode):
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
                           'a second one choose another port') from error
         self.get_logger().info(f'the rig in your browser: {self._address()}')
-        if settings.niceness:
+        if settings.niceness and self._owns_process:
             lower_priority(settings.niceness)
         self.while_active(self.create_subscription, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
         self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -131,7 +136,8 @@ class ViewNode(RigNode):
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
 
-        if not gc.get_freeze_count():  # decoding makes many objects, and collections would look through what imports made
+        if self._owns_process and not gc.get_freeze_count():
+            # Decoding makes many objects, and collections would look through what imports made.
             gc.collect()
             gc.freeze()
             gc.set_threshold(RARE_COLLECTIONS)
@@ -160,4 +166,4 @@ def lower_priority(niceness: int) -> None:
 
 def main() -> None:
     """Run the node."""
-    run(ViewNode)
+    run(update_wrapper(partial(ViewNode, owns_process=True), ViewNode))
