@@ -104,7 +104,7 @@ def test_commands_of_two_sources_turn_nothing():
         forged.header.stamp = to_stamp(rig.now.ros - 0.1)
         rig.take('command', forged)
     assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.5))
-    assert rig.stage.contested == {'pointing/command': 99, 'target/bearing': 0}
+    assert rig.stage.sources.refused == {'pointing/command': 99, 'target/bearing': 0}
     rig.run(1.0, yaw_rate=0.3)
     assert rig.of('trajectory_setpoint')[-1].yawspeed == pytest.approx(-0.3)
 
