@@ -139,11 +139,12 @@ class Px4Stage:
         The body moves by new measurements only, whatever is published between them.
         """
         self._now = arrival
-        if not self.sources.take('target/bearing', to_seconds(message.header.stamp), arrival.ros):
+        measured = to_seconds(message.measured) if message.state != Bearing.STATE_NONE else math.nan
+        if not self.sources.take('target/bearing', to_seconds(message.header.stamp), arrival.ros, measured):
+            self._measured_target.skip(measured, arrival)
             return []
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, OLDEST_MEASUREMENT_S):
             self.meters['bearing'].tick()
-            measured = to_seconds(message.measured)
             if measured > 0.0:  # 0 is a bearing without a measurement
                 self._measured_target.take(measured, arrival)
         return []
