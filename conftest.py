@@ -5,6 +5,7 @@ import signal
 import sys
 
 import pytest
+import repeated_tests
 from ros_domains import free_domain
 
 # Test runs side by side do not hear each other's nodes.
@@ -22,6 +23,12 @@ def pytest_collection_modifyitems(items):
     for item in items:
         group = 'system' if item.get_closest_marker('system') else item.path.name
         item.add_marker(pytest.mark.xdist_group(group))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item, nextitem):
+    """Tests marked `system` may be repeated."""
+    return repeated_tests.run(item, nextitem) if item.get_closest_marker('system') else None
 
 
 @pytest.fixture(autouse=True, scope='module')

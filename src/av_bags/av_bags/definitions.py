@@ -10,7 +10,9 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import Typesdict
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from av_bags.errors import UnknownTypeError
 
@@ -67,9 +69,33 @@ def serialiser(name: str) -> Callable[[Any], bytes]:
 
     It accepts objects of rosbags classes, and of rclpy classes without sequences of numbers. Raises UnknownTypeError.
     """
+    store = _store(name)
+    return lambda message: bytes(store.serialize_cdr(message, name))
+
+
+@cache
+def deserialiser(name: str) -> Callable[[bytes], Any]:
+    """A function from CDR to an object with the fields of an installed type, in a third of the time of rclpy.
+
+    Sequences of numbers are arrays that share the memory of the data, an image too. Raises UnknownTypeError; the function
+    raises ValueError for malformed data.
+    """
+    store = _store(name)
+
+    def deserialise(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(memoryview(data), name)
+        except SerdeError as error:
+            raise ValueError(str(error)) from error
+
+    return deserialise
+
+
+def _store(name: str) -> Typestore:
+    """The installed type `name` and those of its fields. Raises UnknownTypeError."""
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definition(name), name))
-    return lambda message: bytes(store.serialize_cdr(message, name))
+    return store
 
 
 def _text(name: str) -> str:

@@ -4,16 +4,17 @@ import pytest
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image
+from std_msgs.msg import Header
 from vision_msgs.msg import Detection2DArray
 
-from av_bags.definitions import serialiser
+from av_bags.definitions import deserialiser, serialiser
 from av_bags.feed import Feed
 from av_bags.reader import Bag
 from av_bags.topics import find_topics
 from av_common.track import Track
 from av_common.track_messages import bearing_message, state_message
 from av_interfaces.msg import DoaArray, PointingCommand, Visibility
-from av_vision.messages import image_from_message
+from av_vision.messages import image_from_message, image_message
 
 
 def test_topics_are_found_by_name_namespace_ending_or_not(tmp_path):
@@ -76,3 +77,32 @@ def test_messages_are_serialised_as_by_rclpy():
                     PointingCommand(reason='why'), Visibility(visibility=0.5), odometry):
         name = f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
         assert serialiser(name)(message).rstrip(b'\0') == bytes(serialize_message(message)).rstrip(b'\0')
+
+
+def test_messages_are_deserialised_as_by_rclpy_and_images_are_not_copied():
+    data = make.cdr(make.detections(make.EPOCH, 0.1))
+    assert deserialiser('vision_msgs/msg/Detection2DArray')(data).detections[0].bbox.size_x == deserialize_message(
+        data, Detection2DArray).detections[0].bbox.size_x
+    pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
+    data = bytes(serialize_message(image_message(Header(frame_id='camera'), pixels)))
+    message = deserialiser('sensor_msgs/msg/Image')(data)
+    assert message.header.frame_id == 'camera' and np.array_equal(image_from_message(message), pixels)
+    assert np.shares_memory(message.data, np.frombuffer(data, np.uint8))
+
+
+@pytest.mark.parametrize('kind', [DoaArray, Image, Odometry, Detection2DArray])
+def test_malformed_data_are_refused_by_a_value_error_only(kind):
+    name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+    messages = {DoaArray: make.doa(make.EPOCH, 0.3), Detection2DArray: make.detections(make.EPOCH, 0.1)}
+    good = make.cdr(messages[kind]) if kind in messages else bytes(serialize_message(kind()))
+    deserialise, random = deserialiser(name), np.random.default_rng(1)
+    refused = 0
+    for _ in range(500):
+        data = bytearray(good[:random.integers(len(good) + 1)] if random.random() < 0.3 else good)
+        for place in random.integers(0, max(len(data), 1), random.integers(0, 6)):
+            data[place:place + 1] = bytes([random.integers(256)])
+        try:
+            deserialise(bytes(data))
+        except ValueError:
+            refused += 1
+    assert refused > 50

@@ -68,6 +68,16 @@ class FreshInput:
         self._captured, self._fresh = captured, min(captured + self._latency, now.steady)
         return True
 
+    def skip(self, stamp: float, now: Instant) -> None:
+        """Note a message that is not used: neither it nor what was captured before it counts as new data later.
+
+        Parameters:
+            stamp (s): capture time of its newest data, on the node's clock.
+            now: its arrival.
+        """
+        if stamp <= now.ros + FUTURE_S:
+            self._newest = max(self._newest, stamp)
+
     def age(self, now: Instant) -> float:
         """Time (s) since the newest data arrived, or since it was captured if that is longer by more than `latency`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -13,10 +13,11 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
+from av_common.reader import Reader
 from av_common.refused_inputs import RefusedInputs
 from av_common.stamps import to_seconds
 
-__all__ = ('GuardedNode', 'decode')
+__all__ = ('GuardedNode', 'check_size', 'decode')
 
 # Largest serialised message in bytes. A message that claims more elements than it holds makes the middleware allocate
 # a multiple of its size before it fails.
@@ -50,6 +51,7 @@ class GuardedNode(LifecycleNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         self._early = dict(vars(self))  # set by a subclass before this constructor
         self.refused = RefusedInputs(self.get_logger)
+        self._read: set[Any] = set()  # subscriptions of readers
         super().__init__(name, **kwargs)
         for service in self.services:
             if service.callback.__module__ != __name__:  # those of rclpy that were made without create_service
@@ -96,6 +98,28 @@ class GuardedNode(LifecycleNode):
         subscription = super().create_subscription(msg_type, topic, take, qos_profile, raw=True, **kwargs)
         return subscription
 
+    def create_reader(self, msg_type: Any, topic: str, qos_profile: Any) -> Reader:
+        """A subscription that the executor does not wait for: see `Reader`.
+
+        Parameters:
+            msg_type: type of the messages.
+            topic: name of the topic.
+            qos_profile: quality of service; its depth is the number of messages that wait.
+        """
+        subscription = super().create_subscription(msg_type, topic, lambda _: None, qos_profile, raw=True)
+        self._read.add(subscription)
+        return Reader(subscription)
+
+    @property
+    def subscriptions(self) -> Iterator[Any]:
+        """The subscriptions that executors wait for."""
+        return (subscription for subscription in super().subscriptions if subscription not in self._read)
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """As in rclpy."""
+        self._read.discard(subscription)
+        return bool(super().destroy_subscription(subscription))
+
     def create_service(self, srv_type: Any, srv_name: str, callback: Callable[[Any, Any], Any], **kwargs: Any) -> Any:
         """As in rclpy, guarded.
 
@@ -133,7 +157,7 @@ class GuardedNode(LifecycleNode):
 
     def entities(self) -> list[Any]:
         """Publishers, subscriptions, services, clients and timers of the node, except for the subscription to /clock."""
-        subscriptions = (entity for entity in self.subscriptions if entity.topic != CLOCK_TOPIC)
+        subscriptions = (entity for entity in super().subscriptions if entity.topic != CLOCK_TOPIC)
         return [*subscriptions, *self.timers, *self.services, *self.clients, *self.publishers]
 
     def destroy_entities(self, entities: Iterable[Any]) -> None:
@@ -179,8 +203,8 @@ def _largest(msg_type: Any) -> int:
     return LARGEST_BULK_MESSAGE if bulk else LARGEST_MESSAGE
 
 
-def decode(msg_type: Any, data: bytes) -> Any:
-    """The message of a serialised one. Raises ValueError for malformed ones, RMWError for truncated ones.
+def check_size(msg_type: Any, data: bytes) -> None:
+    """Raise ValueError for a serialised message that is too short or too long for its type.
 
     Parameters:
         msg_type: type of the message.
@@ -188,6 +212,16 @@ def decode(msg_type: Any, data: bytes) -> Any:
     """
     if not SMALLEST_MESSAGE <= len(data) <= _largest(msg_type):
         raise ValueError(f'a message of {len(data)} bytes, expected {SMALLEST_MESSAGE} to {_largest(msg_type)}')
+
+
+def decode(msg_type: Any, data: bytes) -> Any:
+    """The message of a serialised one. Raises ValueError for malformed ones, RMWError for truncated ones.
+
+    Parameters:
+        msg_type: type of the message.
+        data: as a subscription with `raw` gives it.
+    """
+    check_size(msg_type, data)
     message = deserialize_message(data, msg_type)
     if msg_type is Clock:
         to_seconds(message.clock)  # raises ValueError for times that no clock of a node can take

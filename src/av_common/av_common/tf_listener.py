@@ -24,6 +24,9 @@ class GuardedTransformListener(TransformListener):
     a frame that was fixed and now moves; and frames without number. What is refused is raised as ValueError once the rest of
     the message is added, for the guard of the node's subscriptions to count.
 
+    Attributes:
+        version: number of messages with fixed frames, which change only by these.
+
     Parameters:
         buffer: gets the transforms.
         node: subscribes.
@@ -32,6 +35,7 @@ class GuardedTransformListener(TransformListener):
     def __init__(self, buffer: Buffer, node: Node) -> None:
         self._parents: dict[str, str] = {}
         self._fixed: set[str] = set()
+        self.version = 0
         self._clock, self._now = node.get_clock(), -math.inf
         super().__init__(buffer, node)
 
@@ -45,6 +49,7 @@ class GuardedTransformListener(TransformListener):
 
     def static_callback(self, data: TFMessage) -> None:
         """Take fixed frames."""
+        self.version += 1
         self._take(data, fixed=True)
 
     def _take(self, data: TFMessage, fixed: bool) -> None:

@@ -32,6 +32,8 @@ class TfRotations:
         self._base_frame = base_frame
         self._buffer = Buffer()
         self._listener = GuardedTransformListener(self._buffer, node)
+        self._fixed: dict[str, NDArray[np.float64]] = {}  # rotations of frames that do not move
+        self._version = 0  # of the fixed frames when these were looked up
 
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
         """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
@@ -40,6 +42,11 @@ class TfRotations:
         may still come.
         """
         self.problem = ''
+        if self._version != self._listener.version:
+            self._version = self._listener.version
+            self._fixed.clear()
+        if frame in self._fixed:
+            return self._fixed[frame]
         try:
             newest = 1e-9 * self._buffer.get_latest_common_time(self._base_frame, frame).nanoseconds  # 0 for fixed frames
             late = time - newest if newest else 0.0
@@ -50,4 +57,8 @@ class TfRotations:
         except TransformException as error:
             self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'
             return None
-        return quat2mat(attitude_of(found.transform.rotation))
+        rotation: NDArray[np.float64] = quat2mat(attitude_of(found.transform.rotation))
+        if not newest:
+            rotation.flags.writeable = False
+            self._fixed[frame] = rotation
+        return rotation

@@ -19,11 +19,13 @@ from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from ros_domains import free_domain
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
+from av_common.guarded_node import decode
 from av_common.node import RigNode
 
 pytestmark = pytest.mark.system
@@ -278,6 +280,24 @@ def test_a_class_cannot_define_what_a_base_class_uses(name, rig):
     kind = type('Hider', (Listener,), {name: lambda self: None, '__module__': __name__})
     with pytest.raises(AttributeError, match=f'hides.*{name}'):
         kind()
+
+
+def test_a_reader_takes_the_newest_when_it_looks_and_wakes_nobody(rig):
+    """Messages wait in the middleware by the depth of the queue, with the time of their publishing; nothing is left of it."""
+    before = rig.node.entities()
+    reader = rig.node.create_reader(Float64, 'looked_at', QoSProfile(depth=2))
+    assert reader.subscription not in rig.node.subscriptions and reader.subscription in rig.node.entities()
+    publisher = rig.publisher(Float64, 'looked_at')
+    begin = time.time()
+    for value in (1.0, 2.0, 3.0):
+        publisher.publish(Float64(data=value))
+    found = []
+    rig.spin(lambda: found.extend(reader.take()) or len(found) >= 2)
+    assert [decode(Float64, data).data for data, _ in found] == [2.0, 3.0] and reader.take() == []
+    assert all(begin - 1.0 < published <= time.time() for _, published in found)
+    assert rig.node.taken == [] and not rig.node.refused.counts
+    rig.node.destroy_entities([reader.subscription])
+    assert rig.node.entities() == before
 
 
 PROCESS = """

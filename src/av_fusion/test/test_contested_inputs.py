@@ -10,8 +10,8 @@ import pytest
 from test_fusion_stage import camera_info, detections, doa, make_stage, odometry
 
 from av_common.angles import wrap
+from av_common.single_source import CONTESTED_S, SingleSource
 from av_fusion.checkpoints import LEAST_AGE_S, Checkpoints
-from av_fusion.measurement.single_source import CONTESTED_S, SingleSource
 from av_interfaces.msg import Bearing
 
 START, ATTACK, END, LAST = 1000.0, 1004.0, 1007.0, 1008.5   # s

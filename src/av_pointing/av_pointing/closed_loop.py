@@ -60,7 +60,7 @@ class Conditions:
     Parameters:
         dead_time, lag (s), gain, fastest (rad/s): of the vehicle.
         bearing_age (s): age of bearings on their arrival.
-        age_jitter (s): standard deviation of the ages of bearings and odometry.
+        age_jitter (s): standard deviation of the ages of bearings and odometry, at most the age; messages keep their order.
         stamped: bearings are stamped with the time of what they show; otherwise with that of their arrival.
         bearing_rate, odometry_rate, tick_rate (Hz): of the messages, and of commands without them.
         odometry_age (s): age of odometry on its arrival.
@@ -129,6 +129,7 @@ class _Simulation:
         self._due = {'bearing': 0.0, 'odometry': 0.0, 'tick': 0.0}
         self._stalled = self._commanded = 0.0
         self._newest = -math.inf
+        self._arrives: dict[str, float] = {}
 
     def step(self, time: float) -> None:
         """Simulate STEP_S to `time` (s)."""
@@ -150,8 +151,9 @@ class _Simulation:
     def _send(self, kind: str, rate: float, age: float, time: float) -> None:
         if time >= self._due[kind]:
             self._due[kind] += 1.0 / rate
-            late = max(age + self._conditions.age_jitter * self._random.standard_normal(), 0.0)
-            self._on_the_way.append((time + late, kind, time, self.vehicle.yaw))
+            late = max(age + min(self._conditions.age_jitter, age) * self._random.standard_normal(), 0.0)
+            self._arrives[kind] = max(time + late, self._arrives.get(kind, 0.0))    # the middleware keeps the order
+            self._on_the_way.append((self._arrives[kind], kind, time, self.vehicle.yaw))
 
     def _commands(self, time: float) -> list[PointingCommand]:
         """The commands that follow from what has arrived, or from the time."""

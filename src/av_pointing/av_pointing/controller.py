@@ -192,14 +192,15 @@ class PointingController:
         self._time = time
         self.body.motion.advance(time)
         settings, left = self.settings, ages.body_left - self.settings.period
-        mode, reason = self._decide(track, ages)
+        stale = self._stale(track, ages) if self.enabled else ''
+        mode, reason = self._decide(track, ages, stale)
         if track is not None and track is not self._seen:
             self._see(time, track, ages)
-        if cue is not None and reason.startswith('no fresh') and self._may_look(cue, ages):
+        if cue is not None and stale and self._may_look(cue, ages):
             mode, reason = Mode.LOOK, self._look(time, dt, cue)
         elif track is None or mode == Mode.HOLD:
             self.body.stop(dt)
-            self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and reason.startswith('no fresh'))
+            self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and stale != '')
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
             self.body.turn(time, dt, aim, settings.dead_band, ages.measurement, left, settings.search_rate)
@@ -214,17 +215,24 @@ class PointingController:
         return Command(mode, reason, pan.position, tilt.position, pan.velocity, tilt.velocity, yaw_rate,
                        self.enabled and settings.move_gimbal, self.enabled and settings.move_body, settings.stabilized)
 
-    def _decide(self, track: Track | None, ages: Ages) -> tuple[Mode, str]:
+    def _stale(self, track: Track | None, ages: Ages) -> str:
+        """Why there is no fresh bearing; empty where there is one."""
         settings = self.settings
+        if track is None or not ages.bearing - ages.late <= settings.stale_after or not ages.late <= OLDEST_MEASUREMENT_S:
+            return 'no fresh bearing'
+        if track.state == State.NONE or not (math.isfinite(track.azimuth) and math.isfinite(track.azimuth_world_rate)):
+            return 'no fresh bearing: no target'
+        uncertain = ages.predicted and not 0.0 <= track.azimuth_variance <= settings.coast_sigma**2
+        if ages.measurement >= settings.coast or uncertain:
+            return 'no fresh bearing: a prediction without recent measurements'
+        return ''
+
+    def _decide(self, track: Track | None, ages: Ages, stale: str) -> tuple[Mode, str]:
         if not self.enabled:
             return Mode.HOLD, 'disabled'
-        if track is None or not ages.bearing - ages.late <= settings.stale_after or not ages.late <= OLDEST_MEASUREMENT_S:
-            return Mode.HOLD, 'no fresh bearing'
-        if track.state == State.NONE or not (math.isfinite(track.azimuth) and math.isfinite(track.azimuth_world_rate)):
-            return Mode.HOLD, 'no fresh bearing: no target'
-        predicted = ages.predicted
-        if ages.measurement >= settings.coast or (predicted and not 0.0 <= track.azimuth_variance <= settings.coast_sigma**2):
-            return Mode.HOLD, 'no fresh bearing: a prediction without recent measurements'
+        if stale or track is None:
+            return Mode.HOLD, stale
+        settings, predicted = self.settings, ages.predicted
         may_move = ages.body_left > 0.0
         stands = f'the body stands still without recent {"measurements" if predicted else "odometry"}'
         if track.resolved or track.state == State.VISUAL_ACTIVE:

@@ -15,6 +15,7 @@ from av_common.frames import attitude_of
 from av_common.freshness import FUTURE_S, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
+from av_common.single_source import SingleSource
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
@@ -27,7 +28,8 @@ class PointingStage:
     """Gives a command for each bearing, and at any time by `on_time`.
 
     Ages count from the arrival on by the steady clock (see `Instant`). What keeps the body moving is new data only: bearings
-    whose `measured` advances, and odometry whose stamp does.
+    whose `measured` advances, and odometry whose stamp does. A topic with two sources is not used (see `SingleSource`):
+    a forged bearing would renew the age of what is genuine. It may show by its stamp or by its `measured`.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
@@ -46,6 +48,14 @@ class PointingStage:
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
         self._cue: Look | None = None
+        self._measurers = SingleSource()    # of bearings
+        self._sources = {'target/bearing': SingleSource(), 'odometry': SingleSource()}
+
+    @property
+    def contested(self) -> dict[str, int]:
+        """Number of messages that were refused because two sources sent, by topic."""
+        return {'target/bearing': self._sources['target/bearing'].refused + self._measurers.refused,
+                'odometry': self._sources['odometry'].refused}
 
     @property
     def refused(self) -> int:
@@ -59,7 +69,14 @@ class PointingStage:
             message: the bearing.
             arrival: time of its arrival.
         """
-        self._track = track = track_of_bearing(message)
+        track = track_of_bearing(message)
+        alone = self._sources['target/bearing'].take(track.time, arrival.ros)
+        if track.state != State.NONE:
+            alone = self._measurers.take(track.measured, arrival.ros) and alone
+        if not alone:
+            self._measured.skip(track.measured, arrival)
+            return self.on_time(arrival)
+        self._track = track
         ahead = track.time - arrival.ros
         self._arrived, self._late = arrival.steady, ahead if ahead > FUTURE_S else max(-ahead, 0.0)
         if track.state != State.NONE:
@@ -76,7 +93,9 @@ class PointingStage:
         q = message.pose.pose.orientation
         if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
             stamp = to_seconds(message.header.stamp)
-            if self._odometry.take(stamp, arrival):
+            if not self._sources['odometry'].take(stamp, arrival.ros):
+                self._odometry.skip(stamp, arrival)
+            elif self._odometry.take(stamp, arrival):
                 age = max(arrival.ros - stamp, 0.0)
                 self.controller.on_attitude(arrival.steady - age, attitude_of(q))
 

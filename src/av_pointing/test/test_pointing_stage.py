@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 import pytest
 from nav_msgs.msg import Odometry
 
@@ -64,3 +66,29 @@ def test_a_stage_that_is_not_enabled_moves_nothing():
     assert not command.move_body and not command.move_gimbal and command.yaw_rate == pytest.approx(0.0)
     stage.controller.enabled = True
     assert move(stage, bearing(START + 0.1, 0.5), START + 0.1).move_body
+
+
+@pytest.mark.parametrize('behind', [0.02, 0.3, 0.9])
+def test_a_forged_bearing_gives_a_genuine_one_no_new_age(behind):
+    """Genuine bearings predict for a second; others state new measurements, stamped now or `behind` s before."""
+    stage, random = make_stage(), Random(0)
+    for k in range(20):
+        command = move(stage, bearing(START + 0.05 * k, 0.5), START + 0.05 * k)
+    assert command.yaw_rate > 0.1
+    measured = START + 0.95
+    for k in range(50):
+        time = measured + 0.02 * (k + 1)
+        if k % 2:
+            command = move(stage, predicted(time, measured), time)
+        else:
+            command = move(stage, bearing(time - random.choice((0.0, behind)), 0.5), time)
+        assert time < measured + 0.35 or command.yaw_rate == pytest.approx(0.0)    # the first forged one counted
+    assert stage.contested['target/bearing'] > 30
+    for k in range(10):
+        command = move(stage, bearing(time + 0.05 * (k + 1), 0.5), time + 0.05 * (k + 1))
+    assert command.yaw_rate > 0.1
+
+
+def predicted(time, measured):
+    return bearing_message(Track(time, State.ACOUSTIC_ACTIVE, azimuth=0.5, azimuth_world=0.5, measured=measured, resolved=True),
+                           'base_link')

@@ -93,6 +93,22 @@ def test_without_an_input_the_body_stands_still(silent):
     assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.1))
 
 
+def test_commands_of_two_sources_turn_nothing():
+    """One source commands 0.3 rad/s, the other one -0.3 with stamps 0.1 s older; which is genuine cannot be told."""
+    rig = Rig()
+    rig.nav_state = OFFBOARD
+    rig.run(1.0, yaw_rate=0.3)
+    for _ in range(50):
+        rig.run(0.02, yaw_rate=0.3)
+        forged = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=-0.3)
+        forged.header.stamp = to_stamp(rig.now.ros - 0.1)
+        rig.take('command', forged)
+    assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.5))
+    assert rig.stage.contested == {'pointing/command': 99, 'target/bearing': 0}
+    rig.run(1.0, yaw_rate=0.3)
+    assert rig.of('trajectory_setpoint')[-1].yawspeed == pytest.approx(-0.3)
+
+
 @pytest.mark.parametrize('begin', [1.7e9, 0.1])
 def test_a_bearing_without_a_measurement_turns_nothing(begin):
     """Its `measured` is 0; not even when simulated time has just begun."""

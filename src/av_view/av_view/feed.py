@@ -23,26 +23,25 @@ class Feed:
     picture_serial: int = 0
     rows: deque[str] = field(default_factory=lambda: deque(maxlen=HISTORY))
 
-    def put_state(self, state: str, row: str) -> None:
-        """A new state.
+    def put(self, state: str, row: str, picture: bytes = b'') -> None:
+        """A new state, with a picture where that is new, too.
 
         Parameters:
             state: as JSON.
             row: of diagrams, as JSON.
+            picture: as JPEG; empty for none.
         """
         self.state = state
         self.rows.append(row)
         self.serial += 1
+        if picture:
+            self.picture = picture
+            self.picture_serial += 1
 
     def put_health(self, health: str) -> None:
         """New health, a message as JSON."""
         self.health = health
         self.health_serial += 1
-
-    def put_picture(self, picture: bytes) -> None:
-        """A new picture, as JPEG."""
-        self.picture = picture
-        self.picture_serial += 1
 
 
 @dataclass
@@ -54,19 +53,20 @@ class Position:
     picture_serial: int = 0
 
     def take(self, feed: Feed) -> list[str | bytes]:
-        """The messages that are new to the viewer, and note them as had.
+        """What is new to the viewer, the state last; note it as had. Nothing where nothing is new.
 
         Parameters:
             feed: of the viewer's rig.
         """
+        if (feed.serial, feed.health_serial) == (self.serial, self.health_serial):
+            return []
         messages: list[str | bytes] = []
         if feed.picture_serial != self.picture_serial:
             messages.append(feed.picture)
         if feed.health_serial != self.health_serial:
             messages.append(feed.health)
-        if feed.serial != self.serial:
-            count = min(feed.serial - self.serial, len(feed.rows))
-            rows = ','.join(list(feed.rows)[len(feed.rows) - count:])
-            messages.append(f'{{"type":"state","rows":[{rows}],"state":{feed.state}}}')
+        count = min(feed.serial - self.serial, len(feed.rows))
+        rows = ','.join(list(feed.rows)[len(feed.rows) - count:])
+        messages.append(f'{{"type":"state","rows":[{rows}],"state":{feed.state}}}')
         self.serial, self.health_serial, self.picture_serial = feed.serial, feed.health_serial, feed.picture_serial
         return messages

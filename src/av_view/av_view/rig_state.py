@@ -7,6 +7,7 @@ All angles of a snapshot are in degrees in the rig's body frame (azimuth counter
 from __future__ import annotations
 
 import math
+import statistics
 from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -270,7 +271,7 @@ class RigState:
                 'yaw_rate': degrees(message.yaw_rate) if message.move_body else None}
 
     def _delay(self) -> float | None:
-        return number(float(np.median(self._delays)), 3) if self._delays else None
+        return number(statistics.median(self._delays), 3) if self._delays else None
 
 
 def _sigma(variance: float) -> float | None:

@@ -28,7 +28,6 @@ from av_view.feed import Feed, Position
 LARGEST_REQUEST = 4096  # bytes of a viewer's message
 MOST_REQUESTS = 50  # of one viewer in a second
 PING_S = 15.0  # a viewer that answers no ping for as long again is gone
-END = '{"type":"end"}'  # of what is sent at once; the viewer then asks for the next
 READ_ONLY = 'this page is read-only: start the rig with view_control:=true'
 WRONG_TOKEN_S = 1.0  # delay of the answer to a wrong token
 PAGE = {'/': ('index.html', 'text/html'), '/view.css': ('view.css', 'text/css'), '/icon.svg': ('icon.svg', 'image/svg+xml'),
@@ -204,7 +203,7 @@ class ViewServer:
                 messages = viewer.position.take(self._feeds.get(viewer.rig, Feed()))
                 if messages:
                     viewer.ready.clear()
-                    for message in (*messages, END):
+                    for message in messages:  # after the last one, the state, the viewer asks for the next
                         await connection.send(message)
                     await asyncio.sleep(max(1.0 / self._settings.rate, len(self._viewers) / self._settings.most_updates))
                 else:

@@ -42,7 +42,7 @@ class Page:
     def publish(self, picture=b'\xff\xd8 a picture'):
         self.number += 1
         row = json.dumps([self.number])
-        self.server.put(lambda feed: (feed.put_picture(picture), feed.put_state(f'{{"number":{self.number}}}', row)), '')
+        self.server.put(lambda feed: feed.put(f'{{"number":{self.number}}}', row, picture), '')
 
     @contextmanager
     def viewer(self):
@@ -68,7 +68,7 @@ def page():
 
 def update(viewer):
     """The next update: its picture, and its state with rows."""
-    picture = state = None
+    picture = None
     while True:
         message = viewer.recv(timeout=LONG_S)
         if isinstance(message, bytes):
@@ -76,11 +76,8 @@ def update(viewer):
             continue
         content = json.loads(message)
         if content['type'] == 'state':
-            state = content
-        if content['type'] == 'end':
             viewer.send('{"do": "next"}')
-            if state:
-                return picture, state
+            return picture, content
 
 
 def answer(viewer, **request):
@@ -115,8 +112,8 @@ def test_a_viewer_gets_pictures_states_and_every_row(page):
 def test_a_slow_viewer_gets_the_newest_picture_and_no_row_is_lost(page):
     with page.viewer() as viewer:
         page.publish()
-        update_once = [viewer.recv(timeout=LONG_S) for _ in range(4)]  # rigs, picture, state, end; and no request for the next
-        assert json.loads(update_once[-1])['type'] == 'end'
+        update_once = [viewer.recv(timeout=LONG_S) for _ in range(3)]  # rigs, picture, state; and no request for the next
+        assert json.loads(update_once[-1])['type'] == 'state'
         for number in range(50):
             page.publish(b'\xff\xd8 %d' % number)
         viewer.send('{"do": "next"}')
@@ -130,7 +127,7 @@ def test_a_stalled_viewer_holds_up_nobody_and_nothing_piles_up(page):
             page.publish(bytes(1_000_000))
             update(viewer)
         stalled.recv(timeout=LONG_S)
-        received = sum(len(stalled.recv(timeout=LONG_S)) for _ in range(3))
+        received = sum(len(stalled.recv(timeout=LONG_S)) for _ in range(2))
         assert received < 1_100_000  # one update, whatever was published
         with pytest.raises(TimeoutError):
             stalled.recv(timeout=0.3)

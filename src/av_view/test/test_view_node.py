@@ -13,6 +13,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
+from rclpy.subscription import Subscription
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
@@ -98,7 +99,7 @@ class Rig:
             yield viewer
 
     def topics(self):
-        return {subscription.topic_name for subscription in self.view.subscriptions} - {'/clock'}
+        return {one.topic_name for one in self.view.entities() if isinstance(one, Subscription)}
 
     def close(self):
         self.ending.set()
@@ -130,7 +131,7 @@ def receive(viewer, wanted):
     while time.monotonic() < deadline:
         message = viewer.recv(timeout=LONG_S)
         content = message if isinstance(message, bytes) else json.loads(message)
-        if isinstance(content, dict) and content['type'] == 'end':
+        if isinstance(content, dict) and content['type'] == 'state':
             viewer.send('{"do": "next"}')
         if wanted(content):
             return content

@@ -1,5 +1,7 @@
 """The model that ships: its form, and what it finds in clips that it was not trained on."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -91,3 +93,21 @@ def test_fused_scores_of_places_never_seen_are_right_as_often_as_they_say():
     usual = ScoreFusionModel.from_metadata(low.model.metadata).threshold
     assert np.mean([(one >= usual).any() for one, _ in drone]) > 0.8
     assert np.mean([(one >= usual).any() for one, _ in airplane]) < 0.45
+
+
+REPEATED = """
+import pathlib, numpy as np
+from av_vision.models import shipped_model
+from av_vision.yolo.model import Model
+model = Model(shipped_model())
+pages = []
+for size in [(1024, 1280), *[(320, 320), (416, 416)] * 3] * 3:
+    model.run(np.zeros((1, 3, *size), np.float32))
+    pages.append(int(pathlib.Path('/proc/self/statm').read_text().split()[1]))
+print(4 * (pages[-1] - pages[0]))
+"""
+
+
+def test_sizes_that_come_again_take_no_more_memory():
+    grown = subprocess.run([sys.executable, '-c', REPEATED], capture_output=True, text=True, check=True).stdout
+    assert int(grown) < 10 * 1024    # KiB; plans of memory for each size took 48 MiB

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from av_common.freshness import FUTURE_S
-from av_fusion.measurement.single_source import SingleSource
+from av_common.single_source import SingleSource
 
 
 class InputGate:

@@ -17,6 +17,7 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
+from av_common.source_report import SourceReport
 from av_common.tf_rotations import TfRotations
 from av_fusion.checkpoints import Checkpoints
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
@@ -46,7 +47,7 @@ class FusionNode(RigNode):
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
                                         gimbal=GimbalHistory() if gimbal else None, checkpoints=Checkpoints())
         self._untransformed = 0
-        self._contested = self._stage.gate.contested
+        self._sources = SourceReport(self)
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
@@ -140,7 +141,7 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is /tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
-        self._diagnose_sources(status)
+        self._sources.report(status, self._stage.gate.contested)
         foreign = self._stage.gate.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(
@@ -152,15 +153,6 @@ class FusionNode(RigNode):
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         for name, value in {**self._stage.tracker.diagnostics(), **self._stage.emitters.diagnostics()}.items():
             status.add(name, value)
-
-    def _diagnose_sources(self, status: DiagnosticStatusWrapper) -> None:
-        before, self._contested = self._contested, self._stage.gate.contested
-        for name, count in self._contested.items():
-            if count > before[name]:
-                publishers = ', '.join(sorted(info.node_name for info in self.get_publishers_info_by_topic(name)))
-                status.mergeSummary(DiagnosticStatus.ERROR, f'{name} has two sources, whose stamps alternate, and is not used '
-                                    f'until one of them ends (publishers: {publishers})')
-            status.add(f'{name} refused: two sources', str(count))
 
     def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:
         motion, now = self._stage.tracker.motion, self.now()

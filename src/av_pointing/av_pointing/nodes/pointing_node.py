@@ -20,6 +20,7 @@ from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
+from av_common.source_report import SourceReport
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
 from av_pointing.settings import pointing_settings
@@ -40,6 +41,7 @@ class PointingNode(RigNode):
         self._settings = self.settings
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_pointing_stage(self._settings, gimbal)
+        self._sources = SourceReport(self)
         self._stage.controller.enabled = self._enabled.value
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
@@ -110,6 +112,7 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{self._stage.refused - self._refused} stamps from the future: are the '
                                 'clocks synchronised? Nothing counts as new for 1.1 s after each')
         self._refused = self._stage.refused
+        self._sources.report(status, self._stage.contested)
         status.add('stamps from the future', str(self._refused))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')

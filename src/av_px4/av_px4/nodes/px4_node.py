@@ -15,6 +15,7 @@ from av_common.freshness import Instant
 from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED, RESULT, STREAM
+from av_common.source_report import SourceReport
 from av_interfaces.msg import Bearing, GimbalState, PointingCommand
 from av_px4.external_mode import Registration
 from av_px4.gimbal import Claim
@@ -56,7 +57,7 @@ class Px4Node(RigNode):
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in (INPUTS | (MODE_INPUTS if self._settings.external_mode else {})).items():
             self._link.advertise(name, kind)
-        self._undated = 0
+        self._undated, self._sources = 0, SourceReport(self)
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
@@ -116,6 +117,7 @@ class Px4Node(RigNode):
         stage.advance(self._instant())
         for problem in self._problems():
             status.mergeSummary(DiagnosticStatus.WARN, problem)
+        self._sources.report(status, stage.contested)
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('gimbal', stage.gimbal.claim.value)

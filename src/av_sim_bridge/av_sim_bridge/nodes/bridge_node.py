@@ -16,6 +16,7 @@ from vision_msgs.msg import Detection2DArray
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import IMAGE, RESULT, STREAM
+from av_common.source_report import SourceReport
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
@@ -59,6 +60,7 @@ class BridgeNode(RigNode):
         self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
         self._refusals, self._refused_before = Refusals(), 0
+        self._sources = SourceReport(self)
         with ExitStack() as opened:
             self._open_streams(opened)
             self._reader = Worker('publish audio', self._publish_audio)
@@ -167,6 +169,7 @@ class BridgeNode(RigNode):
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
+        self._sources.report(status, self._stage.contested)
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():

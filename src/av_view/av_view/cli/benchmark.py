@@ -80,7 +80,7 @@ async def watch(address: str, seconds: float, counts: list[tuple[int, int, int]]
             counted = time.monotonic() - begin >= SETTLE_S
             size += counted * len(message)
             pictures += counted * isinstance(message, bytes)
-            if isinstance(message, str) and json.loads(message)['type'] == 'end':
+            if isinstance(message, str) and json.loads(message)['type'] == 'state':
                 updates += counted
                 await feed.send('{"do": "next"}')
     counts.append((updates, pictures, size))

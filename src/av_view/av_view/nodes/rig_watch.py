@@ -1,10 +1,11 @@
-"""The subscriptions to one rig that somebody looks at."""
+"""The topics of one rig that somebody looks at."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,9 +17,11 @@ from sensor_msgs.msg import CameraInfo, Image
 from vision_msgs.msg import Detection2DArray
 from visualization_msgs.msg import MarkerArray
 
-from av_common.guarded_node import decode
+from av_bags.definitions import deserialiser
+from av_common.guarded_node import check_size
 from av_common.node import RigNode
-from av_common.qos import IMAGE, RESULT, STREAM
+from av_common.qos import RESULT, STREAM
+from av_common.reader import Reader
 from av_common.refused_inputs import BAD_INPUT
 from av_common.stamps import to_seconds
 from av_common.tf_rotations import TfRotations
@@ -46,13 +49,26 @@ from av_vision.messages import image_from_message
 
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
 CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
-Take = Callable[[Any, float], None]  # of a message and the time of its arrival (s)
+NEWEST, NEWEST_RESULT = (QoSProfile(depth=1, reliability=qos.reliability) for qos in (STREAM, RESULT))
+Take = Callable[[Any, float], None]  # of a message and the time at which it was published (s)
+
+
+@dataclass
+class _Topic:
+    """A topic, what decodes and takes its messages, and when that looks again (monotonic, s): once a period (s)."""
+
+    kind: Any
+    reader: Reader
+    decode: Callable[[bytes], Any]
+    take: Take
+    period: float
+    due: float = 0.0
 
 
 class RigWatch:
-    """Subscribes to the topics of a namespace, and puts what viewers see into its feed.
+    """Reads the topics of a namespace, and puts what viewers see into its feed.
 
-    Messages are decoded when they are shown, those that newer ones replace before never: most come more often than pictures.
+    Messages wait in the middleware until they are shown, and newer ones replace them: most come more often than pictures.
 
     Attributes:
         seen (s): when somebody last looked, by `time.monotonic`.
@@ -68,27 +84,26 @@ class RigWatch:
         self.seen = time.monotonic()
         self._node, self._rig, self._put, self._settings = node, rig, put, node.settings
         self._state = state = RigState()
+        self._picture: Picture | None = None
         self.shown = Shown(state.snapshot(node.now()), None)
         self._spectrum_time, self._coherence = 0.0, Coherence()
-        self._waiting: dict[str, tuple[bytes, float]] = {}  # the newest message of each topic, and when it came (monotonic, s)
-        self._topics: dict[str, tuple[Any, Take, float]] = {}  # with the period (s) in which one message is taken
-        self._due: dict[str, float] = {}  # when a message of a topic is taken again (monotonic, s)
+        self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
         self._rotations = TfRotations(node, self._settings.base_frame)
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         # In the order in which they are taken: the camera before what is seen through it.
-        self._subscribe(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message), STREAM,
-                        period=CAMERA_PERIOD_S)
-        self._subscribe(Image, 'camera/image_raw', self._on_image, IMAGE)
-        self._subscribe(Bearing, 'target/bearing', state.on_bearing, RESULT)
-        self._subscribe(FusionState, 'fusion/state', state.on_fusion, RESULT)
-        self._subscribe(TrackArray, 'targets', state.on_tracks, RESULT)
-        self._subscribe(AzimuthPosterior, 'fusion/posterior', state.on_posterior, RESULT)
-        self._subscribe(Log, 'marks', state.on_mark, RESULT)
-        self._subscribe(PointingCommand, 'pointing/command', state.on_command, RESULT)
-        self._subscribe(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)), STREAM)
-        self._subscribe(Detection2DArray, 'detections', self._on_detections, STREAM)
-        self._subscribe(AudioFrame, 'audio/frames', self._on_audio, STREAM, period=SPECTRUM_PERIOD_S)
+        self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
+                   period=CAMERA_PERIOD_S)
+        self._read(Image, 'camera/image_raw', self._on_image)
+        self._read(Bearing, 'target/bearing', state.on_bearing, NEWEST_RESULT)
+        self._read(FusionState, 'fusion/state', state.on_fusion, NEWEST_RESULT)
+        self._read(TrackArray, 'targets', state.on_tracks, NEWEST_RESULT)
+        self._read(AzimuthPosterior, 'fusion/posterior', state.on_posterior, NEWEST_RESULT)
+        self._read(Log, 'marks', state.on_mark, RESULT)
+        self._read(PointingCommand, 'pointing/command', state.on_command, NEWEST_RESULT)
+        self._read(DoaArray, 'doa', lambda message, _: state.on_doa(message, self._converter.doa(message)))
+        self._read(Detection2DArray, 'detections', self._on_detections)
+        self._read(AudioFrame, 'audio/frames', self._on_audio, period=SPECTRUM_PERIOD_S)
         self._entities = [entity for entity in node.entities() if entity not in before]
 
     def find_topics(self) -> None:
@@ -97,23 +112,24 @@ class RigWatch:
         for topic, kinds in self._node.get_topic_names_and_types():
             name = topic.removeprefix(beginning)
             if topic.startswith(beginning) and 'nav_msgs/msg/Odometry' in kinds and f'{TRUTH}{name}' not in self._topics:
-                self._subscribe(Odometry, f'{TRUTH}{name}', partial(self._state.on_truth, name), STREAM)
+                self._read(Odometry, f'{TRUTH}{name}', partial(self._state.on_truth, name))
             elif WORLD in kinds and WORLD not in self._topics:
-                self._subscribe(WorldTrackArray, WORLD, self._state.world.on_tracks, RESULT, topic)
+                self._read(WorldTrackArray, WORLD, self._state.world.on_tracks, NEWEST_RESULT, topic)
         self._entities += [entity for entity in self._node.entities() if entity not in before]
 
     def update(self) -> None:
         """Put the present state into the feed."""
-        now = time.monotonic()
-        offset = self._node.now() - now
-        for topic in [name for name in self._topics if name in self._waiting and now >= self._due.get(name, now)]:
-            data, arrival = self._waiting.pop(topic)
-            self._due[topic] = now + self._topics[topic][2]
-            self._take(topic, data, arrival + offset)
-        snapshot = self._state.snapshot(self._node.now())
-        self.shown = Shown(snapshot, self.shown.picture)
+        now, offset = time.monotonic(), self._node.now() - time.time()
+        for name, topic in self._topics.items():
+            if now >= topic.due:
+                for data, published in topic.reader.take():
+                    topic.due = now + topic.period
+                    self._take(name, topic, data, published + offset)
+        snapshot, picture = self._state.snapshot(self._node.now()), self._picture
+        new = b'' if picture is None or picture is self.shown.picture else picture.data
+        self.shown = Shown(snapshot, picture)
         state, row = (json.dumps(part, separators=(',', ':'), allow_nan=False) for part in (snapshot, row_of(snapshot)))
-        self._put(lambda feed: feed.put_state(state, row))
+        self._put(lambda feed: feed.put(state, row, new))
 
     def markers(self) -> MarkerArray:
         """The state of the newest update, for RViz and Foxglove."""
@@ -126,37 +142,37 @@ class RigWatch:
         """End the subscriptions."""
         self._node.destroy_entities(self._entities)
 
-    def _subscribe(self, kind: Any, topic: str, take: Take, qos: QoSProfile, name: str = '', period: float = 0.0) -> None:
-        """Keep the newest message of a topic, which has another `name` where it is not one of the rig; once a `period` (s)."""
-        def wait(data: bytes) -> None:
-            self._waiting[topic] = data, time.monotonic()
+    def _read(self, kind: Any, topic: str, take: Take, qos: QoSProfile = NEWEST, name: str = '', period: float = 0.0) -> None:
+        """Look at a topic, which has another `name` where it is not one of the rig, at each update, or once a `period` (s)."""
+        reader = self._node.create_reader(kind, name or f'{self._rig}/{topic}', qos)
+        decode = deserialiser(f'{kind.__module__.partition(".")[0]}/msg/{kind.__name__}')
+        self._topics[topic] = _Topic(kind, reader, decode, take, period)
 
-        self._topics[topic] = kind, take, period
-        self._node.create_subscription(kind, name or f'{self._rig}/{topic}', wait, qos, raw=True)
-
-    def _take(self, topic: str, data: bytes, arrival: float) -> None:
+    def _take(self, name: str, topic: _Topic, data: bytes, published: float) -> None:
         """Decode a message and take it; one that cannot be used is counted."""
-        kind, take, _ = self._topics[topic]
         try:
-            take(decode(kind, data), arrival)
+            check_size(topic.kind, data)
+            topic.take(topic.decode(data), published)
         except BAD_INPUT as error:
-            self._node.refused.refuse(topic, error)
+            self._node.refused.refuse(name, error)
 
-    def _on_detections(self, message: Detection2DArray, _arrival: float) -> None:
+    def _on_detections(self, message: Detection2DArray, _published: float) -> None:
         self._state.on_detections(message, self._converter.detections(message))
 
-    def _on_image(self, message: Image, _arrival: float) -> None:
-        taken = to_seconds(message.header.stamp)
-        if self._converter.camera is not None:
-            rotation = self._rotations.rotation(message.header.frame_id, taken)
-            self._state.camera = None if rotation is None else CameraView(self._converter.camera, rotation)
-        picture = Picture.of(image_from_message(message), taken, self._settings.picture_width, self._settings.jpeg_quality)
-        self.shown = self.shown._replace(picture=picture)
-        self._put(lambda feed: feed.put_picture(picture.data))
+    def _on_image(self, message: Image, _published: float) -> None:
+        taken, image = to_seconds(message.header.stamp), image_from_message(message)
+        self._picture = Picture.of(image, taken, self._settings.picture_width, self._settings.jpeg_quality)
+        model = self._converter.camera
+        rotation = None if model is None else self._rotations.rotation(message.header.frame_id, taken)
+        known = self._state.camera
+        if model is None or rotation is None:
+            self._state.camera = None
+        elif known is None or known.model is not model or known.rotation is not rotation:
+            self._state.camera = CameraView(model, rotation)
 
-    def _on_audio(self, message: AudioFrame, arrival: float) -> None:
+    def _on_audio(self, message: AudioFrame, published: float) -> None:
         if message.channels:
-            since, self._spectrum_time = arrival - self._spectrum_time, arrival
+            since, self._spectrum_time = published - self._spectrum_time, published
             samples = np.asarray(message.samples, np.float32)[:MOST_SAMPLES]
             whole = len(samples) - len(samples) % message.channels
             block = samples[:whole].reshape(-1, message.channels)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import time
-from functools import partial
+from functools import partial, update_wrapper
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,19 @@ from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.qos import QoSProfile
 from visualization_msgs.msg import MarkerArray
 
+from av_common.guarded_node import decode
 from av_common.node import RigNode, run
 from av_common.qos import RESULT
+from av_common.refused_inputs import BAD_INPUT
 from av_view.access import Access
 from av_view.bag_folder import BagFolder
 from av_view.feed import Feed
 from av_view.foxglove_port import FoxglovePort
-from av_view.health import Health
+from av_view.health import MOST_NODES, Health
+from av_view.memory import settle
 from av_view.nodes.rig_control import RigControl
 from av_view.nodes.view_node_parameters import view_node as parameters
 from av_view.server import ServerSettings, ViewServer
@@ -31,15 +34,21 @@ if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
 
 HEALTH_PERIOD_S = 1.0
-RARE_COLLECTIONS = 20_000  # objects that are left before garbage is looked for; reference counts free almost all
+UNSEEN_PERIOD_S = 20.0  # of a look at /diagnostics while nobody looks at a rig
+DIAGNOSTICS = QoSProfile(depth=MOST_NODES, reliability=RESULT.reliability)
 BEARING = '/target/bearing'  # by which a rig is found
 
 
 class ViewNode(RigNode):
-    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at."""
+    """Runs a `ViewServer`, and a `RigWatch` for each rig that is looked at.
 
-    def __init__(self) -> None:
+    Parameters:
+        owns_process: whether nothing else is in this process, so that its priority and its garbage collection can be set.
+    """
+
+    def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)
+        self._owns_process = owns_process
 
     def configure(self) -> None:
         """Start with no rig and no viewer."""
@@ -47,7 +56,8 @@ class ViewNode(RigNode):
         self._access = Access(settings.view_control, settings.allowed_hosts)
         self._health = Health()
         self._watches: dict[str, RigWatch] = {}
-        self._looked = 0.0
+        self._looked = self._heard = 0.0
+        self._marked = self._in_foxglove = False
         self._markers = self.create_publisher(MarkerArray, 'view/markers', RESULT)
         self._own = self.get_namespace().rstrip('/')
 
@@ -65,9 +75,9 @@ class ViewNode(RigNode):
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
                           'a second one choose another port') from error
         self.get_logger().info(f'the rig in your browser: {self._address()}')
-        if settings.niceness:
+        if settings.niceness and self._owns_process:
             lower_priority(settings.niceness)
-        self.while_active(self.create_subscription, DiagnosticArray, '/diagnostics', self._on_diagnostics, RESULT)
+        self._diagnostics = self.while_active(self.create_reader, DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
@@ -84,37 +94,48 @@ class ViewNode(RigNode):
         token = f'#{self._access.token}' if self._access.token else ''
         return f'http://{f"[{host}]" if ":" in host else host}:{self.server.port}/{token}'
 
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        self._health.on_diagnostics(message, time.monotonic())
-
     def _update(self) -> None:
         now, wanted = time.monotonic(), self.server.watched()
-        marked = self._markers.get_subscription_count() > 0
-        in_foxglove = self._foxglove is not None and self._foxglove.watched
-        if marked or in_foxglove:
-            wanted.add(self._own)
         self._control.work()
-        if not wanted and not self._watches:
-            return
+        due = now - self._looked >= HEALTH_PERIOD_S
+        if due:
+            self._looked = now
+            self._marked = self._markers.get_subscription_count() > 0
+            self._in_foxglove = self._foxglove is not None and self._foxglove.watched
+        if self._marked or self._in_foxglove:
+            wanted.add(self._own)
+        self._watch_wanted(wanted, now)
+        own = self._watches.get(self._own)
+        if own is not None and self._marked:
+            self._markers.publish(own.markers())
+        if own is not None and self._foxglove is not None and self._in_foxglove:
+            self._foxglove.put(own.shown)
+        if due and (self._watches or now - self._heard >= UNSEEN_PERIOD_S):
+            self._look(now)
+
+    def _watch_wanted(self, wanted: set[str], now: float) -> None:
+        """Update the rigs that somebody looks at, and end those at which nobody has looked for a while."""
         for rig in wanted:
             if rig not in self._watches and rig in (*self._rigs(), self._own):
                 self._watches[rig] = self._watch(rig)
+                self._looked = 0.0
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
             if now - watch.seen > self._settings.linger:
                 self._unwatch(rig)
             else:
                 watch.update()
-        if marked and self._own in self._watches:
-            self._markers.publish(self._watches[self._own].markers())
-        if self._foxglove is not None and in_foxglove and self._own in self._watches:
-            self._foxglove.put(self._watches[self._own].shown)
-        if now - self._looked >= HEALTH_PERIOD_S:
-            self._looked = now
-            self._look(now)
 
     def _look(self, now: float) -> None:
         """What is done once a second: find rigs and true poses, and report health."""
+        self._heard = now
+        for data, _ in self._diagnostics.take():
+            try:
+                self._health.on_diagnostics(decode(DiagnosticArray, data), now)
+            except BAD_INPUT as error:
+                self.refused.refuse('/diagnostics', error)
+        if not self._watches:
+            return
         self.server.set_rigs(self._rigs())
         for rig, watch in self._watches.items():
             watch.find_topics()
@@ -131,10 +152,8 @@ class ViewNode(RigNode):
     def _watch(self, rig: str) -> RigWatch:
         from av_view.nodes.rig_watch import RigWatch  # the page is up before all that this imports
 
-        if not gc.get_freeze_count():  # decoding makes many objects, and collections would look through what imports made
-            gc.collect()
-            gc.freeze()
-            gc.set_threshold(RARE_COLLECTIONS)
+        if self._owns_process:
+            settle()
         return RigWatch(self, rig, partial(self.server.put, rig=rig))
 
     def _unwatch(self, rig: str) -> None:
@@ -160,4 +179,4 @@ def lower_priority(niceness: int) -> None:
 
 def main() -> None:
     """Run the node."""
-    run(ViewNode)
+    run(update_wrapper(partial(ViewNode, owns_process=True), ViewNode))

@@ -9,7 +9,7 @@ const color = name => getComputedStyle(document.documentElement).getPropertyValu
 const token = location.hash.slice(1) || sessionStorage.getItem('token') || '';
 if (location.hash) { sessionStorage.setItem('token', token); history.replaceState(null, '', location.pathname); }
 
-let socket, pending, bagsAsked = -Infinity, number = 0, rig = null, rows = [], arrived = null, state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
+let socket, pending, bagsAsked = -Infinity, number = 0, rig = null, rows = [], state = null, nodes = [], offers = [], control = false, northUp = false, pictureTime = 0;
 let pictureUrl = '';
 const answers = new Map(), tails = new Map(), mapTails = new Map();
 
@@ -30,10 +30,10 @@ function request(action, values) {
 
 function take(message) {
   if (message.type === 'state') {
-    if (rows.length && message.rows[0][TIME] < rows[rows.length - 1][TIME]) rows = []; // a replay that began again
+    if (rows.length && message.rows[0]?.[TIME] < rows[rows.length - 1][TIME]) rows = []; // a replay that began again
     rows.push(...message.rows);
-    while (rows[0][TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
-    arrived = message.state;
+    while (rows[0]?.[TIME] < rows[rows.length - 1][TIME] - WINDOW_S) rows.shift();
+    requestAnimationFrame(() => { state = message.state; if (state) show(); if (socket.readyState === 1) ask('next'); });
   } else if (message.type === 'health') {
     ({ nodes, offers } = message); showHealth(); showPointing();
   } else if (message.type === 'rigs') {
@@ -41,14 +41,12 @@ function take(message) {
     if (state === null && message.rigs.length && !message.rigs.includes(rig)) watch(message.rigs[0]);
   } else if (message.type === 'answer') {
     answers.get(message.number)?.(message); answers.delete(message.number);
-  } else if (message.type === 'end') {
-    requestAnimationFrame(() => { state = arrived; if (state) show(); if (socket.readyState === 1) ask('next'); });
   }
 }
 
 function lost() {
   for (const resolve of answers.values()) resolve({ done: false, words: 'the connection was lost' });
-  answers.clear(); rows = []; arrived = state = null;
+  answers.clear(); rows = []; state = null;
   $('state').textContent = 'no connection'; $('state').className = 'chip lost'; $('bearing').value = '';
   $('reason').textContent = 'The rig does not answer; trying again.';
 }

@@ -198,6 +198,8 @@ def open_session(path: Path, providers: Sequence[str], threads: int, folded: boo
     options.log_severity_level = 4   # errors are raised; this would print them as well
     limit_memory()
     options.add_session_config_entry('session.use_env_allocators', '1')
+    # A plan of memory for each input size would be kept for ever, 48 MiB for a whole image that is searched after regions.
+    options.enable_mem_pattern = False
     # Spinning of idle threads would take processor time from the other nodes.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     try:
