@@ -192,7 +192,7 @@ def test_impossible_numbers_on_topics_never_reach_the_simulator(number):
     """An impossible rate stops the body, an impossible angle leaves the gimbal alone, an impossible pose is not sent."""
     stage = make_stage()
     command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=number, move_gimbal=True, pan=0.1,
-                              tilt=number)
+                              tilt=min(max(number, -3e38), 3e38))
     command.header.stamp = to_stamp(EPOCH)
     sent = decode_rig_control(stage.on_command(command, Instant(5.0, EPOCH)))
     assert (sent.yaw_rate, sent.pan, sent.tilt) == (0.0, None, None)
