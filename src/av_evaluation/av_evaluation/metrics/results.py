@@ -83,7 +83,7 @@ class RunResult:
     plot: bytes = b''
     in_picture: float = math.nan
     seen_s: float = math.nan
-    tracks: dict[str, float] = field(default_factory=dict)
+    tracks: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
         """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
