@@ -70,3 +70,4 @@ def test_everything_and_another_rate(bag, tmp_path):
 def test_a_bag_without_tracks_is_an_error(bag, tmp_path, arguments, words):
     with pytest.raises(SystemExit, match=words):
         main([str(bag), '--out', str(tmp_path / 'none'), *arguments])
+    assert not list(tmp_path.glob('none.*'))    # it can be repeated with other arguments

@@ -12,6 +12,7 @@ from av_evaluation.experiments.methods import METHODS
 from av_evaluation.metrics.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.sigma import INTERVAL, sigma_by_sensor
+from av_evaluation.metrics.track_comparison import TrackFigures
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program
 
@@ -44,7 +45,8 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
         [Case(name, **common, model=options.model, stage=options.stage, parameters=tuple(options.params), remap=remap,
               namespace=options.namespace)]
         if is_bag(Path(name)) else
-        [Case(name, seed, **common, model=seeing, follow=not options.static, rig=options.rig)
+        [Case(name, seed, **common, model=seeing, follow=not options.static, rig=options.rig,
+              max_sources=options.max_sources)
          for seed in range(1, options.seeds + 1)])]
 
 
@@ -64,6 +66,11 @@ def show(runs: Sequence[RunResult]) -> None:
     times = [f'{run.seen_s:.1f}' for run in runs if math.isfinite(run.seen_s)]
     if times:
         print(f'first seen after {", ".join(times)} s')
+    for run in runs:
+        if run.tracks:
+            tracks = TrackFigures(**run.tracks)
+            print(f'{run.name}: all targets, GOSPA {tracks.gospa_deg:.1f}°, errors {tracks.localisation_deg:.1f}° RMS, '
+                  f'{tracks.missed:.1f} missed, {tracks.false:.1f} false, {tracks.switches:.0f} identity switches')
     for text in dict.fromkeys(text for run in runs for text in (*run.notes, *run.missing.values())):
         print(f'  ! {text}', file=sys.stderr)
 
@@ -81,6 +88,7 @@ def make_parser() -> argparse.ArgumentParser:
         'their recorded detections')
     add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
+    add('--max-sources', type=int, default=1, metavar='N', help='scenarios: directions in one window of sound, 1 to 4')
     add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
     add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
     add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')

@@ -86,11 +86,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         with Bag(options.bag) as bag:
             log = TrackLog(options.out, options.length)
-            refused = export(bag, log, settings, options.namespace, options.rate)
-        log.close()
+            try:
+                refused = export(bag, log, settings, options.namespace, options.rate)
+            finally:
+                log.close()
+                if not log.written:     # so that the same command can be repeated with other options
+                    for ending in ('csv', 'geojsonl'):
+                        options.out.with_name(f'{options.out.name}.{ending}').unlink()
     except (OSError, ValueError) as error:
         sys.exit(f'export_tracks: {error}')
-    print(f'{log.written} lines in {options.out}.csv and {options.out}.geojsonl'
-          + (f'; {refused} messages could not be used' if refused else ''))
     if not log.written:
         sys.exit('export_tracks: no track is to be written: see --everything, --heading and --platform')
+    print(f'{log.written} lines in {options.out}.csv and {options.out}.geojsonl'
+          + (f'; {refused} messages could not be used' if refused else ''))

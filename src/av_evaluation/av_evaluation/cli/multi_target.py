@@ -97,11 +97,10 @@ def _make(name: str, model: SensorModel, simulation: MeasurementSimulation) -> P
 
 def _print(scenario: str, name: str, runs: Sequence[MultiTargetFigures]) -> float:
     """Print the means of the runs; returns that of GOSPA (deg)."""
-    table = np.array([(each.gospa_deg, each.localisation_deg, each.missed, each.false, each.switches, 100.0 * each.kept,
-                       each.identity, each.percent) for each in runs])
+    table = np.array([(*each.tracks, each.identity, each.percent) for each in runs])
     mean, error, missed, false, switches, kept, identity, percent = table.mean(axis=0).tolist()
-    print(f'{scenario:<18}{name:<19}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}{kept:>10.0f} %'
-          f'{identity:>10.2f}{percent:>9.1f} %', flush=True)
+    print(f'{scenario:<18}{name:<19}{mean:>6.2f} °{error:>7.2f} °{missed:>8.2f}{false:>7.2f}{switches:>10.1f}'
+          f'{100.0 * kept:>10.0f} %{identity:>10.2f}{percent:>9.1f} %', flush=True)
     return float(mean)
 
 

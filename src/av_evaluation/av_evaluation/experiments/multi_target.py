@@ -12,16 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, Scan, SensorModel
-from av_evaluation.metrics.gospa import angles_between, gospa
-from av_evaluation.metrics.identity_switches import IdentitySwitches
+from av_evaluation.metrics.track_comparison import TrackComparison, TrackFigures
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
 from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_simulator.scenario import Scenario
-
-CUTOFF_DEG = 15.0  # an error from which a target counts as missed and a track as false
 
 
 class Peer(Protocol):
@@ -74,21 +71,12 @@ class MultiTargetFigures:
     """Figures of one tracker in one run.
 
     Parameters:
-        gospa_deg: mean GOSPA distance over time (deg).
-        localisation_deg, missed, false: mean of its parts: root mean square error of the assigned (deg), and numbers of
-            missed and false targets.
-        switches: identity switches.
-        kept: share of the targets that are followed at last under the name that they were given first.
+        tracks: see `TrackFigures`.
         identity: see `Peer`, at last.
         percent: processor time over the duration of the run, in percent.
     """
 
-    gospa_deg: float
-    localisation_deg: float
-    missed: float
-    false: float
-    switches: int
-    kept: float
+    tracks: TrackFigures
     identity: float
     percent: float
 
@@ -100,21 +88,13 @@ def figures_of(peer: Peer, scans: Iterable[Scan]) -> MultiTargetFigures:
         peer: the tracker.
         scans: measurements and truth.
     """
-    identities, found, used, last = IdentitySwitches(CUTOFF_DEG), [], 0.0, 0.0
-    assigned = 0
+    comparison, used, last = TrackComparison(), 0.0, 0.0
     for scan in scans:
         begun = wall.process_time()
         tracks = peer.use(scan)
         used, last = used + wall.process_time() - begun, scan.time
-        distances = np.degrees(angles_between(scan.truth, np.array(list(tracks.values()))))
-        identities.add(distances, list(tracks))
-        each = gospa(distances, CUTOFF_DEG)
-        assigned += len(each.assigned)
-        found.append(each[:4])
-    distance, localisation, missed, false = np.mean(np.array(found), axis=0)
-    unit = 0.5 * CUTOFF_DEG**2
-    return MultiTargetFigures(float(distance), math.sqrt(localisation * len(found) / max(assigned, 1)), missed / unit,
-                              false / unit, identities.count, identities.kept, peer.identity(), 100.0 * used / max(last, 1e-9))
+        comparison.add(scan.truth, tracks)
+    return MultiTargetFigures(comparison.figures(), peer.identity(), 100.0 * used / max(last, 1e-9))
 
 
 def compare(scenario: Scenario, peers: dict[str, Callable[[], Peer]], seeds: Iterable[int], model: SensorModel | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -11,11 +12,15 @@ from nav_msgs.msg import Odometry
 
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import LocalizerSettings
+from av_common.angles import angles_to_direction
 from av_common.freshness import Instant
 from av_common.rig import Rig
+from av_common.stamps import to_seconds
 from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
+from av_evaluation.metrics.track_comparison import TrackComparison
 from av_evaluation.runs.offline_rig import OfflineRig
+from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
@@ -68,6 +73,8 @@ class OfflineRun:
         self._renderer = self.world.renderer() if detection is not None else None
         self._oracle = Oracle(rig.camera.model, self.world.solids())
         self._image_every, self._duration = image_every, scenario.duration
+        self._comparison = TrackComparison() if len(scenario.targets) > 1 else None
+        self._compared = math.nan   # time of the tracks that were compared last
 
     @property
     def log(self) -> RunLog:
@@ -80,6 +87,8 @@ class OfflineRun:
             pass
         if self.rig.emitters.known:
             self.log.notes |= self.rig.emitters.diagnostics()
+        if self._comparison is not None:
+            self.log.tracks = self._comparison.figures()
         return self.log
 
     def steps(self, duration: float | None = None) -> Iterator[tuple[float, Bearing | None]]:
@@ -103,8 +112,22 @@ class OfflineRun:
                 self.world.dynamics.command(command.yaw_rate, now)
                 if command.move_gimbal:
                     self.world.dynamics.look(command.pan, command.tilt, now)
+            self._compare_tracks()
             count += 1
             yield now, self.rig.bearing
+
+    def _compare_tracks(self) -> None:
+        """Compare the newest tracks of drones with the true directions of all targets."""
+        if self._comparison is None or self.rig.targets is None:
+            return
+        time = to_seconds(self.rig.targets.header.stamp)
+        if time != self._compared:
+            self._compared = time
+            places = np.array([target.trajectory(time)[0] for target in self.world.scenario.targets])
+            away = places - np.array(self.world.rig_state(time).position)
+            tracks = {track.id: angles_to_direction(track.azimuth_world, track.elevation_world)
+                      for track in self.rig.targets.tracks if not track.drone_probability < DRONE}
+            self._comparison.add(away / np.linalg.norm(away, axis=1, keepdims=True), tracks)
 
     def _log_truth(self, moment: float) -> Odometry:
         """Log the true poses, and report those of rig and gimbal."""

@@ -115,6 +115,7 @@ def write_report(runs: Sequence[RunResult], failures: Mapping[str, str], out: Pa
         {'name': run.name, 'case': run.case, 'notes': run.notes, 'missing': run.missing,
          **{key: value if math.isfinite(value) else None
             for key, value in (('in_picture', run.in_picture), ('seen_s', run.seen_s))},
+         'tracks': {key: value if math.isfinite(value) else None for key, value in run.tracks.items()} or None,
          'methods': {method: figures_together([run], method) for method in run.methods}} for run in runs])
     page = Page('Evaluation of bearings', f'{len(runs)} runs. Made by `{command}`.')
     page.heading('All runs together')

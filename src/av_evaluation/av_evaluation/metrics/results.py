@@ -68,6 +68,7 @@ class RunResult:
         in_picture: share of the time with the target in the picture, of that for which the camera could see it if it looked
             there; nan where that is not known.
         seen_s (s): from the first measurement of sound to the first detection; nan without either.
+        tracks: fields of `TrackFigures`, of simulated runs with several targets; empty for others.
     """
 
     name: str
@@ -82,6 +83,7 @@ class RunResult:
     plot: bytes = b''
     in_picture: float = math.nan
     seen_s: float = math.nan
+    tracks: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
         """Write `<name>-<key>.png` and, last, `.npz`: a result with the latter file is complete."""
@@ -90,7 +92,7 @@ class RunResult:
         columns |= {f'{part}//{key}': value for part in ('truth', 'state') for key, value in getattr(self, part).items()}
         numbers = {name: {key: value for key, value in vars(method).items() if not isinstance(value, np.ndarray)}
                    for name, method in self.methods.items()}
-        kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'missing', 'notes')
+        kept = ('name', 'key', 'case', 'span_s', 'in_picture', 'seen_s', 'tracks', 'missing', 'notes')
         header = {key: getattr(self, key) for key in kept}
         if self.plot:
             (folder / f'{self.name}-{self.key}.png').write_bytes(self.plot)

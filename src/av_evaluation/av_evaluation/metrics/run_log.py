@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from av_bags.retrying_file import UnnamedFile
+from av_evaluation.metrics.track_comparison import TrackFigures
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
 
@@ -92,6 +93,7 @@ class RunLog:
         sight: azimuth of the best detection of each image, nan with score 0 where there is none.
         fused: estimated bearings with standard deviation, `State`, and whether front and back are resolved.
         notes: on the origin of the data, by topic.
+        tracks: how well all targets are tracked, of simulated runs with several; None for others.
 
     Parameters:
         folder: for temporary files, so that the log's memory does not grow with the run; None to keep all in memory.
@@ -105,6 +107,7 @@ class RunLog:
         self.fused = Series('time', 'azimuth', 'sigma', 'state', 'resolved', 'delay', folder=folder)
         self.picture = Series('time', 'visible', 'inside', folder=folder)
         self.notes: dict[str, str] = {}
+        self.tracks: TrackFigures | None = None
 
     def newest(self) -> RunLog:
         """A log of the rows in memory, which takes the same time however long the run is."""

@@ -40,7 +40,7 @@ class Case:
         changes: values of the scenario's file by dotted keys.
         rig: name or file of the rig's description, '' for the scenario's.
         array: array file in place of the rig's.
-        band_hz (Hz): band of the localizer in scenarios.
+        band_hz (Hz), max_sources: band and largest number of sources of the localizer in scenarios.
         stage: of a bag, from which to compute, see `ReplaySettings`.
         parameters: parameter files for a bag.
         remap: remappings of a bag's topics.
@@ -59,6 +59,7 @@ class Case:
     rig: str = ''
     array: str = ''
     band_hz: tuple[float, float] = (200.0, 4000.0)
+    max_sources: int = 1
     stage: str = ''
     parameters: tuple[str, ...] = ()
     remap: tuple[str, ...] = ()

@@ -30,7 +30,7 @@ from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTr
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, fixed_rotations
 from av_fusion.stage import FusionStage
 from av_fusion.tracker_protocol import Tracker
-from av_interfaces.msg import Bearing
+from av_interfaces.msg import Bearing, TrackArray
 from av_sim_bridge.messages import gimbal_message, odometry_message
 from av_sim_bridge.vehicle import VehicleState
 from av_sim_bridge.wire.gimbal import GimbalSample
@@ -47,7 +47,7 @@ class OfflineRig:
     Attributes:
         log: truth, measurements and bearings.
         record: the measurements, for other trackers and methods.
-        bearing: the newest bearing, None before the first.
+        bearing, targets: the newest bearing, and all tracks; None before the first.
         emitters: sources at fixed places that have been learnt.
 
     Parameters:
@@ -70,6 +70,7 @@ class OfflineRig:
         settings = settings or LocalizerSettings()
         self.record = MeasurementRecord()
         self.bearing: Bearing | None = None
+        self.targets: TrackArray | None = None
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
         history = GimbalHistory() if gimbal else None
         rotation_of = fixed_rotations(rotations) if history is None else carried(rotations, 'camera', history)
@@ -125,6 +126,8 @@ class OfflineRig:
     def _publish(self, name: str, time: float, message: Any) -> None:
         if name == topics.BEARING:
             self.bearing = message
+        elif name == topics.TARGETS:
+            self.targets = message
 
 
 def carried(rotations: Mapping[str, NDArray[np.float64]], frame: str, gimbal: GimbalHistory) -> RotationOf:

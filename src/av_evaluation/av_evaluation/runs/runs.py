@@ -90,6 +90,8 @@ def evaluate_run(name: str, log: RunLog, record: MeasurementRecord, methods: tup
     visible = log.picture['visible'] > 0.0
     if visible.any():
         result.in_picture = float(np.mean(log.picture['inside'][visible]))
+    if log.tracks is not None:
+        result.tracks = log.tracks._asdict()
     result.state = {'time': log.fused['time'], 'state': log.fused['state'], 'sigma': log.fused['sigma']}
     return result
 
@@ -127,7 +129,8 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     pointing = PointingController(settings) if case.follow else None
     tracker = MultiTargetTracker(MultiTargetSettings(BayesSettings(gimbal=rig.gimbal)))
     run = OfflineRun(scenario, rig, tracker, case.seed, pointing, _estimators(case.methods),
-                     detection_stage(case.model) if case.model else None, settings=LocalizerSettings(band_hz=case.band_hz))
+                     detection_stage(case.model) if case.model else None,
+                     settings=LocalizerSettings(band_hz=case.band_hz, max_sources=case.max_sources))
     run.run(case.duration or None)
     return run.log, run.rig.record, [] if case.model else ["sight is the simulator's visual oracle: no detector ran"]
 

@@ -153,22 +153,18 @@ class BernoulliTrack(Posterior):
         gains = _gains(heard, 1.0 - missed) * free
         for comparisons in compared:
             component = comparisons[0].component
-            self._note_nearest_sound(comparisons, free, fraction)
             fits = np.array([comparison.fit for comparison in comparisons])
             direct, unheard = missed**fraction + float(np.sum(fits * gains**fraction)), component.p_outlier
             total = unheard + (1.0 - unheard) * direct
             component.p_outlier = unheard / total
             likelihoods = (1.0 - unheard) * fits * gains
             shares = likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))
+            for comparison, share in zip(comparisons, shares.tolist(), strict=True):
+                self.note_innovation(comparison, fraction, share)
             self.update_by_sound(time, comparisons, shares.tolist())
             component.weight *= total
         self.adapt_to_sound(fraction)
         self.mixture.reduce()
-
-    def _note_nearest_sound(self, comparisons: Sequence[Comparison], free: NDArray[np.float64], fraction: float) -> None:
-        """Note the innovation of the nearest direction, as far as no other target explains it."""
-        nearest = min(range(len(comparisons)), key=lambda j: comparisons[j].deviations[0].distance)
-        self.note_innovation(comparisons[nearest], fraction, min(float(free[nearest]), 1.0))
 
     def miss_sound(self, fraction: float) -> None:
         """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""
