@@ -62,6 +62,19 @@ def test_the_target_probability_follows_bayes():
         assert base._replace(drone_probability=p).target_probability == pytest.approx(odds / (1.0 + odds))
 
 
+def test_of_two_sources_in_a_window_the_likeliest_is_followed():
+    """The other one might be the target, too: alone it would be followed."""
+    tracker, sensors = BayesTracker(), SimulatedSensors(1)
+    for step in range(100):
+        time = 100.0 + 0.1 * step
+        likely, doubtful = (sensors.doa(time, azimuth)._replace(drone_probability=p) for azimuth, p in
+                            ((DRONE, 0.75), (BYSTANDER, 0.4)))
+        tracker.add_doas([doubtful, likely])
+    assert abs(math.sin(tracker.estimate(110.0).azimuth - DRONE)) < 0.05 or abs(
+        math.sin(tracker.estimate(110.0).azimuth + DRONE)) < 0.05    # front and back are open
+    assert doubtful.target_probability > 0.5
+
+
 def test_a_bystander_alone_starts_no_track():
     tracker = BayesTracker()
     tracks = run(tracker, JudgedSensors(0.01), lambda t: BYSTANDER, 0.0, 20.0)[1]

@@ -88,9 +88,11 @@ class BayesTracker:
         return jump
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `Tracker`."""
-        for measurement in measurements:
-            self.add_doa(measurement)
+        """See `Tracker`. Of several sources in a window one is the target: the likeliest."""
+        usable = [one for one in map(usable_doa, measurements) if one is not None]
+        self.bystander = next((one for one in usable if one.target_probability < LEAST_TARGET_PROBABILITY), self.bystander)
+        if usable:
+            self.add_doa(max(usable, key=lambda one: one.target_confidence))
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
         """Use one direction of arrival."""
