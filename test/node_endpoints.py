@@ -136,7 +136,8 @@ def wait_for_a_watch(node: RigNode) -> None:
     with connect(f'ws://127.0.0.1:{node.server.port}/feed', proxy=None) as viewer:
         viewer.send('{"do": "watch"}')
         deadline = time.monotonic() + 60.0
-        while not {'/truth/rig', '/tracks'} <= {subscription.topic_name for subscription in node.subscriptions}:
+        while not {'/truth/rig', '/tracks'} <= {topic for topic, _ in node.get_subscriber_names_and_types_by_node(
+                node.get_name(), node.get_namespace())}:
             assert time.monotonic() < deadline
             rclpy.spin_once(node, timeout_sec=0.1)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 # rosdep keys of Python modules; any other module is a ROS package of the same name.
 KEYS = {
+    '_pytest': 'python3-pytest', 'pytest_timeout': 'python3-pytest-timeout',
     'cv2': 'python3-opencv', 'h5py': 'python3-h5py', 'hypothesis': 'python3-hypothesis', 'jsonschema': 'python3-jsonschema',
     'matplotlib': 'python3-matplotlib', 'mcap': 'mcap-ros2-support', 'mcap_ros2': 'mcap-ros2-support',
     'mujoco': 'python3-mujoco-pip', 'numpy': 'python3-numpy', 'onnxruntime': 'python3-onnxruntime-pip',

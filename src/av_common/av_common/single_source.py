@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 CONTESTED_S = 0.25  # since the newest stamp that went back
 JITTER_S = 0.01  # by which stamps of one source may go back, where its clock is corrected
@@ -21,18 +22,21 @@ class SingleSource:
 
     def __init__(self) -> None:
         self.refused = 0
-        self._stamp = self._arrival = self._contested = -math.inf
+        self._stamp = self._measured = self._arrival = self._contested = -math.inf
 
-    def take(self, stamp: float, arrival: float) -> bool:
+    def take(self, stamp: float, arrival: float, measured: float = math.nan) -> bool:
         """Note a message; returns whether it can be used.
 
         Parameters:
             stamp (s): its capture time.
             arrival (s): time of its arrival.
+            measured (s): capture time of the newest measurement that a bearing rests on, which does not go back either.
         """
-        if stamp < self._stamp - JITTER_S and arrival >= self._arrival:  # an earlier arrival is a restart of the clock
+        back = stamp < self._stamp - JITTER_S or measured < self._measured - JITTER_S
+        if back and arrival >= self._arrival:  # an earlier arrival is a restart of the clock
             self._contested = arrival
         self._stamp, self._arrival = stamp, arrival
+        self._measured = self._measured if math.isnan(measured) else measured
         contested = self.is_contested(arrival)
         self.refused += contested
         return not contested
@@ -40,3 +44,31 @@ class SingleSource:
     def is_contested(self, now: float) -> bool:
         """Whether two sources sent at `now` (s)."""
         return 0.0 <= now - self._contested < CONTESTED_S
+
+
+class SingleSources:
+    """A `SingleSource` for each topic.
+
+    Parameters:
+        topics: their names.
+    """
+
+    def __init__(self, topics: Iterable[str]) -> None:
+        self._sources = {topic: SingleSource() for topic in topics}
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Number of messages that were not used, by topic."""
+        return {topic: source.refused for topic, source in self._sources.items()}
+
+    def take(self, topic: str, stamp: float, arrival: float, measured: float = math.nan) -> bool:
+        """See `SingleSource.take`."""
+        return self._sources[topic].take(stamp, arrival, measured)
+
+    def is_contested(self, topic: str, now: float) -> bool:
+        """Whether two sources of a topic sent at `now` (s)."""
+        return self._sources[topic].is_contested(now)
+
+    def any_contested(self, now: float) -> bool:
+        """Whether some topic has two sources at `now` (s)."""
+        return any(source.is_contested(now) for source in self._sources.values())

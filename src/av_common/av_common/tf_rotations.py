@@ -25,10 +25,12 @@ class TfRotations:
     Parameters:
         node: subscribes to tf.
         base_frame: the body frame.
+        nearest (s): how long after the newest transform that one is taken.
     """
 
-    def __init__(self, node: Node, base_frame: str) -> None:
+    def __init__(self, node: Node, base_frame: str, nearest: float = NEAREST_S) -> None:
         self.problem = ''
+        self._nearest = nearest
         self._base_frame = base_frame
         self._buffer = Buffer()
         self._listener = GuardedTransformListener(self._buffer, node)
@@ -38,8 +40,8 @@ class TfRotations:
     def rotation(self, frame: str, time: float) -> NDArray[np.float64] | None:
         """Rotation matrix (3, 3) from a sensor frame to the body frame at `time` (s), interpolated; None if unknown.
 
-        The newest transform is taken for one that is NEAREST_S later. Raises NotYetKnownError where a transform of that time
-        may still come.
+        The newest transform is taken for a time that is up to `nearest` later. Raises NotYetKnownError where a transform of
+        that time may still come.
         """
         self.problem = ''
         if self._version != self._listener.version:
@@ -50,9 +52,9 @@ class TfRotations:
         try:
             newest = 1e-9 * self._buffer.get_latest_common_time(self._base_frame, frame).nanoseconds  # 0 for fixed frames
             late = time - newest if newest else 0.0
-            if NEAREST_S < late <= LATEST_S:
+            if self._nearest < late <= LATEST_S:
                 raise NotYetKnownError(f'no transform from {frame!r} to {self._base_frame!r} of the capture time yet')
-            at = newest if 0.0 < late <= NEAREST_S else time
+            at = newest if 0.0 < late <= self._nearest else time
             found = self._buffer.lookup_transform(self._base_frame, frame, Time(nanoseconds=round(1e9 * at)))
         except TransformException as error:
             self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'

@@ -214,9 +214,9 @@ class FusionStage:
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
-        contested_before = self.gate.is_contested(name, arrival)
+        contested_before = self.gate.sources.is_contested(name, arrival)
         accepted = self.gate.accept(name, to_seconds(message.header.stamp), arrival)
-        if self.gate.is_contested(name, arrival) and not contested_before:
+        if self.gate.sources.is_contested(name, arrival) and not contested_before:
             self._undo(name, arrival)
         return accepted
 
@@ -277,7 +277,7 @@ class FusionStage:
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
-        if self._checkpoints is not None and not self.gate.any_contested(now):
+        if self._checkpoints is not None and not self.gate.sources.any_contested(now):
             self._checkpoints.keep((self.tracker, self.emitters), now)
         if self._observer is not None:
             self._observer.on_track(track, now)

@@ -79,14 +79,14 @@ def test_falsehoods_are_not_followed_and_tracking_is_back_at_once(method, start)
     assert not any(output.bearing.source for now, output, _ in outputs if ATTACK + 1.5 < now < END)
     late = [is_true(output, azimuth) for now, output, azimuth in outputs if now > END + 1.0]
     assert len(late) > 10 and all(late)
-    assert all(count > 0 for count in stage.gate.contested.values())
+    assert all(count > 0 for count in stage.gate.sources.refused.values())
 
 
 @pytest.mark.parametrize('name', FORGED)
 def test_one_contested_input_leaves_the_track_to_the_others(name):
     stage, outputs = run([name], -20.0)
     assert np.mean([is_true(output, azimuth) for now, output, azimuth in outputs if now > ATTACK]) > 0.95
-    assert [other for other, count in stage.gate.contested.items() if count] == [name]
+    assert [other for other, count in stage.gate.sources.refused.items() if count] == [name]
     assert all(output.state.missing == [name] for now, output, _ in outputs if ATTACK + 1.5 < now < END)
 
 

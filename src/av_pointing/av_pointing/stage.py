@@ -15,7 +15,7 @@ from av_common.frames import attitude_of
 from av_common.freshness import FUTURE_S, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
-from av_common.single_source import SingleSource
+from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
@@ -28,12 +28,13 @@ class PointingStage:
     """Gives a command for each bearing, and at any time by `on_time`.
 
     Ages count from the arrival on by the steady clock (see `Instant`). What keeps the body moving is new data only: bearings
-    whose `measured` advances, and odometry whose stamp does. A topic with two sources is not used (see `SingleSource`):
+    whose `measured` advances, and odometry whose stamp does. A topic with two sources is not used (see `SingleSources`):
     a forged bearing would renew the age of what is genuine. It may show by its stamp or by its `measured`.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
         command: the newest command, None before the first.
+        sources: whether a topic has two sources.
 
     Parameters:
         controller: see the attribute.
@@ -48,14 +49,7 @@ class PointingStage:
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
         self._cue: Look | None = None
-        self._measurers = SingleSource()    # of bearings
-        self._sources = {'target/bearing': SingleSource(), 'odometry': SingleSource()}
-
-    @property
-    def contested(self) -> dict[str, int]:
-        """Number of messages that were refused because two sources sent, by topic."""
-        return {'target/bearing': self._sources['target/bearing'].refused + self._measurers.refused,
-                'odometry': self._sources['odometry'].refused}
+        self.sources = SingleSources(('target/bearing', 'odometry'))
 
     @property
     def refused(self) -> int:
@@ -70,10 +64,8 @@ class PointingStage:
             arrival: time of its arrival.
         """
         track = track_of_bearing(message)
-        alone = self._sources['target/bearing'].take(track.time, arrival.ros)
-        if track.state != State.NONE:
-            alone = self._measurers.take(track.measured, arrival.ros) and alone
-        if not alone:
+        measured = math.nan if track.state == State.NONE else track.measured
+        if not self.sources.take('target/bearing', track.time, arrival.ros, measured):
             self._measured.skip(track.measured, arrival)
             return self.on_time(arrival)
         self._track = track
@@ -93,7 +85,7 @@ class PointingStage:
         q = message.pose.pose.orientation
         if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
             stamp = to_seconds(message.header.stamp)
-            if not self._sources['odometry'].take(stamp, arrival.ros):
+            if not self.sources.take('odometry', stamp, arrival.ros):
                 self._odometry.skip(stamp, arrival)
             elif self._odometry.take(stamp, arrival):
                 age = max(arrival.ros - stamp, 0.0)

@@ -83,7 +83,7 @@ def test_a_forged_bearing_gives_a_genuine_one_no_new_age(behind):
         else:
             command = move(stage, bearing(time - random.choice((0.0, behind)), 0.5), time)
         assert time < measured + 0.35 or command.yaw_rate == pytest.approx(0.0)    # the first forged one counted
-    assert stage.contested['target/bearing'] > 30
+    assert stage.sources.refused['target/bearing'] > 30
     for k in range(10):
         command = move(stage, bearing(time + 0.05 * (k + 1), 0.5), time + 0.05 * (k + 1))
     assert command.yaw_rate > 0.1

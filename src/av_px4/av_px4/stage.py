@@ -14,7 +14,7 @@ from av_common.freshness import FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
-from av_common.single_source import SingleSource
+from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
@@ -53,7 +53,7 @@ class Px4Stage:
     """Guard of the body motion, gimbal client, external mode and odometry, driven by messages.
 
     Methods named `on_*` take a message and its arrival (see Instant) and return the messages to publish. They raise
-    ValueError for an unusable message. Commands and bearings with two sources are not used (see SingleSource).
+    ValueError for an unusable message. Commands and bearings with two sources are not used (see SingleSources).
 
     Parameters:
         settings: limits and options
@@ -71,7 +71,7 @@ class Px4Stage:
         self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
         self._now = Instant(0.0, 0.0)
         self._commanded = FreshInput()
-        self._sources = {'pointing/command': SingleSource(), 'target/bearing': SingleSource()}
+        self.sources = SingleSources(('pointing/command', 'target/bearing'))
         self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN + MARGIN)
         self._started = self._last_step = -math.inf
         self._status: VehicleStatus | None = None
@@ -79,11 +79,6 @@ class Px4Stage:
         self._command = PointingCommand()
         self._reported: tuple[object, ...] = ()
         self.unread: set[str] = set()    # inputs to which PX4 does not subscribe
-
-    @property
-    def contested(self) -> dict[str, int]:
-        """Number of messages that were refused because two sources sent, by topic."""
-        return {topic: source.refused for topic, source in self._sources.items()}
 
     @property
     def system_id(self) -> int:
@@ -126,14 +121,15 @@ class Px4Stage:
     def on_command(self, message: PointingCommand, arrival: Instant) -> list[Outgoing]:
         """Execute a pointing command at once; a command whose stamp is too old is ignored."""
         self._now = arrival
-        if not self._is_alone('pointing/command', message) or not self._in_time(message.header.stamp,
-                                                                                self.settings.guard.command_timeout):
+        stamp = message.header.stamp
+        alone = self.sources.take('pointing/command', to_seconds(stamp), arrival.ros)
+        if not alone or not self._in_time(stamp, self.settings.guard.command_timeout):
             return []
         if message.header.frame_id not in ('', self.settings.base_frame, BASE_STABILIZED):
             raise ValueError(f'a command in {message.header.frame_id!r}, expected {self.settings.base_frame!r} or '
                              f'{BASE_STABILIZED!r}')
         self.meters['command'].tick()
-        self._commanded.take(to_seconds(message.header.stamp), arrival)
+        self._commanded.take(to_seconds(stamp), arrival)
         self._command = message
         return self._step()
 
@@ -143,11 +139,12 @@ class Px4Stage:
         The body moves by new measurements only, whatever is published between them.
         """
         self._now = arrival
-        if not self._is_alone('target/bearing', message):
+        measured = to_seconds(message.measured) if message.state != Bearing.STATE_NONE else math.nan
+        if not self.sources.take('target/bearing', to_seconds(message.header.stamp), arrival.ros, measured):
+            self._measured_target.skip(measured, arrival)
             return []
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, OLDEST_MEASUREMENT_S):
             self.meters['bearing'].tick()
-            measured = to_seconds(message.measured)
             if measured > 0.0:  # 0 is a bearing without a measurement
                 self._measured_target.take(measured, arrival)
         return []
@@ -287,9 +284,6 @@ class Px4Stage:
 
     def _steady(self) -> float:
         return self._now.steady
-
-    def _is_alone(self, topic: str, message: PointingCommand | Bearing) -> bool:
-        return self._sources[topic].take(to_seconds(message.header.stamp), self._now.ros)
 
     def _in_time(self, stamp: Time, limit: float) -> bool:
         """Whether the stamp is at most `limit` s old: a message that waited in a queue is not fresh on arrival."""

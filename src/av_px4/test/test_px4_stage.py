@@ -104,9 +104,28 @@ def test_commands_of_two_sources_turn_nothing():
         forged.header.stamp = to_stamp(rig.now.ros - 0.1)
         rig.take('command', forged)
     assert all(math.isnan(setpoint.yawspeed) for setpoint in rig.of('trajectory_setpoint', since=rig.time - 0.5))
-    assert rig.stage.contested == {'pointing/command': 99, 'target/bearing': 0}
+    assert rig.stage.sources.refused == {'pointing/command': 99, 'target/bearing': 0}
     rig.run(1.0, yaw_rate=0.3)
     assert rig.of('trajectory_setpoint')[-1].yawspeed == pytest.approx(-0.3)
+
+
+def test_a_forged_bearing_gives_a_genuine_one_no_new_measurement():
+    """Genuine bearings are predictions; those between them, with stamps of now, state new measurements."""
+    rig = Rig()
+    rig.nav_state = OFFBOARD
+    rig.run(1.0, yaw_rate=0.3)
+    measured, rig.silent = rig.now.ros, {'rig'}
+    for k in range(50):
+        rig.run(0.02)
+        bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE)
+        bearing.header.stamp = to_stamp(rig.now.ros)
+        bearing.measured = to_stamp(measured if k % 2 else rig.now.ros)
+        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
+        command.header.stamp = to_stamp(rig.now.ros)
+        rig.take('bearing', bearing)
+        rig.take('command', command)
+    assert rig.stage.decision.reason == 'no fresh measurement'
+    assert rig.stage.sources.refused['target/bearing'] > 40
 
 
 @pytest.mark.parametrize('begin', [1.7e9, 0.1])

@@ -19,7 +19,7 @@ from av_common.common_clock import CommonClock
 from av_common.frames import frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
-from av_common.single_source import SingleSource
+from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
@@ -108,7 +108,7 @@ class BridgeStage:
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
         self._sequence = 0
-        self._commanded, self._commander = FreshInput(), SingleSource()
+        self._commanded, self.sources = FreshInput(), SingleSources(('pointing/command',))
         self._unusable_odometry = self._unusable_commands = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
@@ -200,7 +200,7 @@ class BridgeStage:
         """
         self._sequence = (self._sequence + 1) % 2**31
         stamp = to_seconds(command.header.stamp)
-        alone = self._commander.take(stamp, arrival.ros)
+        alone = self.sources.take('pointing/command', stamp, arrival.ros)
         self._commanded.take(stamp, arrival)
         fresh = alone and self._commanded.age(arrival) <= COMMAND_TIMEOUT
         possible = abs(command.yaw_rate) <= MOST_YAW_RATE
@@ -226,11 +226,6 @@ class BridgeStage:
     def problem(self) -> str:
         """Reason why the audio stream is unusable, empty if none is known."""
         return self._direction.problem
-
-    @property
-    def contested(self) -> dict[str, int]:
-        """Number of messages that were refused because two sources sent, by topic."""
-        return {'pointing/command': self._commander.refused}
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""

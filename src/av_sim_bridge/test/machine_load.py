@@ -50,9 +50,15 @@ class LoadWatch:
         """Mean number of processes that run or wait for a core."""
         return sum(self._samples) / max(len(self._samples), 1)
 
-    def exceeds(self, per_core: float) -> bool:
-        """Whether more processes a core wanted to run, or the machine stood still for a while."""
-        return self.wanted > per_core * _cores() or self.pause_s > LONGEST_PAUSE_S or self.stolen > MOST_STOLEN
+    @property
+    def disturbed(self) -> bool:
+        """Whether the machine had other work, or stood still for a while."""
+        return self.wanted > BUSY_PER_CORE * _cores() or self.pause_s > LONGEST_PAUSE_S or self.stolen > MOST_STOLEN
+
+    @property
+    def overloaded(self) -> bool:
+        """Whether far more processes wanted to run than there are cores. A pause does not show it: tests pause, too."""
+        return self.wanted > MOST_PER_CORE * _cores()
 
     def __str__(self) -> str:
         return (f'{self.wanted:.1f} processes shared {_cores()} cores, the longest pause was {self.pause_s:.2f} s, '

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import pytest_timeout
 from _pytest.runner import runtestprotocol
-from machine_load import BUSY_PER_CORE, MOST_PER_CORE, LoadWatch
+from machine_load import LoadWatch
 
 REPETITIONS = 2
 
@@ -21,12 +21,12 @@ def run(item, nextitem) -> bool:
         with LoadWatch() as watch:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         failed = [report for report in reports if report.failed]
-        final = repetition == REPETITIONS or not watch.exceeds(BUSY_PER_CORE)
+        final = repetition == REPETITIONS or not watch.disturbed
         if final or not failed or any('from pytest-timeout' in _message(report) for report in failed):
             break
         item.warn(pytest.PytestWarning(f'repeated: {watch}: {_message(failed[0])}'))
         _start_anew(item)
-    if failed and watch.exceeds(MOST_PER_CORE):
+    if failed and watch.overloaded:
         for report in failed:
             path, line, _ = item.location
             report.outcome, report.longrepr = 'skipped', (path, (line or 0) + 1, f'Skipped: {watch}: {_message(report)}')

@@ -175,7 +175,7 @@ def test_commands_of_two_sources_move_nothing():
 
     assert [rate(0.05 * k, 0.05 * k + 0.01) for k in range(3)] == [0.25] * 3
     assert [rate(stamp, 0.2 + 0.02 * k) for k, stamp in enumerate((0.2, 0.1, 0.24, 0.15, 0.28))] == [0.25] + [0.0] * 4
-    assert stage.contested == {'pointing/command': 4}
+    assert stage.sources.refused == {'pointing/command': 4}
     assert rate(0.6, 0.6) == 0.25
 
 

@@ -12,6 +12,7 @@ from av_view.advice import ADVICE
 SILENT_S = 5.0  # after its newest status, from which a node counts as ended
 FORGET_S = 600.0
 MOST_NODES, MOST_VALUES, LONGEST_TEXT = 60, 60, 400
+WAITING = ('recorder_node', 'not active')  # for its button, as it should
 LEVELS = ('ok', 'warning', 'error', 'stale')
 
 
@@ -61,6 +62,7 @@ def _entry(name: str, node: _Node, now: float) -> dict[str, Any]:
     if age > SILENT_S:
         words, level = f'has been silent for {age:.0f} s, after: {node.message}', 'stale'
     advice = list(advise(name.rpartition('/')[2], words)) if level != 'ok' else []
+    level = 'ok' if (name.rpartition('/')[2], words) == WAITING else level
     return {'node': name, 'level': level, 'words': words, 'advice': advice, 'values': node.values, 'age': round(age, 1)}
 
 

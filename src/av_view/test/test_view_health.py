@@ -35,6 +35,15 @@ def test_a_node_that_falls_silent_is_reported_and_comes_back():
     assert health.report(8.5)[0]['level'] == 'ok'
 
 
+def test_a_recorder_that_waits_for_its_button_is_well_and_says_so():
+    health = Health()
+    health.on_diagnostics(array(('recorder_node', DiagnosticStatus.WARN, 'not active'),
+                                ('doa_node', DiagnosticStatus.WARN, 'not active')), 0.0)
+    other, recorder = health.report(1.0)
+    assert other['node'] == '/doa_node' and other['level'] == 'warning'
+    assert recorder['level'] == 'ok' and 'button' in recorder['advice'][0]
+
+
 def test_hostile_diagnostics_take_no_memory():
     health = Health()
     for number in range(1000):

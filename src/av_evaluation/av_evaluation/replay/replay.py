@@ -252,7 +252,7 @@ class Replay:
                 if count:
                     self._note(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
                                "bag's time")
-            for name, count in self._fusion.gate.contested.items():
+            for name, count in self._fusion.gate.sources.refused.items():
                 if count:
                     self._note(f'{count} messages of {name} left out: two sources sent them, whose stamps alternate')
         for frame in sorted(self._frames.unknown):

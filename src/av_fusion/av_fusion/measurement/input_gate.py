@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable
 
 from av_common.freshness import FUTURE_S
-from av_common.single_source import SingleSource
+from av_common.single_source import SingleSources
 
 
 class InputGate:
     """Refuses messages of another clock, and those of an input with two sources.
 
     Attributes:
+        sources: whether an input has two sources.
         foreign_stamps: number of messages that were refused because of their stamps, by input.
 
     Parameters:
@@ -21,15 +22,10 @@ class InputGate:
     """
 
     def __init__(self, names: Iterable[str], tolerance: float) -> None:
-        self._sources = {name: SingleSource() for name in names}
+        self._arrivals = dict.fromkeys(names, -math.inf)
         self._tolerance = tolerance
-        self._arrivals = dict.fromkeys(self._sources, -math.inf)
-        self.foreign_stamps = dict.fromkeys(self._sources, 0)
-
-    @property
-    def contested(self) -> dict[str, int]:
-        """Number of messages that were refused because two sources sent, by input."""
-        return {name: source.refused for name, source in self._sources.items()}
+        self.sources = SingleSources(self._arrivals)
+        self.foreign_stamps = dict.fromkeys(self._arrivals, 0)
 
     def accept(self, name: str, stamp: float, arrival: float) -> bool:
         """Whether a message can be used.
@@ -42,18 +38,10 @@ class InputGate:
         # A stamp from the future would let the tracker refuse all measurements until then.
         own_clock = -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S)
         self.foreign_stamps[name] += not own_clock
-        accepted = own_clock and self._sources[name].take(stamp, arrival)
+        accepted = own_clock and self.sources.take(name, stamp, arrival)
         if accepted or not own_clock:
             self._arrivals[name] = arrival
         return accepted
-
-    def is_contested(self, name: str, now: float) -> bool:
-        """Whether an input has two sources at `now` (s)."""
-        return self._sources[name].is_contested(now)
-
-    def any_contested(self, now: float) -> bool:
-        """Whether some input has two sources at `now` (s)."""
-        return any(source.is_contested(now) for source in self._sources.values())
 
     def silent(self, now: float, after: float) -> list[str]:
         """Inputs of which nothing arrived, or nothing that could be used, for `after` (s) at `now` (s)."""

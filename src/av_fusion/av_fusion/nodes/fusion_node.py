@@ -141,7 +141,7 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is /tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
-        self._sources.report(status, self._stage.gate.contested)
+        self._sources.report(status, self._stage.gate.sources.refused)
         foreign = self._stage.gate.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(

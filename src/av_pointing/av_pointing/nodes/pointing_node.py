@@ -112,7 +112,7 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{self._stage.refused - self._refused} stamps from the future: are the '
                                 'clocks synchronised? Nothing counts as new for 1.1 s after each')
         self._refused = self._stage.refused
-        self._sources.report(status, self._stage.contested)
+        self._sources.report(status, self._stage.sources.refused)
         status.add('stamps from the future', str(self._refused))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')

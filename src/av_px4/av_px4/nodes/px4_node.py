@@ -117,7 +117,7 @@ class Px4Node(RigNode):
         stage.advance(self._instant())
         for problem in self._problems():
             status.mergeSummary(DiagnosticStatus.WARN, problem)
-        self._sources.report(status, stage.contested)
+        self._sources.report(status, stage.sources.refused)
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('gimbal', stage.gimbal.claim.value)

@@ -169,7 +169,7 @@ class BridgeNode(RigNode):
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
-        self._sources.report(status, self._stage.contested)
+        self._sources.report(status, self._stage.sources.refused)
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():

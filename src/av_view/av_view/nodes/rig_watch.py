@@ -24,7 +24,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.reader import Reader
 from av_common.refused_inputs import BAD_INPUT
 from av_common.stamps import to_seconds
-from av_common.tf_rotations import TfRotations
+from av_common.tf_rotations import LATEST_S, TfRotations
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import (
     AudioFrame,
@@ -89,7 +89,7 @@ class RigWatch:
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
-        self._rotations = TfRotations(node, self._settings.base_frame)
+        self._rotations = TfRotations(node, self._settings.base_frame, LATEST_S)  # viewers wait for no transform
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         # In the order in which they are taken: the camera before what is seen through it.
         self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),

@@ -1,7 +1,7 @@
 // What is drawn of a rig: overlay of the picture, directions from above, map, and diagrams.
 'use strict';
 
-const TAIL_S = 15, RIM = 84;
+const TAIL_S = 15, RIM = 84, JUMP = 20; // degrees from which a tail is broken, as where front and back change places
 const signed = value => (value > 0 ? '+' : '') + value.toFixed(1);
 
 function element(parent, name, attributes, text) {
@@ -89,7 +89,8 @@ function showTracks(svg, tracks) {
   follow(tails, tracks, track => [track.azimuth_world ?? track.azimuth, level(track)]);
   for (const track of tracks) {
     const offset = track.azimuth_world === null ? 0 : track.azimuth - track.azimuth_world, [cx, cy] = at(track.azimuth, level(track));
-    element(svg, 'polyline', { class: 'tail', points: points(tails.get(track.id).map(([, azimuth, radius]) => at(azimuth + offset, radius))) });
+    element(svg, 'path', { class: 'tail', d: tails.get(track.id).map(([, azimuth, radius], i, all) =>
+      `${i && Math.abs(difference(azimuth, all[i - 1][1])) < JUMP ? 'L' : 'M'}${at(azimuth + offset, radius)}`).join('') });
     element(svg, 'circle', { class: `track ${track.selected ? 'selected' : ''}`, cx, cy, r: 3.5 });
     element(svg, 'text', { class: 'name', x: cx + 6, y: cy + 3 }, `#${track.id} ${track.name}${track.range ? ` ${Math.round(track.range)} m` : ''}`);
   }

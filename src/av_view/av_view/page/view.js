@@ -87,7 +87,7 @@ function showPointing() {
   $('enable').textContent = enabled ? 'Stop: commands shall move nothing' : 'Let commands move the rig…';
   $('enable').className = enabled ? 'danger' : '';
   const permitted = control && token, unresolved = state?.bearing && state.bearing.state !== 'none' && !state.bearing.resolved;
-  for (const button of ['enable', 'turn', 'select', 'record', 'pause'].map($)) { button.disabled = !permitted; button.hidden = !offers.includes(button.id); }
+  for (const button of ['enable', 'turn', 'select', 'record', 'pause'].map($)) { button.disabled = !permitted; button.hidden = !permitted || !offers.includes(button.id); }
   $('enable').hidden = false; $('enable').disabled ||= !offers.includes('enable');
   $('turn').disabled ||= !enabled || !unresolved;
   $('turn').title = !enabled ? 'Commands move nothing.' : unresolved ? '' : 'Front and back are told apart, or there is no target.';
@@ -103,7 +103,7 @@ function showPointing() {
   const paused = valueOf('player_node', 'paused') === 'True';
   $('pause').textContent = paused ? 'Play' : 'Pause'; $('pause').value = paused ? '' : 'yes';
   const [position, length] = (valueOf('player_node', 'position') ?? '').split(' of ').map(parseFloat);
-  $('seek-box').hidden = $('pause').hidden; $('seek').disabled = $('pause').disabled; $('seek').max = length || 0;
+  $('seek-box').hidden = !offers.includes('pause'); $('seek').disabled = $('pause').disabled; $('seek').max = length || 0;
   if (document.activeElement !== $('seek')) $('seek').value = position || 0;
   $('position').value = valueOf('player_node', 'position') ?? '';
   $('parameters-box').hidden = !control || !token;
