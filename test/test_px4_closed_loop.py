@@ -13,7 +13,7 @@ from gimbal_bench import Bench
 from av_common.rig import load_rig
 from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, Mode, PointingController
 from av_px4.frames import gimbal_degrees, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
@@ -64,7 +64,7 @@ class Flight:
 def fly(scenario, seconds, heading_deg, mode):
     """The flight and its rows: time, bearing, pan of the gimbal (rad, left), yaw, followed, front and back resolved."""
     flight = Flight(heading_deg, mode)
-    run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(), pointing=flight)
+    run = OfflineRun(scenario, load_rig(find_config('rig')), MultiTargetTracker(), pointing=flight)
     flight.world = run.world
     log = run.run(seconds)
     return flight, np.array(flight.rows), log

@@ -14,7 +14,7 @@ from av_evaluation.experiments.methods import bearings
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.metrics import figures_of, summarise
 from av_fusion.baseline.gated_tracker import GatedTracker
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
@@ -24,7 +24,7 @@ from av_simulator.scenario import load_scenario
 def run():
     """Half a minute of `fog_woodland`, with a rig that obeys the pointing controller."""
     scenario = load_scenario(find_config('fog_woodland', 'scenarios'))
-    run = OfflineRun(scenario, load_rig(find_config('rig')), BayesTracker(),
+    run = OfflineRun(scenario, load_rig(find_config('rig')), MultiTargetTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(30.0)
     return run
@@ -43,7 +43,7 @@ def test_the_demo_keeps_its_promises(run):
 
 def test_another_tracker_is_given_the_same_data(run):
     """The filter repeats its bearings to the bit; the published controller has larger errors on the same data."""
-    again = run.rig.record.replay(BayesTracker())
+    again = run.rig.record.replay(MultiTargetTracker())
     assert np.array_equal(again['azimuth'], run.log.fused['azimuth'], equal_nan=True)
     summary, end = summarise(run.log), float(run.log.fused['time'][-1])
     ours, gated = (figures_of(*bearings(method, run.rig.record, run.log), run.log, summary.acquired, end).rmse_deg
@@ -54,7 +54,7 @@ def test_another_tracker_is_given_the_same_data(run):
 
 def test_a_flying_rig_localises_sound_through_its_ego_rotors():
     """The rotors are as loud as the drone; a record of the rig alone makes the directions usable."""
-    run = OfflineRun(load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig')), BayesTracker(),
+    run = OfflineRun(load_scenario(find_config('ego_rotors', 'scenarios')), load_rig(find_config('rig')), MultiTargetTracker(),
                      pointing=PointingController(PointingSettings(move_gimbal=False)))
     run.run(25.0)
     senses = summarise(run.log).senses
@@ -67,7 +67,7 @@ def test_detections_of_a_turning_gimbal_on_a_tilting_body_are_right(stabilized):
     """A quadrotor accelerates, its gimbal swings: images count from where the camera was, by what the gimbal reported."""
     rig = load_rig(find_config('rig_gimbal'))
     rig = replace(rig, gimbal=replace(rig.gimbal, stabilized=stabilized))
-    run = OfflineRun(load_scenario(find_config('pursuit', 'scenarios')), rig, BayesTracker())
+    run = OfflineRun(load_scenario(find_config('pursuit', 'scenarios')), rig, MultiTargetTracker())
     tilts = []
     for now, _ in run.steps(3.0):
         state = run.world.rig_state(now)

@@ -12,7 +12,6 @@ from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.gimbal_stage import JointNames
 from av_fusion.multi_target.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.multi_target.settings import MultiTargetSettings
@@ -43,11 +42,9 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
         self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
         gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay)
-    if p.method == 'multi':
-        return MultiTargetTracker(MultiTargetSettings(
-            target, acceleration_density=p.targets.acceleration_density, policy=p.targets.policy,
-            visits=p.look.visits, dwell=p.look.dwell, types=types_of(p.targets.types)))
-    return BayesTracker(target)
+    return MultiTargetTracker(MultiTargetSettings(
+        target, acceleration_density=p.targets.acceleration_density, policy=p.targets.policy,
+        visits=p.look.visits, dwell=p.look.dwell, types=types_of(p.targets.types)))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:

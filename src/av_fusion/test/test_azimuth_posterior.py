@@ -10,7 +10,6 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.filter.azimuth_posterior import EDGES, SECTORS, _wrapped_normal, azimuth_posterior
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.multi_target.tracker import MultiTargetTracker
 
@@ -36,9 +35,9 @@ def heard(tracker, azimuth, seconds=2.0, yaw=0.0):
     return time
 
 
-@pytest.mark.parametrize('tracker', [BayesTracker(), MultiTargetTracker()])
-def test_both_mirror_images_of_a_target_share_its_probability(tracker):
+def test_both_mirror_images_of_a_target_share_its_probability():
     """The array's axis is to the left: 40 degrees is heard as 140 degrees, too. The rig's heading is 70 degrees."""
+    tracker = MultiTargetTracker()
     time = heard(tracker, math.radians(110.0), yaw=math.radians(70.0))
     probability = azimuth_posterior(tracker.densities(), tracker.motion, time)
     shares = [probability[np.abs(wrap(CENTRES - math.radians(side))) < math.radians(20.0)].sum() for side in (40.0, 140.0)]
@@ -48,6 +47,6 @@ def test_both_mirror_images_of_a_target_share_its_probability(tracker):
 
 
 def test_an_old_posterior_is_not_one():
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     time = heard(tracker, 0.5)
     assert azimuth_posterior(tracker.densities(), tracker.motion, time + 60.0).sum() == 0.0

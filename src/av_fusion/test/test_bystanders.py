@@ -12,7 +12,6 @@ from test_tracker import errors_deg, run
 
 from av_common.angles import angles_to_direction, wrap
 from av_common.track import Source
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.geometry import doa_in_body
 from av_fusion.measurement.measurements import DoaMeasurement
 from av_fusion.multi_target.tracker import MultiTargetTracker
@@ -37,8 +36,8 @@ class JudgedSensors(SimulatedSensors):
 
 
 def test_an_unknown_probability_changes_nothing():
-    expected = run(BayesTracker(), SimulatedSensors(3), lambda t: DRONE, 0.0, 3.0)[1]
-    tracks = run(BayesTracker(), JudgedSensors(math.nan), lambda t: DRONE, 0.0, 3.0)[1]
+    expected = run(MultiTargetTracker(), SimulatedSensors(3), lambda t: DRONE, 0.0, 3.0)[1]
+    tracks = run(MultiTargetTracker(), JudgedSensors(math.nan), lambda t: DRONE, 0.0, 3.0)[1]
     assert [(track.azimuth, track.azimuth_variance) for track in tracks] == pytest.approx(
         [(track.azimuth, track.azimuth_variance) for track in expected], nan_ok=True)
 
@@ -62,40 +61,25 @@ def test_the_target_probability_follows_bayes():
         assert base._replace(drone_probability=p).target_probability == pytest.approx(odds / (1.0 + odds))
 
 
-def test_of_two_sources_in_a_window_the_likeliest_is_followed():
-    """The other one might be the target, too: alone it would be followed."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(1)
-    for step in range(100):
-        time = 100.0 + 0.1 * step
-        likely, doubtful = (sensors.doa(time, azimuth)._replace(drone_probability=p) for azimuth, p in
-                            ((DRONE, 0.75), (BYSTANDER, 0.4)))
-        tracker.add_doas([doubtful, likely])
-    assert abs(math.sin(tracker.estimate(110.0).azimuth - DRONE)) < 0.05 or abs(
-        math.sin(tracker.estimate(110.0).azimuth + DRONE)) < 0.05    # front and back are open
-    assert doubtful.target_probability > 0.5
-
-
 def test_a_bystander_alone_starts_no_track():
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     tracks = run(tracker, JudgedSensors(0.01), lambda t: BYSTANDER, 0.0, 20.0)[1]
     assert all(track.source == Source.NOTHING for track in tracks)
     assert 'azimuth' in tracker.diagnostics()['newest bystander']
 
 
-@pytest.mark.parametrize('tracker', [BayesTracker, MultiTargetTracker])
-def test_a_drone_is_followed_beside_a_bystander_that_is_heard_more_often(tracker):
+def test_a_drone_is_followed_beside_a_bystander_that_is_heard_more_often():
     """Four of five directions are those of the bystander, which the camera has not shown either."""
-    tracks = run(tracker(), JudgedSensors(0.9, 0.02, period=5), lambda t: DRONE + 0.01 * t, 0.0, 20.0)
+    tracks = run(MultiTargetTracker(), JudgedSensors(0.9, 0.02, period=5), lambda t: DRONE + 0.01 * t, 0.0, 20.0)
     errors = [min(abs(wrap(track.azimuth - truth)), abs(wrap(math.pi - track.azimuth - truth)))  # front and back are open
               for track, truth in zip(tracks[1][300:], tracks[2][300:], strict=True)]
     assert max(errors) < math.radians(10.0)
 
 
-@pytest.mark.parametrize('make', [BayesTracker, MultiTargetTracker])
 @pytest.mark.parametrize('bystander', [BYSTANDER, DRONE - math.radians(15.0)])
-def test_the_track_stays_when_a_bystander_takes_over(make, bystander):
+def test_the_track_stays_when_a_bystander_takes_over(bystander):
     """The drone is not heard for 2 s, but a siren is, far from it or close."""
-    tracker = make()
+    tracker = MultiTargetTracker()
     sensors = JudgedSensors(0.95)
     _, tracks, truths = run(tracker, sensors, lambda t: DRONE, lambda t: 0.4 * math.sin(t), 6.0)
     assert abs(errors_deg(tracks, truths, -1)[0]) < 5.0

@@ -11,8 +11,8 @@ from simulated_sensors import SimulatedSensors
 from av_common.angles import wrap
 from av_fusion.filter import consistency
 from av_fusion.filter.consistency import LEAST, InnovationConsistency
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 SOUND, SIGHT = math.radians(1.5), math.radians(0.4)
 
@@ -52,7 +52,7 @@ def coverage(azimuth, ratio, sees, seed):
         sees: whether the camera sees the target, also after 3 s.
         seed: of the errors.
     """
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     exact, stated = SimulatedSensors(seed, ratio * SOUND, ratio * SIGHT), SimulatedSensors(seed, SOUND, SIGHT)
     errors, sigmas = [], []
     for step in range(40 * 20):

@@ -68,10 +68,9 @@ def is_true(output, azimuth):
     return bearing.state != Bearing.STATE_NONE and bearing.resolved and abs(wrap(bearing.azimuth - azimuth)) < math.radians(5.0)
 
 
-@pytest.mark.parametrize('method', ['bayes', 'multi'])
 @pytest.mark.parametrize('start', [-20.0, 25.0])    # seen when the attack ends, and only heard
-def test_falsehoods_are_not_followed_and_tracking_is_back_at_once(method, start):
-    stage, outputs = run(FORGED, start, method=method)
+def test_falsehoods_are_not_followed_and_tracking_is_back_at_once(start):
+    stage, outputs = run(FORGED, start)
     # As soon as the second source is noticed, what is stated to be measured is true, and a prediction is stated to be one.
     measured = [is_true(output, azimuth) for now, output, azimuth in outputs
                 if ATTACK + 0.3 < now < END and output.bearing.source]
@@ -114,7 +113,7 @@ def test_a_clock_that_starts_again_is_no_second_source():
     assert source.take(3.0, 3.1)
 
 
-@pytest.mark.parametrize('method', ['bayes', 'multi', 'gated'])
+@pytest.mark.parametrize('method', ['bayes', 'gated'])
 def test_checkpoints_return_to_a_recent_state(method):
     checkpoints, tracker = Checkpoints(), make_stage(method=method).tracker
     assert checkpoints.before(START) is None

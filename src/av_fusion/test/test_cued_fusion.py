@@ -33,9 +33,9 @@ def cue(stamp, azimuth_world, frame='rig/world'):
     return PointStamped(header=Header(stamp=to_stamp(stamp), frame_id=frame), point=point)
 
 
-def run(seconds, cued=None, frame='rig/world', method='bayes'):
+def run(seconds, cued=None, frame='rig/world'):
     """Outputs of a rig at YAW that hears a target BEHIND, and is told of one at `cued` (rad) in its last second."""
-    stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': method}),
+    stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'),
                               fixed_rotations({'microphones': np.eye(3)}))
     output = None
     for step in range(round(10 * seconds)):
@@ -49,20 +49,18 @@ def run(seconds, cued=None, frame='rig/world', method='bayes'):
     return output
 
 
-@pytest.mark.parametrize('method', ['bayes', 'multi'])
 @pytest.mark.parametrize('side', [BEHIND, math.pi - BEHIND])
-def test_a_cue_decides_the_side_at_once(method, side):
+def test_a_cue_decides_the_side_at_once(side):
     """Within a second, and with the precision that the rig has by itself."""
-    alone, told = run(4.0, method=method), run(4.0, side + YAW, method=method)
+    alone, told = run(4.0), run(4.0, side + YAW)
     assert not alone.bearing.resolved and told.bearing.resolved
     assert math.cos(told.bearing.azimuth - side) > 0.99
     assert told.bearing.azimuth_variance == pytest.approx(alone.bearing.azimuth_variance, rel=0.05)
 
 
-@pytest.mark.parametrize('method', ['bayes', 'multi'])
-def test_a_cue_to_another_target_decides_nothing(method):
+def test_a_cue_to_another_target_decides_nothing():
     """It fits neither image."""
-    told = run(4.0, -1.2 + YAW, method=method)
+    told = run(4.0, -1.2 + YAW)
     assert not told.bearing.resolved and 0.3 < told.bearing.hemisphere_probability < 0.7
 
 

@@ -10,10 +10,11 @@ from av_common.gimbal_geometry import gimbal_to_body
 from av_common.rig import GimbalMount
 from av_common.track import State
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import rows_of
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 T = 1000.0
 HALF_VIEW, HALF_HEIGHT = math.radians(35.0), math.radians(27.0)
@@ -25,7 +26,7 @@ class Rig:
 
     def __init__(self, azimuth, elevation, gimbal=GIMBAL, visibility=1.0, seed=1):
         self.target = angles_to_direction(math.radians(azimuth), math.radians(elevation))
-        self.tracker = BayesTracker(BayesSettings(gimbal=gimbal))
+        self.tracker = MultiTargetTracker(MultiTargetSettings(BayesSettings(gimbal=gimbal)))
         self.gimbal, self.visibility, self.random = gimbal, visibility, np.random.default_rng(seed)
         self.pan = self.tilt = self.yaw = 0.0
         self.time, self.tracks = T, []

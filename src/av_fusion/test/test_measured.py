@@ -10,7 +10,7 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.track import Source, State
 from av_fusion.baseline.gated_tracker import GatedTracker
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 START, END = 100.0, 106.0
 
@@ -28,7 +28,7 @@ def tracked(tracker, sensors=None, sight=True, sound=True, azimuth=0.3):
 
 
 @pytest.mark.parametrize('sight, sound', [(True, False), (False, True), (True, True)])
-@pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
+@pytest.mark.parametrize('tracker_class', [MultiTargetTracker, GatedTracker])
 def test_measurements_of_the_target_count_at_their_capture_time(tracker_class, sight, sound):
     tracker, _ = tracked(tracker_class(), sight=sight, sound=sound)
     assert tracker.estimate(END).measured == pytest.approx(END)
@@ -38,7 +38,7 @@ def test_measurements_of_the_target_count_at_their_capture_time(tracker_class, s
 @pytest.mark.parametrize('meanwhile', ['nothing', 'images without detections', 'images of fog', 'outliers', 'clutter'])
 def test_nothing_else_counts(meanwhile):
     """Over 3 s of what is not the target: the bearing keeps its time, says that it is predicted, and widens."""
-    tracker, sensors = tracked(BayesTracker())
+    tracker, sensors = tracked(MultiTargetTracker())
     before = tracker.estimate(END)
     for k in range(1, 61):
         t = END + k / 20.0
@@ -62,7 +62,7 @@ def test_nothing_else_counts(meanwhile):
         assert meanwhile in ('nothing', 'images of fog', 'images without detections')
 
 
-@pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
+@pytest.mark.parametrize('tracker_class', [MultiTargetTracker, GatedTracker])
 def test_a_prediction_has_the_variance_of_one(tracker_class):
     """5 s without input: whatever bearing is left admits that the target may have turned, and its hemisphere is open."""
     tracker, _ = tracked(tracker_class())
@@ -82,7 +82,7 @@ def test_a_manoeuvre_during_silence_is_within_the_stated_sigma():
     """A target that stood still for seconds sets off at 8 deg/s when nothing is measured: within 2.5 sigma up to 3 s."""
     outside = []
     for seed in range(20):
-        tracker, _ = tracked(BayesTracker(), SimulatedSensors(seed), azimuth=0.2)
+        tracker, _ = tracked(MultiTargetTracker(), SimulatedSensors(seed), azimuth=0.2)
         for k in range(1, 31):
             track = tracker.estimate(END + 0.1 * k)
             if track.state != State.NONE:

@@ -12,7 +12,6 @@ from test_tracker import errors_deg, run
 from av_common.parameters import node_parameters
 from av_common.track import State, Target, Track
 from av_common.track_messages import targets_message
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Detection
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.multi_target.settings import MultiTargetSettings
@@ -127,9 +126,9 @@ def test_message_of_targets():
         assert one.last_seen.sec + 1e-9 * one.last_seen.nanosec == pytest.approx(track.time) and one.last_heard.sec == 0
 
 
-def test_the_tracker_of_one_target_publishes_it_as_one():
+def test_a_target_after_a_gap_is_another_one():
     """Its id changes with each new track."""
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     track, targets = see(tracker, [(0.1, 0.9)])
     assert [target.id for target in targets.targets] == [1] == [targets.selected] and targets.targets[0].existence > 0.9
     tracker.targets(tracker.estimate(track.time + 20.0))
@@ -138,8 +137,8 @@ def test_the_tracker_of_one_target_publishes_it_as_one():
 
 
 def test_parameters_choose_the_tracker():
-    """`method: multi`, with its policy."""
-    values = {'method': 'multi', 'targets.policy': 'closing'}
+    """That of several targets is the default; its policy."""
+    values = {'targets.policy': 'closing'}
     tracker = make_tracker(node_parameters('av_fusion', 'fusion_node', overrides=values))
     assert isinstance(tracker, MultiTargetTracker) and tracker.settings.policy == 'closing'
     assert np.isclose(tracker.settings.acceleration_density, 0.001)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from av_common.angles import wrap
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 SIGMA = math.radians(2.0)
 
 
 def follow(images, azimuth_at, seconds=8.0):
     """Track a target by `images(azimuth)`, ten times a second, on a rig that stands still; tracks and true azimuths."""
-    random, tracker, tracks, truths = np.random.default_rng(4), BayesTracker(), [], []
+    random, tracker, tracks, truths = np.random.default_rng(4), MultiTargetTracker(), [], []
     for step in range(round(10 * seconds)):
         time, truth = 100.0 + 0.1 * step, azimuth_at(0.1 * step)
         measured = truth + float(random.normal(0.0, SIGMA))

@@ -12,8 +12,9 @@ from simulated_sensors import SimulatedSensors
 from av_common.angles import wrap
 from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 
 def biased_measurement(time, azimuth, offset, scale, random, sigma=0.01):
@@ -27,7 +28,7 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
     random = np.random.default_rng(seed)
     sensors = SimulatedSensors(seed)
     calibration = SelfCalibrationSettings(enabled=enabled)
-    tracker = BayesTracker(replace(BayesSettings(usual_elevation=0.0), self_calibration=calibration))
+    tracker = MultiTargetTracker(MultiTargetSettings(replace(BayesSettings(usual_elevation=0.0), self_calibration=calibration)))
     errors = []
     for step in range(20 * 32):
         t = 100.0 + step / 20.0
@@ -111,7 +112,7 @@ def test_it_can_be_switched_off():
 
 def test_a_misaligned_camera_has_little_effect():
     """With a camera 1 degree off at 20 degrees, within its sigma, an ideal array moves by less than 4 at 60 degrees."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(1, math.radians(0.5))
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(1, math.radians(0.5))
     self_calibration = tracker.self_calibration
     for step in range(10 * 20):
         t, truth = 100.0 + step / 20.0, 0.0 if step < 100 else math.radians(20.0)

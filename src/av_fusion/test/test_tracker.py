@@ -13,9 +13,10 @@ from av_common.track import Source, State
 from av_fusion.baseline.gated_tracker import GatedTracker
 from av_fusion.disambiguation.rotation import ASKED_S, Candidate, RotationPlanner, RotationSettings, Tilt
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 TURN_RATE = math.radians(40.0)
 
@@ -49,7 +50,7 @@ def errors_deg(tracks, truths, start):
 
 def test_keeps_both_mirror_images_until_the_rig_turns():
     """Without detections and without rotation front and back stay open."""
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     _, tracks, _ = run(tracker, SimulatedSensors(1), lambda t: math.radians(150), 0.0, 4.0)
     assert tracks[-1].state == State.ACOUSTIC_ACTIVE
     assert not tracks[-1].resolved
@@ -60,7 +61,7 @@ def test_keeps_both_mirror_images_until_the_rig_turns():
 @pytest.mark.parametrize('azimuth_deg', [10, 60, 100, 135, 175, -20, -80, -110, -170])
 def test_a_requested_rotation_resolves_front_and_back(azimuth_deg):
     """Obeying the requested rotation resolves the hemisphere within 5 s, to the right side."""
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     times, tracks, truths = run(tracker, SimulatedSensors(azimuth_deg), lambda t: math.radians(azimuth_deg), 0.0, 6.0,
                                 obey=True)
     resolved = [k for k, track in enumerate(tracks) if track.resolved]
@@ -79,7 +80,7 @@ def test_gated_resolves_by_fixed_rotation():
 
 def test_sight_resolves_and_sharpens():
     """One image of a target in view resolves the hemisphere, and the error is that of the camera."""
-    _, tracks, truths = run(BayesTracker(), SimulatedSensors(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
+    _, tracks, truths = run(MultiTargetTracker(), SimulatedSensors(4), lambda t: math.radians(20), 0.0, 3.0, visibility=1.0)
     assert tracks[-1].state == State.VISUAL_ACTIVE and tracks[-1].resolved
     assert np.sqrt(np.mean(errors_deg(tracks, truths, 60) ** 2)) < 0.4
     assert tracks[-1].source == Source.SIGHT | Source.SOUND
@@ -87,13 +88,13 @@ def test_sight_resolves_and_sharpens():
 
 def test_clear_view_without_detection_puts_the_target_behind():
     """Absence is evidence where one can see."""
-    _, tracks, _ = run(BayesTracker(), SimulatedSensors(5), lambda t: math.radians(160), 0.0, 6.0, visibility=1.0)
+    _, tracks, _ = run(MultiTargetTracker(), SimulatedSensors(5), lambda t: math.radians(160), 0.0, 6.0, visibility=1.0)
     assert tracks[-1].resolved and tracks[-1].front_probability < 0.05
 
 
 def test_dense_fog_never_flips_a_right_hemisphere():
     """Nothing seen in fog says nothing: a target resolved in front stays in front."""
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     run(tracker, SimulatedSensors(6), lambda t: 0.2, 0.0, 2.0, visibility=1.0)
     _, tracks, _ = run(tracker, SimulatedSensors(7), lambda t: 0.2, 0.0, 4.0, visibility=0.0)
     assert all(track.front_probability > 0.99 for track in tracks)
@@ -103,7 +104,8 @@ def test_tracks_a_moving_target_from_a_turning_rig():
     """By sound, a target at 15 deg/s past end-fire of a rig turning at 30: the yaw of each measurement's time counts."""
     found, rate = [], math.radians(15)
     for seed in range(8, 13):
-        _, tracks, truths = run(BayesTracker(), SimulatedSensors(seed), lambda t: rate * t, lambda t: 2.0 * rate * t, 12.0)
+        _, tracks, truths = run(MultiTargetTracker(), SimulatedSensors(seed), lambda t: rate * t, lambda t: 2.0 * rate * t,
+                                12.0)
         folded = [math.asin(math.sin(track.azimuth)) - math.asin(math.sin(truth))  # nothing tells the hemisphere here
                   for track, truth in zip(tracks[480:], truths[480:], strict=True)]
         found.append(math.degrees(float(np.sqrt(np.mean(np.square(folded))))))
@@ -113,7 +115,7 @@ def test_tracks_a_moving_target_from_a_turning_rig():
 def test_late_measurements_count_at_their_own_time():
     """Sound that comes 0.4 s late gives the same bearing as sound in time, within the noise."""
     rate = math.radians(12)
-    prompt, late = BayesTracker(), BayesTracker()
+    prompt, late = MultiTargetTracker(), MultiTargetTracker()
     sensors = SimulatedSensors(9)
     pending = []
     for step in range(400):
@@ -132,7 +134,7 @@ def test_late_measurements_count_at_their_own_time():
 
 def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     """No bearing is invented: variance grows, coasting is said, then the track ends; sound brings it back."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(10)
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(10)
     run(tracker, sensors, lambda t: 0.3, 0.0, 3.0, visibility=1.0)
     soon, later, end = (tracker.estimate(103.0 + dt) for dt in (0.5, 2.0, 20.0))
     assert later.state == State.COASTING and later.azimuth_variance > soon.azimuth_variance
@@ -142,7 +144,7 @@ def test_silence_widens_and_ends_the_track_and_return_starts_it_again():
     assert tracker.estimate(131.0).state == State.ACOUSTIC_ACTIVE
 
 
-@pytest.mark.parametrize('tracker_class', [BayesTracker, GatedTracker])
+@pytest.mark.parametrize('tracker_class', [MultiTargetTracker, GatedTracker])
 def test_garbage_is_ignored(tracker_class):
     """NaN, infinite and empty measurements leave a good track alone."""
     tracker, sensors = tracker_class(), SimulatedSensors(11)
@@ -160,7 +162,7 @@ def test_garbage_is_ignored(tracker_class):
 @pytest.mark.parametrize('seed', range(4))
 def test_images_in_fog_never_flip_a_correct_hemisphere(seed):
     """Half a minute of images without detections, where almost nothing can be seen, leaves front in front."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(seed)
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(seed)
     run(tracker, sensors, lambda t: 0.3, 0.0, 2.0, visibility=1.0)
     path = lambda t: 0.3 + 0.2 * math.sin(0.4 * t)  # noqa: E731
     for step in range(30 * 10):
@@ -174,7 +176,7 @@ def test_images_in_fog_never_flip_a_correct_hemisphere(seed):
 @pytest.mark.parametrize('seed', range(3))
 def test_a_second_drone_does_not_break_the_track(seed):
     """A second drone with equal scores is left alone: the one nearest in the posterior is followed."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(seed)
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(seed)
     first, second = (lambda t: 0.1 * t), (lambda t: 0.55 - 0.05 * t)
     errors = []
     for step in range(8 * 20):
@@ -199,7 +201,7 @@ def test_order_of_arrival_hardly_matters():
             messages.append((t, sensors.doa(t, azimuth)))
             if step % 2:
                 messages.append((t + 0.2, sensors.camera(t, azimuth)))
-        in_order, as_arrived = BayesTracker(), BayesTracker()
+        in_order, as_arrived = MultiTargetTracker(), MultiTargetTracker()
         for tracker, key in ((in_order, lambda m: m[1].time), (as_arrived, lambda m: m[0])):
             for _, message in sorted(messages, key=key):
                 (tracker.add_doa if isinstance(message, DoaMeasurement) else tracker.add_camera)(message)
@@ -211,7 +213,7 @@ def test_order_of_arrival_hardly_matters():
 @pytest.mark.parametrize('seed', range(3))
 def test_persistent_reflections_do_not_take_over_a_detected_target(seed):
     """Detections for 2 s of 4, all directions from 60 degrees: the bearing stays, or the track ends."""
-    tracker, sensors, tracked = BayesTracker(), SimulatedSensors(seed, math.radians(2.0)), []
+    tracker, sensors, tracked = MultiTargetTracker(), SimulatedSensors(seed, math.radians(2.0)), []
     for step in range(30 * 20):
         t = 100.0 + step / 20.0
         if step % 80 < 40:
@@ -227,7 +229,7 @@ def test_persistent_reflections_do_not_take_over_a_detected_target(seed):
 
 def test_a_contradicted_track_coasts_and_moves_nothing():
     """Directions contradict a target at 5 deg/s that is detected no more: it coasts for `coast` s, then the track ends."""
-    tracker, sensors, rate, ended = BayesTracker(), SimulatedSensors(3, math.radians(2.0)), math.radians(5.0), None
+    tracker, sensors, rate, ended = MultiTargetTracker(), SimulatedSensors(3, math.radians(2.0)), math.radians(5.0), None
     for step in range(40 * 20):
         t = 100.0 + step / 20.0
         tracker.add_doa(sensors.doa(t - 0.25, math.radians(120.0) * math.sin(step)))
@@ -247,7 +249,7 @@ def test_a_contradicted_track_coasts_and_moves_nothing():
 @pytest.mark.parametrize('seed', range(3))
 def test_steady_motion_continues_past_end_fire(seed, rate):
     """Around a rig that stands still, in view in front only: within a minute continuity resolves front and back."""
-    tracker, sensors, errors = BayesTracker(), SimulatedSensors(seed, math.radians(1.0)), []
+    tracker, sensors, errors = MultiTargetTracker(), SimulatedSensors(seed, math.radians(1.0)), []
     for step in range(120 * 20):
         t = step / 20.0
         body = float(wrap(math.radians(rate * t)))
@@ -259,19 +261,19 @@ def test_steady_motion_continues_past_end_fire(seed, rate):
 
 def test_a_detection_is_the_target_with_its_score():
     """A score is a probability: of the first detection after empty images, and after weaker detections."""
-    tracker = BayesTracker()
+    tracker = MultiTargetTracker()
     for step, confidence in enumerate([0.0] * 20 + [0.05, 0.1, 0.2, 0.6]):
         detections = (Detection(0.2, 1e-4, confidence),) if confidence else ()
         tracker.add_camera(CameraMeasurement(100.0 + step / 15.0, detections, visibility=1.0))
         track = tracker.estimate(100.0 + step / 15.0)
         assert (track.state == State.VISUAL_ACTIVE) == (confidence > 0.5)
-        weights = [component.weight for component in tracker._posterior.mixture.components]
+        weights = [component.weight for density in tracker.densities() for component in density.mixture.components]
         assert sum(weights) == pytest.approx(confidence, abs=0.01)
 
 
 def test_without_detections_either_side_of_end_fire_stays_open():
     """A rig that stands still and never detects the target leaves the hemisphere open."""
-    tracker, sensors = BayesTracker(), SimulatedSensors(1)
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(1)
     for step in range(24 * 20):
         t = step / 20.0
         tracker.add_doa(sensors.doa(100.0 + t, math.radians(-20.0 + 9.0 * t)))
@@ -281,7 +283,7 @@ def test_without_detections_either_side_of_end_fire_stays_open():
 
 def test_a_rotation_that_is_asked_for_is_requested_until_it_has_resolved_front_and_back():
     """Before the patience of the tracker has ended; there is nothing to ask for before and afterwards."""
-    tracker, asked = BayesTracker(BayesSettings(rotation=RotationSettings(patience=60.0))), []
+    tracker, asked = MultiTargetTracker(MultiTargetSettings(BayesSettings(rotation=RotationSettings(patience=60.0)))), []
     with pytest.raises(ValueError, match='decides nothing'):
         tracker.planner.ask(100.0)
 

@@ -13,8 +13,9 @@ from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter import consistency, process_noise
 from av_fusion.filter.gaussian_component import PASSING_S
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
@@ -64,7 +65,8 @@ def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
     monkeypatch.setattr(process_noise, 'LARGEST', 1.0)  # the histogram knows one acceleration only
     monkeypatch.setattr(consistency, 'LEAST', 1.0)  # and expects the innovations that its models state
-    tracker, histogram, sensors = BayesTracker(SETTINGS), Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
+    tracker = MultiTargetTracker(MultiTargetSettings(SETTINGS))
+    histogram, sensors = Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):
         t, yaw = step * DT, math.radians(15.0) * step * DT

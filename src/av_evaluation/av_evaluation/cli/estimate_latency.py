@@ -12,7 +12,7 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.calibration.latency import estimate_offset
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
@@ -41,7 +41,7 @@ def _log_of(name: str) -> RunLog:
     if name.endswith(('.mcap', '.db3')) or Path(name).is_dir():
         with Bag(name) as bag:
             return Replay(bag, ReplaySettings()).run()
-    return OfflineRun(load_scenario(find_config(name, 'scenarios')), load_rig(find_config('rig')), BayesTracker()).run()
+    return OfflineRun(load_scenario(find_config(name, 'scenarios')), load_rig(find_config('rig')), MultiTargetTracker()).run()
 
 
 if __name__ == '__main__':

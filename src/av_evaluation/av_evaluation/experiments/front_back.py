@@ -22,7 +22,8 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
@@ -102,12 +103,12 @@ def scenario_of(start: Start, fog: float = DENSE) -> Scenario:
                     noise=Noise(diffuse_db_spl=30.0, snr=Snr(start.snr_db, 10.0)))
 
 
-def tracker_of(method: str, gimbal: GimbalMount | None = None) -> BayesTracker | GatedTracker:
+def tracker_of(method: str, gimbal: GimbalMount | None = None) -> MultiTargetTracker | GatedTracker:
     """The tracker of one of METHODS, on a rig with a gimbal or without one."""
     if method == 'published':
         return GatedTracker(GatedSettings())
     rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
-    return BayesTracker(BayesSettings(rotation=rotation, gimbal=gimbal))
+    return MultiTargetTracker(MultiTargetSettings(BayesSettings(rotation=rotation, gimbal=gimbal)))
 
 
 def resolve(start: Start, method: str, seen: bool = False) -> Resolution:

@@ -13,7 +13,6 @@ from random import Random
 from av_common.track import State, Targets, Track
 from av_evaluation.metrics.command_limits import CommandLimits
 from av_fusion.baseline.gated_tracker import GatedTracker
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.measurement.vectors import ZERO, Quaternion, Vector, combined, quaternion_of, rotation
@@ -49,7 +48,7 @@ class Sequence:
     def __init__(self, seed: int) -> None:
         self.seed = seed
         self._random = Random(seed)
-        self._tracker = self._random.choice((BayesTracker, MultiTargetTracker, GatedTracker))()
+        self._tracker = self._random.choice((MultiTargetTracker, MultiTargetTracker, GatedTracker))()
         self._pointing, self._ages = PointingController(), Ages()
         self._now = self._random.choice([0.0, 1000.0, 1.7e9])
         self._absurd = self._random.choice([0.02, 0.2, 0.7])

@@ -8,7 +8,6 @@ publication, or the hypothesis of the published controller (`unaided.py`). Track
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +20,13 @@ from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
 from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.tracker import MultiTargetTracker
 
 BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
-TRACKERS = ('fused', 'multi', 'gated')
-METHODS = ('fused', 'multi', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
+TRACKERS = ('fused', 'gated')
+METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
 FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # methods that are given the true hemisphere
 KALMAN_DENSITY = 0.02  # rad^2/s^3, of the white angular acceleration
 AVERAGED = 5  # windows of the moving average, half a second
@@ -81,7 +79,7 @@ def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5)
     """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
 
     Parameters:
-        method: `fused` for the filter, `multi` for that of several targets, `gated` for the published controller.
+        method: `fused` for the filter, `gated` for the published controller.
         record: measurements of the run.
         log: of the run.
         tau: gate on the score of detections.
@@ -93,10 +91,7 @@ def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5)
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
     if method == 'gated':
         return record.replay(GatedTracker(GatedSettings(machine=machine)))
-    if method == 'multi':
-        settings = MultiTargetSettings()
-        return record.replay(MultiTargetTracker(replace(settings, target=replace(settings.target, machine=machine))))
-    return record.replay(BayesTracker(BayesSettings(machine=machine)))
+    return record.replay(MultiTargetTracker(MultiTargetSettings(BayesSettings(machine=machine))))
 
 
 def _doa_measurements(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:

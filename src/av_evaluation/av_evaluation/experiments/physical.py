@@ -28,8 +28,8 @@ from av_common.rig import CameraMount
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.filter.tracker import BayesTracker
 from av_fusion.measurement.geometry import camera_in_body
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState
 from av_vision.stage import DetectionStage, make_detection_stage
 
@@ -61,7 +61,8 @@ class StaticRig:
 
     def __init__(self, array: MicrophoneArray, sample_rate: int, estimators: tuple[str, ...],
                  detection: DetectionStage | None = None) -> None:
-        self.rig = OfflineRig(array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, BayesTracker(), detection, estimators)
+        self.rig = OfflineRig(array, np.eye(3), CAMERA.model, CAMERA.optical_to_body, MultiTargetTracker(), detection,
+                              estimators)
         self._sample_rate, self._next = sample_rate, 0
 
     def on_samples(self, samples: NDArray) -> None:

@@ -22,7 +22,7 @@ from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import CameraMount
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.filter.tracker import BayesTracker
+from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState
 
 DURATION_S, STEP_S, SETTLED_S = 8.0, 0.1, 0.8
@@ -125,7 +125,7 @@ def turn_in_room(seed: int, data: Path) -> Turning:
     noise = rng.normal(size=still.shape)
     noise *= math.sqrt(band_power(still[:, 0]) / band_power(noise[:, 0]) * 10.0 ** (-rng.uniform(*SNR_DB) / 10.0))
     gain = 0.05 / still.std()
-    rig = OfflineRig(room.array, np.eye(3), camera.model, camera.optical_to_body, BayesTracker())
+    rig = OfflineRig(room.array, np.eye(3), camera.model, camera.optical_to_body, MultiTargetTracker())
     yaw, step, taps = 0.0, round(STEP_S * RATE), room.responses.shape[1] - 1
     start = len(dry) - round(DURATION_S * RATE)
     resolved: list[tuple[float, bool]] = []

@@ -13,11 +13,10 @@ from av_evaluation.metrics.results import RunResult, errors_together
 from av_evaluation.report.plot import broken, shade
 
 COLOURS = {'fused': '#1f4fd8', 'sound': '#d98200', 'sight': '#1a7f37', 'gated': '#a3258f', 'kalman': '#c0392b',
-           'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b',
-           'multi': '#3b8ea5'}
+           'moving_average': '#7a6a00', 'gcc_phat': '#5b6673', 'music': '#008b8b', 'mvdr': '#8c564b'}
 LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sight alone', 'gated': 'published gate',
           'kalman': 'Kalman filter', 'moving_average': 'moving average', 'gcc_phat': 'GCC-PHAT', 'music': 'MUSIC',
-          'mvdr': 'MVDR', 'multi': 'several targets (ours)'}
+          'mvdr': 'MVDR'}
 
 
 def label(method: str) -> str:

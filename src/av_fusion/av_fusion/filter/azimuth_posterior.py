@@ -8,8 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.filter.target_density import TargetDensity
-from av_fusion.filter.tracker import MAX_GAP_S
+from av_fusion.filter.target_density import MAX_GAP_S, TargetDensity
 from av_fusion.measurement.rig_motion import RigMotion
 
 SECTORS = 120

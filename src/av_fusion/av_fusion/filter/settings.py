@@ -14,7 +14,7 @@ from av_fusion.filter.state_machine import MachineSettings
 
 @dataclass(frozen=True)
 class BayesSettings:
-    """Settings of `BayesTracker`: its models of targets and sensors.
+    """Models of targets and sensors.
 
     Parameters:
         acceleration_density (rad^2/s^3): spectral density of the angular acceleration.

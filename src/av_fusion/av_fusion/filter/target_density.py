@@ -23,6 +23,7 @@ from av_fusion.measurement.vectors import ZERO, Rows, Vector, angles, dot, tange
 IN_VIEW_S = 0.5  # since the last detection, within which the target counts as in view
 LEAST_LIKELIHOOD = 1e-3  # of an image under a component
 LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
+MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
 LARGEST_ODDS = 99.0  # that a detection is the target
 # Steady motion is evidence against manoeuvres while measurements confirm it, and for this long after the newest of them;
 # then the process noise returns to that of the motion model with this time constant.

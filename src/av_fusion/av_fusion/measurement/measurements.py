@@ -101,6 +101,11 @@ class DoaMeasurement(NamedTuple):
         return 1.0 if math.isnan(p) else TARGET_ODDS * p / (TARGET_ODDS * p + 1.0 - p)
 
     @property
+    def is_target(self) -> bool:
+        """Whether what is heard is more likely the target than a bystander."""
+        return self.target_probability >= 0.5
+
+    @property
     def target_confidence(self) -> float:
         """Probability that there is a source in this direction, and that it is the target."""
         return self.confidence * self.target_probability

@@ -32,6 +32,12 @@ def free_factors(ratios: NDArray[np.float64], others: NDArray[np.float64]) -> ND
     return free
 
 
+def association_probabilities(ratios: NDArray[np.float64], free: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Marginal probabilities (t, m) that measurements stem from targets; see `free_factors` for the arguments."""
+    claimed = ratios * free
+    return claimed / (1.0 + claimed.sum(axis=1, keepdims=True))
+
+
 def unclaimed(ratios: NDArray[np.float64], free: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
     """Marginal probabilities (m,) that measurements stem from none of the targets.
 

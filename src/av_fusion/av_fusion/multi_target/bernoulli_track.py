@@ -12,18 +12,19 @@ from av_fusion.filter.ambiguity import Ambiguity
 from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import Hearing
-from av_fusion.filter.target_density import Image, SightComparison, TargetDensity
+from av_fusion.filter.posterior import Posterior
+from av_fusion.filter.target_density import Image, SightComparison
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO
 from av_fusion.multi_target.blade_pass import BladePassFrequency
-from av_fusion.multi_target.drone_evidence import DroneEvidence
+from av_fusion.multi_target.drone_evidence import DRONE, DroneEvidence
 from av_fusion.multi_target.identity import overlap
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 MANOEUVRE_GATE = 25.0  # see `TargetDensity`
 
 
-class BernoulliTrack(TargetDensity):
+class BernoulliTrack(Posterior):
     """A target that exists with a probability. The background of its mixture is the probability that it does not.
 
     Mirror images are components of the mixture. `p_outlier` of a component is the probability that the target cannot be heard.
@@ -37,6 +38,7 @@ class BernoulliTrack(TargetDensity):
         confusions: largest probability so far that it was taken for another target, by the id of that.
         ambiguity: whether front and back are told apart.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
+        reported: whether it has existed more probably than not.
 
     Parameters:
         identifier: see `id`.
@@ -55,6 +57,7 @@ class BernoulliTrack(TargetDensity):
         self.confusions: dict[int, float] = {}
         self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
+        self.reported = False
         self.time = time
         self._steady = settings.target.model._replace(acceleration_density=settings.acceleration_density,
                                                       elevation_density=settings.elevation_density)
@@ -63,6 +66,11 @@ class BernoulliTrack(TargetDensity):
     def existence(self) -> float:
         """Probability that the target exists."""
         return min(max(1.0 - self.mixture.background, 0.0), 1.0)
+
+    @property
+    def is_drone(self) -> bool:
+        """Whether it is more likely a drone than not, or not judged."""
+        return not self.kind.probability < DRONE
 
     @property
     def identity(self) -> float:
@@ -97,9 +105,15 @@ class BernoulliTrack(TargetDensity):
         self.mixture.background = 1.0 - existence
         self.mixture.reduce()
 
+    def renew(self, identifier: int, time: float) -> None:
+        """Become a target that is not known yet: as the only one that was lost, and may be anywhere, or another one."""
+        self.id, self.began = identifier, time
+        self.kind, self.blade_pass = DroneEvidence(), BladePassFrequency()
+        self.confusions, self.told_apart = {}, {}
+        self.ambiguity.resolved = self.reported = False
+
     def predict_heard(self, seconds: float) -> None:
-        """Predict by `seconds` whether the target can be heard, a two-state Markov chain, and how it sounds."""
-        self.blade_pass.predict(seconds)
+        """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""
         rate, kept = self._multi.unheard_rate, math.exp(-seconds / self._multi.unheard_time)
         for component in self.mixture.components:
             component.p_outlier = rate + kept * (component.p_outlier - rate)
@@ -134,6 +148,7 @@ class BernoulliTrack(TargetDensity):
             free (m,): how far each is free for this target.
             fraction: effective sample fraction.
         """
+        self.newest_doa = max(self.newest_doa, time)
         missed = 1.0 - self._multi.sound_detection_probability
         gains = _gains(heard, 1.0 - missed) * free
         for comparisons in compared:
@@ -185,6 +200,7 @@ class BernoulliTrack(TargetDensity):
             compared: of the components with it.
             free (m,): how far each detection is free for this target.
         """
+        self.newest_image = max(self.newest_image, image.time)
         primary, self.score = self.mixture.primary(), 0.0
         factors = free.tolist()
         for comparison in compared:

@@ -5,25 +5,49 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_common.track import Source
 from av_fusion.filter.component_merging import are_mergeable
+from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_component import ASSOCIATED
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
+from av_fusion.filter.outlier_rate import OutlierRateEstimator
 from av_fusion.filter.target_density import Image, effective_sample_fraction, odds_of
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector
-from av_fusion.multi_target.association import free_factors, unclaimed
+from av_fusion.multi_target.association import association_probabilities, free_factors, unclaimed
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
 from av_fusion.multi_target.blade_pass import fundamental_likelihoods
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
+
+
+class _Window(NamedTuple):
+    """The directions of arrival of one window.
+
+    Parameters:
+        time (s): its capture time.
+        heard, kinds (m,): directions in the world, and the probability of each that it is a target, NaN while not judged.
+        fundamentals (m, k): see `fundamental_likelihoods`.
+        target: numbers of those that are more likely targets than not.
+        fraction: effective sample fraction.
+        since (s): time since the window before.
+    """
+
+    time: float
+    heard: Sequence[Hearing]
+    kinds: Sequence[float]
+    fundamentals: NDArray[np.float64]
+    target: Sequence[int]
+    fraction: float
+    since: float
 
 
 class MultiTargetFilter:
@@ -44,6 +68,7 @@ class MultiTargetFilter:
     def __init__(self, settings: MultiTargetSettings, motion: RigMotion) -> None:
         self.tracks: list[BernoulliTrack] = []
         self._settings, self._motion = settings, motion
+        self.outlier_rate = OutlierRateEstimator(settings.target.outlier_rate).rate
         self._newest_id = 0
         self.reset()
 
@@ -65,46 +90,55 @@ class MultiTargetFilter:
             time (s): its capture time.
             measurements: directions in the body frame, of different sources; none where nothing was heard.
         """
-        window = max((measurement.window for measurement in measurements), default=USUAL_WINDOW_S)
-        fraction = effective_sample_fraction(time, self.newest_doa, window)
-        since = max(time - self.newest_doa, 0.0)
+        target = [j for j, measurement in enumerate(measurements) if measurement.is_target]
+        only = self._only(time, begin=True) if len(target) == 1 else None
+        length = max((measurement.window for measurement in measurements), default=USUAL_WINDOW_S)
+        newest = self.newest_doa if only is None else only.newest_doa
+        fraction = effective_sample_fraction(time, newest, length)
+        window = _Window(time, [hear(time, measurement, fraction, self._settings.target, self._motion)
+                                for measurement in measurements], [_kind(measurement) for measurement in measurements],
+                         fundamental_likelihoods(measurements), target, fraction, max(time - newest, 0.0))
+        elapsed = max(time - self.newest_doa, 0.0)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
-        places = [track.advance(time) for track in self.tracks]
-        for track in self.tracks:
-            track.predict_heard(since)
-        heard = [hear(time, measurement, fraction, self._settings.target, self._motion) for measurement in measurements]
-        if not heard:
-            for track in self.tracks:
-                track.miss_sound(fraction)
+        # Where only others of another kind are heard, the silence of a track tells nothing: they mask it.
+        tracks = [track for track in self.tracks if not window.heard or track.kind.fits(window.kinds).any()]
+        places = [track.advance(time) for track in tracks]
+        for track in tracks:
+            track.blade_pass.predict(elapsed)
+            if track is not only:
+                track.predict_heard(elapsed)
+        if window.heard:
+            self._use_sound(window, tracks, places, only)
         else:
-            self._use_sound(time, measurements, heard, places, fraction)
+            for track in tracks:
+                track.miss_sound(fraction)
         self._detect(self._settings.sound_detection_probability, fraction)
         self._reduce(time)
 
-    def _use_sound(self, time: float, measurements: Sequence[DoaMeasurement], heard: Sequence[Hearing],
-                   places: Sequence[tuple[float, Vector]], fraction: float) -> None:
-        compared = [track.compare_sound(heard, *place) for track, place in zip(self.tracks, places, strict=True)]
-        ratios = np.array([track.sound_ratios(each, heard) for track, each in zip(self.tracks, compared, strict=True)]
-                          ).reshape(len(self.tracks), len(heard))
-        likelihoods = fundamental_likelihoods(measurements)
-        voices = np.array([track.blade_pass.fits(likelihoods) * track.kind.fits([_kind(each) for each in measurements])
-                           for track in self.tracks]).reshape(ratios.shape)
-        voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are told apart
-        ratios *= voices
+    def _use_sound(self, window: _Window, tracks: Sequence[BernoulliTrack], places: Sequence[tuple[float, Vector]],
+                   only: BernoulliTrack | None) -> None:
+        """Update tracks by a window; `only` is the target of its only sound of a drone, see `_only`."""
+        time, heard, fraction = window.time, window.heard, window.fraction
+        compared = [track.compare_sound(heard, *place) for track, place in zip(tracks, places, strict=True)]
         odds = self._undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
-        free = free_factors(ratios, 1.0 + odds)
-        unexplained = unclaimed(ratios, free, 1.0 + odds)
-        for track, each, factors in zip(self.tracks, compared, free * voices, strict=True):
-            if each and factors.any():  # where only others of another kind are heard, its silence tells nothing: they mask it
+        if only is not None:
+            odds[window.target] = 0.0
+        free, shares, new = _associate_sound(window, tracks, compared, odds)
+        for track, each, factors, place in zip(tracks, compared, free, places, strict=True):
+            if track is only:
+                j, = window.target
+                track.use_only_sound(time, [comparisons[j] for comparisons in each], heard[j], float(factors[j]),
+                                     self.outlier_rate(heard[j].confidence), window.since, fraction, *place)
+            elif each:
                 track.use_sound(time, each, heard, factors, fraction)
-        shares = self._note(time, ratios * free, Source.SOUND, [_kind(measurement) for measurement in measurements])
-        for track, row in zip(self.tracks, shares, strict=True):
-            track.blade_pass.update(likelihoods, row, fraction)
-        for j, new in enumerate(unexplained * odds / (1.0 + odds)):
-            begun = self._begin(time, [birth._replace(newest_doa=time) for birth in heard[j].births], fraction * float(new),
-                                Source.SOUND, _kind(measurements[j]))
+        self._note(tracks, shares, Source.SOUND, window.kinds, only, *window.target)
+        for track, row in zip(tracks, shares, strict=True):
+            track.blade_pass.update(window.fundamentals, row, fraction)
+        for j, existence in enumerate(fraction * new):
+            begun = self._begin(time, [birth._replace(newest_doa=time) for birth in heard[j].births], float(existence),
+                                Source.SOUND, window.kinds[j])
             if begun is not None:
-                begun.blade_pass.update(likelihoods[j:j + 1], np.ones(1), fraction)
+                begun.blade_pass.update(window.fundamentals[j:j + 1], np.ones(1), fraction)
 
     def update_image(self, time: float, measurement: CameraMeasurement) -> None:
         """Update by an image.
@@ -114,6 +148,7 @@ class MultiTargetFilter:
             measurement: the image's detections in the body frame.
         """
         target, detections = self._settings.target, measurement.detections
+        only = self._only(time, bool(detections)) if len(detections) < 2 else None
         newest = self._newest_sighting if detections else self._newest_image
         fraction = effective_sample_fraction(time, newest, target.sight_correlation)
         self._newest_image, self.newest = max(self._newest_image, time), max(self.newest, time)
@@ -122,19 +157,43 @@ class MultiTargetFilter:
         compared = [track.compare_image(image, *place) for track, place in zip(self.tracks, places, strict=True)]
         ratios = np.array([track.image_ratios(each, len(detections)) for track, each in zip(self.tracks, compared, strict=True)]
                           ).reshape(len(self.tracks), len(detections))
-        odds = self._undetected * np.array([odds_of(detection) for detection in detections])
+        odds = (self._undetected if only is None else 0.0) * np.array([odds_of(detection) for detection in detections])
         free = free_factors(ratios, 1.0 + odds)
-        for track, each, factors in zip(self.tracks, compared, free, strict=True):
-            track.use_image(image, each, factors)
+        for track, each, factors, place in zip(self.tracks, compared, free, places, strict=True):
+            if track is only:
+                track.score = track.use_only_image(image, each, factors.tolist(), *place)
+            else:
+                track.use_image(image, each, factors)
         if detections:
             self._newest_sighting = max(self._newest_sighting, time)
-            self._note(time, ratios * free, Source.SIGHT, [detection.score for detection in detections])
+            shares, scores = association_probabilities(ratios, free), [detection.score for detection in detections]
+            self._note(self.tracks, shares, Source.SIGHT, scores, only)
             new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new, strict=True):
                 self._begin(time, [birth_of(direction, 1.0, target)._replace(newest_sighting=time)], float(existence),
                             Source.SIGHT, detection.score)
         self._detect(2.0 * measurement.half_view * UNIFORM_DENSITY * target.detection_probability * image.visibility, fraction)
         self._reduce(time)
+
+    @property
+    def alone(self) -> bool:
+        """Whether there is at most one drone, as far as is known."""
+        return sum([track.is_drone and track.existence >= self._settings.confirmed for track in self.tracks]) < 2
+
+    def _only(self, time: float, begin: bool) -> BernoulliTrack | None:
+        """The drone from which a scan's only measurement of a drone stems if any does; None where there are several.
+
+        One measurement shows no second target: it stems from this one, which may be elsewhere than assumed, or from an outlier.
+        With `begin` it starts where there is none yet.
+        """
+        if not self.alone:
+            return None
+        drones = [track for track in self.tracks if track.is_drone]
+        if not drones and begin:
+            self._newest_id += 1
+            drones = [BernoulliTrack(self._newest_id, time, self._settings, self._motion)]
+            self.tracks += drones
+        return max(drones, key=lambda track: track.existence, default=None)
 
     def _begin(self, time: float, births: Sequence[BirthComponent], existence: float, sensor: Source,
                probability: float) -> BernoulliTrack | None:
@@ -153,26 +212,30 @@ class MultiTargetFilter:
         usual = self._settings.undetected
         self._undetected = usual + (self._undetected - usual) * (1.0 - probability) ** fraction
 
-    def _note(self, time: float, claimed: NDArray[np.float64], sensor: Source, probabilities: Sequence[float]
-              ) -> NDArray[np.float64]:
+    @staticmethod
+    def _note(tracks: Sequence[BernoulliTrack], shares: NDArray[np.float64], sensor: Source, probabilities: Sequence[float],
+              only: BernoulliTrack | None, *target: int) -> None:
         """Note what the measurements of one scan tell of the kind of each track, and which tracks have different ones.
 
-        Returns the probability (t, m) of each measurement that it stems from each track.
+        Parameters:
+            tracks, shares (t, m): probability of each measurement that it stems from each track.
+            sensor, probabilities (m,): that each measured object is a drone.
+            only, target: see `_only`, and the number of its measurement, 0 unless given.
         """
-        shares = claimed / (1.0 + claimed.sum(axis=1, keepdims=True))
-        for track, row in zip(self.tracks, shares, strict=True):
+        for track, row in zip(tracks, shares, strict=True):
+            if track is only and not track.reported:  # it begins with this measurement
+                row[list(target) or 0] = track.existence
             track.kind.note(sensor, probabilities, row.tolist())
-        measured = [(track, int(row.argmax())) for track, row in zip(self.tracks, shares, strict=True)
+        measured = [(track, int(row.argmax())) for track, row in zip(tracks, shares, strict=True)
                     if row.size and row.max() >= ASSOCIATED]
         for (one, first), (other, second) in combinations(measured, 2):
             if first != second:
-                one.told_apart[other.id] = other.told_apart[one.id] = time
-        return shares
+                one.told_apart[other.id] = other.told_apart[one.id] = one.time or 0.0
 
     def _reduce(self, time: float) -> None:
         """End tracks that hardly exist, and merge those that have been one and the same for some time."""
         kept: list[BernoulliTrack] = []
-        alive = [track for track in self.tracks if track.existence >= self._settings.least_existence]
+        alive = self._alive(time)
         for track in sorted(alive, key=lambda each: -each.existence)[:self._settings.most_tracks]:
             other = next((other for other in kept if self._are_one(other, track, time)), None)
             if other is None:
@@ -184,11 +247,24 @@ class MultiTargetFilter:
         for one, another in combinations(confirmed, 2):
             one.compare_identity(another)
         for track in self.tracks:
-            track.assume_alone(len(confirmed) < 2)
+            track.reported = track.reported or track.existence >= self._settings.confirmed
+            track.assume_alone(self.alone)
+
+    def _alive(self, time: float) -> list[BernoulliTrack]:
+        """Tracks that may exist, and the only drone: where it is lost, it may be anywhere, or another one comes."""
+        alive = [track for track in self.tracks if track.existence >= self._settings.least_existence]
+        lost = [track for track in self.tracks if track.is_drone and track not in alive]
+        if lost and not any(track.is_drone for track in alive):
+            last = max(lost, key=lambda track: track.existence)
+            if last.reported:
+                self._newest_id += 1
+                last.renew(self._newest_id, time)
+            alive.append(last)
+        return alive
 
     def _are_one(self, first: BernoulliTrack, second: BernoulliTrack, time: float) -> bool:
         a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)
-        return (a is not None and b is not None and are_mergeable(a, b)
+        return (a is not None and b is not None and first.is_drone == second.is_drone and are_mergeable(a, b)
                 and (apart is None or time - apart > self._settings.duplicate_time))
 
     def _merge(self, first: BernoulliTrack, second: BernoulliTrack) -> None:
@@ -206,3 +282,23 @@ class MultiTargetFilter:
 def _kind(measurement: DoaMeasurement) -> float:
     """Probability that what is heard is a target; NaN while it is not judged."""
     return math.nan if math.isnan(measurement.drone_probability) else measurement.target_probability
+
+
+def _associate_sound(window: _Window, tracks: Sequence[BernoulliTrack], compared: Sequence[Sequence[Sequence[Comparison]]],
+                     odds: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """How far each direction is free for each track (t, m), its probability to stem from it, and that a new target is heard.
+
+    Parameters:
+        window: the directions (m,).
+        tracks, compared: the tracks (t,), and their components compared with the directions.
+        odds (m,): that a direction stems from a target that was not detected yet, over clutter.
+    """
+    shape = len(tracks), len(window.heard)
+    ratios = np.array([track.sound_ratios(each, window.heard) for track, each in zip(tracks, compared, strict=True)]
+                      ).reshape(shape)
+    voices = np.array([track.blade_pass.fits(window.fundamentals) * track.kind.fits(window.kinds)
+                       for track in tracks]).reshape(shape)
+    voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are told apart
+    ratios *= voices
+    free = free_factors(ratios, 1.0 + odds)
+    return free * voices, association_probabilities(ratios, free), unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
