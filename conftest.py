@@ -15,6 +15,8 @@ if 'PYTEST_XDIST_WORKER' in os.environ or 'ROS_DOMAIN_ID' not in os.environ:
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
 os.environ['AV_STRICT'] = '1'
+# A field of a wrong type ends a process when it is published, without a word of Python: it raises here.
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
 
 
 def pytest_collection_modifyitems(items):

@@ -41,6 +41,11 @@ class SingleSource:
         self.refused += contested
         return not contested
 
+    def prolong(self, arrival: float) -> None:
+        """Note a message that is impossible by itself, at `arrival` (s): a second source that was noticed goes on to send."""
+        if self.is_contested(arrival):
+            self._contested = arrival
+
     def is_contested(self, now: float) -> bool:
         """Whether two sources sent at `now` (s)."""
         return 0.0 <= now - self._contested < CONTESTED_S
@@ -64,6 +69,10 @@ class SingleSources:
     def take(self, topic: str, stamp: float, arrival: float, measured: float = math.nan) -> bool:
         """See `SingleSource.take`."""
         return self._sources[topic].take(stamp, arrival, measured)
+
+    def prolong(self, topic: str, arrival: float) -> None:
+        """See `SingleSource.prolong`."""
+        self._sources[topic].prolong(arrival)
 
     def is_contested(self, topic: str, now: float) -> bool:
         """Whether two sources of a topic sent at `now` (s)."""

@@ -12,6 +12,7 @@ from test_fusion_stage import camera_info, detections, doa, make_stage, odometry
 from av_common.angles import wrap
 from av_common.single_source import CONTESTED_S, SingleSource
 from av_fusion.checkpoints import LEAST_AGE_S, Checkpoints
+from av_fusion.measurement.input_gate import InputGate
 from av_interfaces.msg import Bearing
 
 START, ATTACK, END, LAST = 1000.0, 1004.0, 1007.0, 1008.5   # s
@@ -105,6 +106,20 @@ def test_two_sources_are_refused_until_one_ends():
     assert not source.take(10.4, 10.5)
     assert source.take(10.5, 10.35 + CONTESTED_S)
     assert source.refused == 2
+
+
+def test_impossible_stamps_prolong_a_contest_and_start_none():
+    """An intruder whose stamps are plausible now and then has no turn of its own between the genuine messages."""
+    gate = InputGate(['doa'], tolerance=5.0)
+    accepted = []
+    for step in range(400):
+        now = 100.0 + 0.05 * step
+        accepted.append(gate.accept('doa', now - 0.06, now))
+        gate.accept('doa', now + 1e6, now + 0.01)
+        if step >= 200 and step % 8 == 0:    # 0.4 s apart, longer than a contest
+            assert not gate.accept('doa', now + 0.02, now + 0.02) or step == 200
+    assert all(accepted[:201])
+    assert not any(accepted[201:])
 
 
 def test_a_clock_that_starts_again_is_no_second_source():

@@ -191,8 +191,9 @@ def test_another_one_that_moves_the_rig_is_told_nothing():
 def test_impossible_numbers_on_topics_never_reach_the_simulator(number):
     """An impossible rate stops the body, an impossible angle leaves the gimbal alone, an impossible pose is not sent."""
     stage = make_stage()
-    command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=number, move_gimbal=True, pan=0.1,
-                              tilt=number)
+    single = min(max(number, -3e38), 3e38)    # fields of 32 bits
+    command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=single, move_gimbal=True, pan=0.1,
+                              tilt=single)
     command.header.stamp = to_stamp(EPOCH)
     sent = decode_rig_control(stage.on_command(command, Instant(5.0, EPOCH)))
     assert (sent.yaw_rate, sent.pan, sent.tilt) == (0.0, None, None)

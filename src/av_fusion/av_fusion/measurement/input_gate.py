@@ -37,8 +37,10 @@ class InputGate:
         """
         # A stamp from the future would let the tracker refuse all measurements until then.
         own_clock = -self._tolerance <= stamp - arrival <= min(self._tolerance, FUTURE_S)
-        self.foreign_stamps[name] += not own_clock
         accepted = own_clock and self.sources.take(name, stamp, arrival)
+        if not own_clock:
+            self.foreign_stamps[name] += 1
+            self.sources.prolong(name, arrival)
         if accepted or not own_clock:
             self._arrivals[name] = arrival
         return accepted

@@ -75,7 +75,7 @@ class BernoulliTrack(Posterior):
     @property
     def identity(self) -> float:
         """Probability that this is still the target that was given its id."""
-        return math.prod(1.0 - confusion for confusion in self.confusions.values())
+        return math.prod((1.0 - confusion for confusion in self.confusions.values()), start=1.0)
 
     def assume_alone(self, alone: bool) -> None:
         """Assume ordinary motion of the only target, and steady motion of several, by which they are told apart."""
