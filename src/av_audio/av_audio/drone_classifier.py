@@ -19,7 +19,7 @@ from av_common.shipped import shipped_file
 
 PERIOD_S = 0.25  # between two looks at the same direction
 # Looks at directions closer than this (in q, a cosine) are at one source; its log-odds are averaged over this time.
-SAME_SOURCE, MEMORY_S = 0.2, 5.0
+SAME_SOURCE, MEMORY_S = 0.12, 5.0
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 

@@ -20,8 +20,13 @@ AGREES_RAD = 0.25 * np.pi
 # Bins that are summed, within which the phase of a delay hardly changes; and the width of the clusters of bins.
 GROUP_HZ = 16.0
 CLUSTER_HZ = 250.0
-# Sources that are closer than this share of a wavelength of the mean frequency over the aperture are one direction.
-SEPARATION = 0.36
+# Sources that are closer than this share of a wavelength of the mean frequency over the aperture are one direction. Up to the
+# second share they shift each other: with the bins that agree with one source go those of another close to it, and what is
+# left of that one points away. There the likelihood of a mixture of both counts.
+SEPARATION, RESOLVED = 0.36, 1.3
+# Concentration of the phases about those of their source (von Mises), how many of the bins are independent, and steps by which
+# the shares of the sources in each cluster are estimated (expectation maximisation).
+CONCENTRATION, INDEPENDENT, SHARE_STEPS = 8.0, 0.1, 4
 # Significance of a further source that chance hardly reaches. To an array, bins that two sources share look like a source at
 # another place, alike in many clusters: significance counts by this factor, and sigma by its inverse.
 LEAST_SIGNIFICANCE = 2.8
@@ -54,7 +59,8 @@ class FurtherSources(SteeredResponse):
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self._grid).query(self._grid, 3**array.rank)
         self._neighbours = neighbours[:, 1:]
-        self._apart = SEPARATION * speed_of_sound / (float(frequencies.mean()) * array.aperture)
+        wavelength = speed_of_sound / (float(frequencies.mean()) * array.aperture)
+        self._apart, self._resolved = SEPARATION * wavelength, RESOLVED * wavelength
 
     def find(self, spectra: NDArray, strongest: NDArray, most: int) -> list[Peak]:
         """Peaks of all sources, that at `strongest` first; none where it is the only one.
@@ -71,8 +77,43 @@ class FurtherSources(SteeredResponse):
             if peak is None or not self._is_source(peak, phases.size):
                 break
             found.append(peak.q)
-            peaks = [self._again(phases, found, k) for k in range(len(found))]
-        return peaks
+            refined = [self._again(phases, found, k) for k in range(len(found))]
+            if any(one.significance == 0.0 for one in refined):  # one was a part of another: nothing is left of it
+                break
+            peaks = refined
+        return peaks[:1] + [self._beside_others(phases, peak, [other for other in peaks if other is not peak])
+                            for peak in peaks[1:]]
+
+    def _beside_others(self, phases: NDArray, peak: Peak, others: Sequence[Peak]) -> Peak:
+        """A further source; to a pair that is close to another one, with mean and variance of its place in a mixture of both.
+
+        To arrays, bins that both have are at neither's place, which their mixture takes for sources.
+        """
+        near = min(others, key=lambda other: float(np.linalg.norm(peak.q - other.q))).q
+        if len(phases) > 1 or np.linalg.norm(peak.q - near) > self._resolved:
+            return peak
+        places = self._grid[np.linalg.norm(self._grid - near, axis=1) < 1.2 * self._resolved]
+        likelihood = np.array([self._mixture_likelihood(phases, near, place) for place in places])
+        weights = np.exp(INDEPENDENT * (likelihood - likelihood.max()))
+        weights /= weights.sum()
+        mean = weights @ places
+        return replace(peak, q=mean, covariance=peak.covariance + (weights * (places - mean).T) @ (places - mean))
+
+    def _mixture_likelihood(self, phases: NDArray, first: NDArray, second: NDArray) -> float:
+        """Logarithm of the likelihood of phases (p, j, n) that stem from two directions or from noise, which has any phase."""
+        normal = np.log(np.i0(CONCENTRATION))
+        parts = [np.ones(phases.shape[1:], np.float32)]
+        for q in (first, second):
+            steering = np.exp(-1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None]
+            parts.append(np.exp((CONCENTRATION * (phases * steering).real - normal).mean(axis=0)))
+        density = np.stack(parts)  # (3, j, n)
+        sizes = self._cluster_sizes * self._group
+        shares = np.full((3, len(sizes)), 1.0 / 3.0)
+        for _ in range(SHARE_STEPS):
+            joint = np.repeat(shares, self._cluster_sizes, axis=1)[..., None] * density
+            total = joint.sum(axis=0)
+            shares = np.add.reduceat((joint / total).sum(axis=-1), self._clusters, axis=1) / sizes
+        return float(np.log(total).sum())
 
     @staticmethod
     def _is_source(peak: Peak, bins: int) -> bool:

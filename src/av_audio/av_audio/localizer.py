@@ -69,7 +69,7 @@ class LocalizerSettings:
     elevation_deg: tuple[float, float] = (0.0, 90.0)
     estimated_rotors: int = 0
     wideband: bool = True
-    max_sources: int = 1
+    max_sources: int = 2
 
     def __post_init__(self) -> None:
         if not 0.02 <= self.window_s <= 10.0:
@@ -248,7 +248,8 @@ class Localizer:
         peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
         if peaks:
             apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
-            peak = replace(peak, bias=peak.bias + 0.5 * np.outer(apart, apart),
+            better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
+            peak = replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
                            main_share=max(peak.main_share, peaks[0].main_share))
         further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(peaks[1:]))
         return replace(self._estimate_of(peak, 0, window, centre, level), further=further)

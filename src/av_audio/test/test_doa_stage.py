@@ -48,7 +48,8 @@ def test_directions_are_stamped_by_the_capture_of_the_window():
     assert [to_seconds(message.header.stamp) for message in messages] == pytest.approx(100.25 + 0.1 * np.arange(6), abs=1e-6)
     for message in messages:
         assert (message.header.frame_id, message.method, message.window) == ('microphones', 'ml', 0.5)
-        assert np.degrees([h.azimuth for h in message.hypotheses]) == pytest.approx([30.0, 150.0], abs=0.3)
+        strongest = [h.azimuth for h in message.hypotheses if h.ambiguity_group == 0]
+        assert np.degrees(strongest) == pytest.approx([30.0, 150.0], abs=0.3)
         assert message.axis.y == 1.0
 
 

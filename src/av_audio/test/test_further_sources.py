@@ -60,6 +60,22 @@ def test_each_source_has_a_direction_with_an_honest_sigma(array, azimuths_deg, l
         assert np.degrees(np.median(first)) < 1.0  # the louder is the first
 
 
+def test_a_source_close_to_a_louder_one_is_not_pushed_away():
+    """Bins that agree with the louder one are left out; those that remain point away from it."""
+    rng = np.random.default_rng(6)
+    errors, sigmas = [], []
+    for _ in range(40):
+        side = rng.choice([-1.0, 1.0])
+        places = np.arcsin(rng.uniform(-0.5, 0.5) + side * np.array([0.0, 0.22]))  # 0.22 apart in the measured cosine
+        estimate = located(sources(rng, places, (0.0, -5.0)), max_sources=2)
+        for found in estimate.further:
+            errors.append(side * (np.sin(found.azimuth[0]) - np.sin(places[1])))
+            sigmas.append(np.sqrt(found.cosine_variance))
+    assert len(errors) > 15
+    assert abs(np.median(errors)) < 0.03
+    assert np.mean(np.abs(errors) < 1.64 * np.array(sigmas)) > 0.8
+
+
 def test_one_source_is_one():
     rng = np.random.default_rng(2)
     for _ in range(40):

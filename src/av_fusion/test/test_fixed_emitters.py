@@ -11,7 +11,7 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
-from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
+from av_fusion.measurement.measurements import Cone, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 
 HOP, LEARN_S = 0.25, 30.0
@@ -82,6 +82,24 @@ def test_what_is_learnt_is_not_followed_where_its_sound_is_misjudged():
     assert max(one.target_probability for one in judged) < 0.5
     elsewhere = rig.hear(2.0, lambda t: math.radians(-20.0), lambda t: 0.6)
     assert min(one.target_probability for one in elsewhere) > 0.7
+
+
+def test_a_bystander_of_the_last_seconds_is_known_where_the_rig_has_turned():
+    """Its sound is judged by its direction in the array's frame, in which it may have taken the place of a drone."""
+    rig = Rig(lambda t: 0.0 if t < 106.0 else 0.5)
+    rig.hear(6.0, lambda t: FAN, lambda t: 0.02)
+    assert max(one.target_probability for one in rig.hear(1.0, lambda t: FAN, lambda t: 0.4)) < 0.5
+    assert min(one.target_probability for one in rig.hear(1.0, lambda t: math.radians(-20.0), lambda t: 0.4)) > 0.5
+    assert rig.hear(2.0, lambda t: FAN, lambda t: 0.9)[-1].target_probability > 0.9    # it was a drone after all
+
+
+def test_a_wide_direction_beside_that_of_a_bystander_is_not_the_bystanders():
+    rig = Rig()
+    rig.hear(6.0, lambda t: FAN, lambda t: 0.02)
+    rig.time += HOP
+    own, beside = (DoaMeasurement.of_cone(rig.time, Cone((0.0, 1.0, 0.0), math.sin(azimuth), sigma**2), 0.9)._replace(
+        drone_probability=p) for azimuth, sigma, p in ((FAN, 0.02, 0.02), (FAN - 0.3, 0.3, 0.6)))
+    assert rig.emitters.judge([beside, own])[0] == beside
 
 
 @pytest.mark.parametrize('probability', [0.95, 0.6, 0.3, math.nan])

@@ -36,6 +36,8 @@ LEARNT, FORGOTTEN = 0.5, 0.05
 NO_DRONE, DRONE = 0.25, 0.4
 UNKNOWN = 0.5  # probability of a drone while a sound is not judged
 JUDGED_S = 5.0  # over which probabilities of a drone are averaged
+# A bystander was heard from one place for this share of the last seconds, with at most this mean probability of a drone.
+HEARD, BYSTANDER = 0.4, 0.15
 EMITTER_ODDS = 10.0  # by which the odds of the target are smaller in the direction of a known emitter
 SIGHTING_SCORE, SIGHTING_S, NEAR_SIGHTING = 0.3, 1.0, math.radians(5.0)
 MAX_GAP_S, LARGEST_STEP_S = 5.0, 1.0
@@ -96,6 +98,7 @@ class _Emitter:
         presence: share of the recent time for which it was heard.
         bias, spread: means of the normalised innovation of its direction, and of its square.
         drone: mean probability of the last seconds that it is a drone.
+        heard: share of the last seconds for which it was heard.
         since (s): when it was learnt; infinite while it is not.
     """
 
@@ -106,12 +109,18 @@ class _Emitter:
     bias: float = 0.0
     spread: float = 1.0
     drone: float = 0.0
+    heard: float = 0.0
     since: float = math.inf
 
     @property
     def is_known(self) -> bool:
         """Whether it is learnt."""
         return math.isfinite(self.since)
+
+    @property
+    def is_bystander(self) -> bool:
+        """Whether what has just been heard there for seconds was no drone."""
+        return self.heard > HEARD and self.drone < BYSTANDER * self.heard
 
     @property
     def is_fixed(self) -> bool:
@@ -181,13 +190,15 @@ class FixedEmitters:
             return list(measurements)
         dt = self._advance(time)
         sounds = [self._sound_of(measurement, time) for measurement in usable]
-        explained = {self._explain(emitter, sounds, time, dt) for emitter in self._emitters}
+        explained = [(self._explain(emitter, sounds, time, dt), emitter.is_known or emitter.is_bystander)
+                     for emitter in self._emitters]
+        others = {number for number, is_other in explained if is_other}
         for number, sound in enumerate(sounds):
-            if number not in explained and sound.drone < NO_DRONE:
+            if sound.drone < NO_DRONE and all(number != one for one, _ in explained):
                 self._begin(sound.hearing.births)
         self._reduce()
-        judged = [sound.measurement if sound.seen or not self._is_known(sound.hearing) else _lowered(sound)
-                  for sound in sounds]
+        judged = [_lowered(sound) if number in others and not sound.seen else sound.measurement
+                  for number, sound in enumerate(sounds)]
         return sorted(judged, key=lambda measurement: -measurement.target_confidence)
 
     def see(self, measurement: CameraMeasurement) -> None:
@@ -238,19 +249,21 @@ class FixedEmitters:
         return _Sound(measurement, hearing, seen, 1.0 if seen else UNKNOWN if unknown else measurement.drone_probability)
 
     def _explain(self, emitter: _Emitter, sounds: Sequence[_Sound], time: float, dt: float) -> int | None:
-        """Update an emitter by the nearest direction of a window; returns the number of that, None where none is near."""
+        """Update an emitter by the likeliest direction of a window; returns the number of that, None where none is near."""
         emitter.component.covariance[0, 0] += DRIFT * dt + self._step**2 / USUAL_RANGE_M**2
-        memory = math.exp(-dt * math.log(2.0) / self._settings.learn_after)
+        memory, recent = math.exp(-dt * math.log(2.0) / self._settings.learn_after), math.exp(-dt / JUDGED_S)
         emitter.presence *= memory
+        emitter.heard *= recent
         past = emitter.component.at(0.0)
         comparisons = [sound.hearing.likelihood.compare(emitter.component, past) for sound in sounds]
-        number = min(range(len(sounds)), key=lambda k: distance(comparisons[k].deviations))
+        number = max(range(len(sounds)), key=lambda k: _log_density(comparisons[k].deviations))
         sound, comparison = sounds[number], comparisons[number]
         if distance(comparison.deviations) > GATE:
             return None
         emitter.place = self._place
         emitter.presence += (1.0 - memory) * sound.measurement.confidence
-        emitter.drone += (1.0 - math.exp(-dt / JUDGED_S)) * (sound.drone - emitter.drone)
+        emitter.drone += (1.0 - recent) * (sound.drone - emitter.drone)
+        emitter.heard += 1.0 - recent
         if time - emitter.component.newest_doa >= sound.measurement.window:  # the errors of windows that overlap are alike
             emitter.note(comparison.deviations[0])
             TargetDensity.update_by_sound(time, [comparison], [1.0])
@@ -267,12 +280,6 @@ class FixedEmitters:
             emitter.distrust()
         elif emitter.presence >= LEARNT:
             emitter.since = time
-
-    def _is_known(self, hearing: Hearing) -> bool:
-        """Whether a direction may stem from a known emitter."""
-        components = [emitter.component for emitter in self._emitters if emitter.is_known]
-        return any(distance(hearing.likelihood.compare(component, component.at(0.0)).deviations) <= GATE
-                   for component in components)
 
     def _begin(self, births: Sequence[BirthComponent]) -> None:
         """Note where else there may be an emitter."""
@@ -302,6 +309,11 @@ class FixedEmitters:
 def _lowered(sound: _Sound) -> DoaMeasurement:
     """The measurement with the odds of a drone that are left where an emitter is known."""
     return sound.measurement._replace(drone_probability=sound.drone / (sound.drone + EMITTER_ODDS * (1.0 - sound.drone)))
+
+
+def _log_density(deviations: Sequence[Deviation]) -> float:
+    """Of a direction of arrival at an emitter: a wide one is near to all, and likely at none."""
+    return -0.5 * (distance(deviations) + math.log(deviations[0].total))
 
 
 def _azimuth_apart(one: Vector, other: Vector) -> float:
