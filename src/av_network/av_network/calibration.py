@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_network.apparent_direction import apparent_directions
-from av_network.joint_filter import LEAST_SIGMA, RIG_SIZE, Observation
+from av_network.hypothesis_filter import LEAST_SIGMA, RIG_SIZE
 from av_network.motion_model import nearly_constant_velocity
+from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
 
 SEGMENT_S = 5.0
@@ -136,7 +137,7 @@ class RigCalibration:
         origins = np.array([one.position for one in observations])
         expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead, speed)
         level = np.cos(expected.elevation)
-        angles = np.array([(one.sighting.azimuth, one.sighting.elevation) for one in observations])
+        angles = np.array([one.angles for one in observations])
         residuals = np.stack([wrap(angles[:, 0] + headings - expected.azimuth) * level, angles[:, 1] - expected.elevation], 1)
         H = np.concatenate([expected.by_position, expected.by_velocity], 2)
         T = np.zeros((len(rigs), 2, len(theta)))

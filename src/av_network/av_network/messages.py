@@ -14,8 +14,8 @@ from av_common.angles import angles_to_direction
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import Source
 from av_interfaces.msg import Track, TrackArray, WorldTrack
+from av_network.network_target import TargetState
 from av_network.report import Report, Sighting
-from av_network.tracker import TargetState
 
 MOST_TRACKS = 64  # of one rig that are read
 LEAST_EXISTENCE = 0.5  # of a rig's track

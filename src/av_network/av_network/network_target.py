@@ -1,43 +1,91 @@
-"""What is known of a target besides its state."""
+"""What is known of a supposed target."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from av_network.lone_track import LoneTrack
 from av_network.report import Sighting
 
 SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
+MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon
+
+
+class Member(NamedTuple):
+    """A rig's track of a target.
+
+    Parameters:
+        id: of the track.
+        last (s): time of its newest observation that was used, by the reference clock.
+        gain: what it has added to the target's score.
+        alone: the track as a target of its own.
+    """
+
+    id: int
+    last: float
+    gain: float
+    alone: LoneTrack
 
 
 @dataclass
 class NetworkTarget:
-    """A target that is tracked by the network.
+    """A target that is supposed behind tracks of several rigs: a candidate until it is confirmed.
 
     Parameters:
-        id: counted up.
-        born (s): when it was confirmed.
+        started (s): time of its first observation.
         measured (s): time of its newest observation.
-        members: the rigs' tracks of it by index of the rig, with the time of their newest observation.
+        id: counted up; 0 for a candidate.
+        born (s): when it was confirmed.
+        odds: logarithm of the odds of the best global hypothesis with it over that without it.
+        members: the rigs' tracks of it by index of the rig.
         nis: running mean of the normalised innovation squared of its observations.
+        refuted: whether an observation cannot stem from it.
         classes: how often the rigs named each class.
         log_odds_drone: running mean of the logarithms of the odds that the rigs report for a drone; NaN while unknown.
         duplicate_since (s): since when it may be the same target as an older one; inf if it is not.
+        disputed_since (s): since when it is no part of the best global hypothesis; inf while it is.
     """
 
-    id: int
-    born: float
+    started: float
     measured: float
-    members: dict[int, tuple[int, float]] = field(default_factory=dict)
+    id: int = 0
+    born: float = math.inf
+    odds: float = 0.0
+    members: dict[int, Member] = field(default_factory=dict)
     nis: float = EXPECTED_NIS
+    refuted: bool = False
     classes: Counter[str] = field(default_factory=Counter)
     log_odds_drone: float = math.nan
     duplicate_since: float = math.inf
+    disputed_since: float = math.inf
 
-    def note(self, rig: int, sighting: Sighting, time: float, nis: float) -> None:
+    @property
+    def confirmed(self) -> bool:
+        """Whether it is a target rather than a candidate."""
+        return self.id > 0
+
+    def score(self, keys: set[tuple[int, int]]) -> float:
+        """Logarithm of the probability that these members are one target over that they are different ones."""
+        return sum(member.gain for rig, member in self.members.items() if (rig, member.id) in keys)
+
+    def tracks(self, since: float = -math.inf) -> set[tuple[int, int]]:
+        """The rigs' tracks with observations since a time (s): (index of the rig, id)."""
+        return {(rig, member.id) for rig, member in self.members.items() if member.last >= since}
+
+    def alone(self, rig: int, track: int) -> LoneTrack | None:
+        """A rig's track as a target of its own; None if it is not a member."""
+        member = self.members.get(rig)
+        return member.alone if member is not None and member.id == track else None
+
+    def note(self, rig: int, sighting: Sighting, time: float, nis: float, gain: float, alone: LoneTrack) -> None:
         """Note an observation that was used.
 
         Parameters:
@@ -45,8 +93,12 @@ class NetworkTarget:
             sighting: what it reported.
             time (s): by the reference clock.
             nis: normalised innovation squared.
+            gain: logarithm of its density over that if it stemmed from another target.
+            alone: the rig's track as that other target.
         """
-        self.members[rig] = (sighting.id, time)
+        member = self.members.get(rig)
+        before = member.gain if member is not None and member.id == sighting.id else 0.0
+        self.members[rig] = Member(sighting.id, time, min(before + gain, MOST_GAIN), alone)
         self.measured = max(self.measured, time)
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
         if sighting.class_id:
@@ -66,3 +118,22 @@ class NetworkTarget:
     def class_id(self) -> str:
         """The class that was named most often; empty while unknown."""
         return self.classes.most_common(1)[0][0] if self.classes else ''
+
+
+class TargetState(NamedTuple):
+    """A target at a time.
+
+    Parameters:
+        target: what is known besides its state.
+        existence: probability 0..1 that there is such a target.
+        mean (6,), covariance (6, 6): position (m) and velocity (m/s) in ENU.
+        rigs: indices of the rigs with recent observations.
+        positioned: whether its position is known: precise, and consistent with its directions.
+    """
+
+    target: NetworkTarget
+    existence: float
+    mean: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    rigs: tuple[int, ...]
+    positioned: bool

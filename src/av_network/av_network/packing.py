@@ -1,16 +1,18 @@
-"""Which candidates hold together, when each rig's track can stem from one target only."""
+"""Which hypotheses hold together, when each rig's track can stem from one target only."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, LinearConstraint, milp
 
+Members = Sequence[Set[Hashable]]
 
-def best_packing(scores: Sequence[float], members: Sequence[set[Hashable]]) -> NDArray[np.bool_]:
-    """The candidates (n,) of the most probable global hypothesis: the largest sum of scores of disjoint candidates.
+
+def best_packing(scores: Sequence[float], members: Members) -> NDArray[np.bool_]:
+    """The hypotheses (n,) of the most probable global one: the largest sum of scores of disjoint hypotheses.
 
     This is the multidimensional assignment of track-to-track association (Kaplan, Bar-Shalom and Blair, Assignment costs for
     multiple sensor track-to-track association, IEEE Transactions on Aerospace and Electronic Systems 44(2), 2008), as a 0-1
@@ -18,7 +20,7 @@ def best_packing(scores: Sequence[float], members: Sequence[set[Hashable]]) -> N
 
     Parameters:
         scores (n,): logarithms of odds.
-        members: what each candidate consists of.
+        members: what each consists of.
     """
     worthy = [index for index, score in enumerate(scores) if score > 0.0]
     chosen = np.zeros(len(scores), bool)
@@ -36,21 +38,41 @@ def best_packing(scores: Sequence[float], members: Sequence[set[Hashable]]) -> N
     return chosen
 
 
-def log_odds(scores: Sequence[float], members: Sequence[set[Hashable]]) -> NDArray[np.float64]:
-    """Logarithms (n,) of the odds of each candidate: the best hypothesis with it over the best one without it.
+def log_odds(scores: Sequence[float], members: Members) -> NDArray[np.float64]:
+    """Logarithms (n,) of the odds of each hypothesis: the best global one with it over the best one without it.
 
-    -inf for those that are not part of the best hypothesis.
+    -inf for those that are not part of the best global hypothesis.
 
     Parameters:
         scores (n,), members: see `best_packing`.
     """
-    best = best_packing(scores, members)
-    total, found = float(np.sum(np.array(scores)[best])), np.full(len(scores), -np.inf)
-    for index in np.flatnonzero(best):
-        rivals = [other for other in range(len(scores)) if other != index]
-        if not any(members[other] & members[index] for other in rivals):
-            found[index] = scores[index]
+    found = np.full(len(scores), -np.inf)
+    for group in _groups(scores, members):
+        if len(group) == 1:
+            found[group] = np.array(scores)[group]
             continue
-        kept = best_packing([scores[other] for other in rivals], [members[other] for other in rivals])
-        found[index] = total - sum(scores[other] for other, is_kept in zip(rivals, kept, strict=True) if is_kept)
+        each, sets = [scores[index] for index in group], [members[index] for index in group]
+        best = best_packing(each, sets)
+        total = float(np.sum(np.array(each)[best]))
+        for index in np.flatnonzero(best):
+            rivals = [other for other in range(len(group)) if other != index]
+            kept = best_packing([each[other] for other in rivals], [sets[other] for other in rivals])
+            found[group[index]] = total - sum(each[other] for other, is_kept in zip(rivals, kept, strict=True) if is_kept)
     return found
+
+
+def _groups(scores: Sequence[float], members: Members) -> Iterator[list[int]]:
+    """Hypotheses with positive scores that share members, directly or by others."""
+    groups: list[tuple[list[int], set[Hashable]]] = []
+    for index, score in enumerate(scores):
+        if score <= 0.0:
+            continue
+        joined, names = [index], set(members[index])
+        apart = []
+        for group, used in groups:
+            if used & names:
+                joined, names = group + joined, names | used
+            else:
+                apart.append((group, used))
+        groups = [*apart, (joined, names)]
+    return (group for group, _ in groups)

@@ -31,24 +31,25 @@ class NetworkSettings:
         manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each axis.
         speed_sigma (m/s): prior standard deviation of a target's velocity along each axis.
         most_distance (m): greatest distance of a target from a rig.
-        rig_manoeuvre (rad^2/s^3): spectral density of the angular acceleration in the rigs' filters, from which the
-            correlation time of their errors follows.
+        rig_manoeuvre (rad^2/s^3), rig_rate_sigma (rad/s): spectral density of the angular acceleration and prior standard
+            deviation of the angular rate in the rigs' filters, see `Tracklets`.
         heading_drift (rad/sqrt(s)), clock_drift (s/sqrt(s)): random walks of the rigs' headings and clock offsets.
         sound_speed (m/s): speed of sound.
         target_density (1/sr): expected number of targets in a solid angle of a rig's sky that are not tracked yet.
         confirmed: probability of existence from which a candidate becomes a track.
         least_age (s): for which a candidate is observed before.
         coast (s): time after which a track without reports has lost half of its probability of existence.
-        reported_sigma (m): standard deviation of a position, the largest of any axis, up to which it is reported as one; of
-            distant targets a share of the distance.
+        reported_error (m): root mean square error of a position, by its covariance, up to which it is reported as one.
+        reported_share: of the distance from the nearest rig, up to which that error may grow.
         most_sigma (m): standard deviation of a position, the largest of any axis, at which a track ends.
         most_candidates: number of candidates that are examined at a time.
     """
 
-    manoeuvre: float = 5.0
+    manoeuvre: float = 3.0
     speed_sigma: float = 10.0
     most_distance: float = 400.0
     rig_manoeuvre: float = 0.001
+    rig_rate_sigma: float = 0.3
     heading_drift: float = math.radians(0.01)
     clock_drift: float = 1e-4
     sound_speed: float = 343.2
@@ -56,6 +57,7 @@ class NetworkSettings:
     confirmed: float = 0.95
     least_age: float = 1.0
     coast: float = 8.0
-    reported_sigma: float = 4.0
+    reported_error: float = 7.0
+    reported_share: float = 0.1
     most_sigma: float = 15.0
-    most_candidates: int = 60
+    most_candidates: int = 40

@@ -16,13 +16,14 @@ from std_msgs.msg import Header
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, TrackArray, WorldTrack, WorldTrackArray
-from av_network.candidate import largest_sigma
 from av_network.geodesy import Datum, to_enu
+from av_network.hypothesis_filter import largest_sigmas
 from av_network.messages import direction_message, report_of, target_message
+from av_network.network_target import TargetState
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
-from av_network.tracker import NetworkTracker, TargetState
+from av_network.tracker import NetworkTracker
 
 NO_DATUM = Datum()
 SURVEYED, ODOMETRY, FIX = 'surveyed', 'odometry', 'fix'
@@ -180,8 +181,7 @@ class NetworkStage:
             place = self._positions.get(name)
             if place is None:
                 continue
-            offsets = [state.mean[:3] - place for state in positioned if self._lacks(index, state)
-                       and largest_sigma(state.covariance) < CUE_SIGMA * float(np.linalg.norm(state.mean[:3] - place))]
+            offsets = [state.mean[:3] - place for state in positioned if self._lacks(index, state) and _is_known(state, place)]
             if not offsets:
                 continue
             x, y, z = map(float, offsets[int(np.argmin(np.linalg.norm(offsets, axis=1)))])
@@ -192,7 +192,7 @@ class NetworkStage:
 
     def _lacks(self, rig: int, state: TargetState) -> bool:
         """Whether others have measured a target that a rig does not report, or not told from its mirror image."""
-        ours = rig in state.rigs and state.target.members[rig][0] not in self._unresolved[self._names[rig]]
+        ours = rig in state.rigs and state.target.members[rig].id not in self._unresolved[self._names[rig]]
         return not ours and any(other != rig for other in state.rigs)
 
     def _lone(self, now: float) -> list[WorldTrack]:
@@ -223,3 +223,9 @@ class NetworkStage:
         self.tracker.reset()
         for each in self.statistics.values():
             each.newest = -math.inf
+
+
+def _is_known(state: TargetState, place: NDArray[np.float64]) -> bool:
+    """Whether the direction to a target from a place is precise enough to be told."""
+    distance = float(np.linalg.norm(state.mean[:3] - place))
+    return bool(largest_sigmas(state.covariance[None])[0] < CUE_SIGMA * distance)

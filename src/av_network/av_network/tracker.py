@@ -4,66 +4,52 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
-from av_network.candidate import GATE, Candidate, largest_sigma, propose
-from av_network.decorrelation import Decorrelation
-from av_network.joint_filter import Innovations, JointFilter, Observation
+from av_network.claims import WELL_SUPPORTED, claims, explained
+from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
+from av_network.lone_track import separate
 from av_network.motion_model import nearly_constant_velocity
-from av_network.network_target import NetworkTarget
+from av_network.network_target import NetworkTarget, TargetState
+from av_network.observation import Observation
 from av_network.packing import log_odds
+from av_network.pairing import HOPELESS, Pairing
 from av_network.report import Report
 from av_network.settings import NetworkSettings, RigSettings
+from av_network.tracklets import Tracklets
 
+GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
+JOINING_GATE = 9.0
+REFUTING = 32.0  # squared Mahalanobis distance at which a candidate ends
 MEMBER_BONUS = 5.0  # logarithm of the odds that a rig's track stays with its target from one report to the next
-RECENT_S = 0.6  # for which an unexplained sighting can be paired with that of another rig
+SILENT_S = 1.5  # after which another track of the same rig may take the place of one that is not reported any more
+SKY = 2.0  # sr, in which a rig's targets usually are
+USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
 TEACHING_SIGMA = 0.05  # of a position over its distance, up to which it teaches headings and clocks
 MATURE_S = 2.0  # after which a target teaches headings and clocks
-REPORTED_SHARE = 0.06  # of the distance from the nearest rig, up to which the standard deviation of a distant position may grow
 CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported
 INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
-SAME_SQUARED = 7.8  # Mahalanobis distance squared, 95 % of three degrees of freedom
 SAME_S = 1.0  # for which two tracks must agree to become one
+DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
 DECISION_PERIOD_S = 0.25
 NEVER = 1e6  # cost of an impossible assignment
 
 
-class TargetState(NamedTuple):
-    """A target at a time.
-
-    Parameters:
-        target: what is known besides its state.
-        existence: probability 0..1 that there is such a target.
-        mean (6,), covariance (6, 6): position (m) and velocity (m/s) in ENU.
-        rigs: indices of the rigs with recent observations.
-        positioned: whether its position is known: precise, and consistent with its directions.
-    """
-
-    target: NetworkTarget
-    existence: float
-    mean: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    rigs: tuple[int, ...]
-    positioned: bool
-
-
 class NetworkTracker:
-    """Joint estimate of targets, headings and clocks, with candidates for further targets.
+    """Hypotheses of targets behind the tracks of several rigs, of which the probable ones are confirmed.
 
     A report's directions first go to the confirmed targets: the assignment of the largest likelihood, with a bonus for what was
-    assigned before. Those left over go to candidates, each of which supposes one target behind tracks of several rigs.
-    Candidates compete in a global hypothesis (`packing`); one whose odds are high becomes a target. Reports are to come in the
-    order of capture, see `ReportQueue`.
+    assigned before. Candidates follow the tracks that they consist of, whoever else does. Targets and candidates compete in a
+    global hypothesis (`packing`): a candidate whose odds are high becomes a target, a target without odds ends. Reports are to
+    come in the order of capture, see `ReportQueue`.
 
     Attributes:
-        filter: targets, headings and clocks.
-        targets: in the order of the filter.
-        candidates: under examination.
+        filter: states of all hypotheses, headings and clocks.
+        hypotheses: in the order of the filter.
         unexplained: newest observation of each rig's track that belongs to no target, with its time by the reference clock.
 
     Parameters:
@@ -73,6 +59,7 @@ class NetworkTracker:
 
     def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings | None = None) -> None:
         self.settings = settings or NetworkSettings()
+        self._least_odds = math.log(self.settings.confirmed / (1.0 - self.settings.confirmed))
         self._known = tuple(rigs)
         self.rigs = {rig.name: index for index, rig in enumerate(rigs)}
         self._last_id = 0
@@ -80,13 +67,14 @@ class NetworkTracker:
 
     def reset(self) -> None:
         """Forget all but the ids, as after a step of the clock."""
-        self.filter = JointFilter(self._known, self.settings)
+        self.filter = HypothesisFilter(self._known, self.settings)
         self.calibration = RigCalibration(self._known, self.settings)
-        self.targets: list[NetworkTarget] = []
-        self.candidates: list[Candidate] = []
+        self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
-        self._decorrelation = Decorrelation(self.settings.rig_manoeuvre)
+        self._pairing = Pairing(self.settings)
+        self._tracklets = Tracklets(self.settings.rig_manoeuvre, self.settings.rig_rate_sigma)
         self._decided = -math.inf
+        self._density = self.settings.target_density  # 1/sr, of those that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
 
     def new_id(self) -> int:
@@ -104,80 +92,124 @@ class NetworkTracker:
         self._places[rig] = report.position
         time = self.filter.corrected_time(rig, report.time)
         self.filter.predict(time)
-        observations = [Observation(rig, report.position, report.time, sighting, covariance)
-                        for sighting, covariance in self._decorrelation.fresh(report)]
-        rest = self._use_for_targets(observations, time)
-        if rest:
-            self._use_for_candidates(rest, time)
+        observations = [Observation(rig, report.position, report.time, *each) for each in self._tracklets.fresh(report)]
+        if observations:
+            self._use(rig, observations, time)
         self._tidy(time)
 
     def states(self, time: float) -> list[TargetState]:
         """All targets predicted to a time (s), by id; the tracker itself is not moved."""
         found = []
-        for index, target in enumerate(self.targets):
-            mean, P = self.filter.target(index)
-            step = 0.0 if self.filter.time is None else time - self.filter.time
-            F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
-            rigs = tuple(sorted(rig for rig, (_, last) in target.members.items() if time - last < 1.0))
+        means, covariances = self.filter.targets()
+        step = 0.0 if self.filter.time is None else time - self.filter.time
+        F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
+        for index, target in enumerate(self.hypotheses):
+            if not target.confirmed:
+                continue
+            rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < 1.0))
             existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / self.settings.coast)
-            mean, P = F @ mean, F @ P @ F.T + Q
-            positioned = target.nis < CONSISTENT and self._is_precise(mean, P)
+            mean, P = F @ means[index], F @ covariances[index] @ F.T + Q
+            positioned = target.nis < CONSISTENT and target.odds > 0.0 and self._is_precise(mean, P)
             found.append(TargetState(target, existence, mean, P, rigs, positioned))
         return sorted(found, key=lambda state: state.target.id)
 
     def _is_precise(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
         distance = min((float(np.linalg.norm(mean[:3] - place)) for place in self._places.values()), default=0.0)
-        return largest_sigma(covariance) <= max(self.settings.reported_sigma, REPORTED_SHARE * distance)
+        most = max(self.settings.reported_error, self.settings.reported_share * distance)
+        return math.sqrt(max(float(np.trace(covariance[:3, :3])), 0.0)) <= most
 
-    def _use_for_targets(self, observations: Sequence[Observation], time: float) -> list[Observation]:
-        """Update the targets; returns the observations that belong to none."""
-        if not (self.targets and observations):
-            return list(observations)
-        rig = observations[0].rig
-        innovations = [self.filter.innovations(one) for one in observations]
-        costs = np.array([self._costs(one, each) for one, each in zip(observations, innovations, strict=True)])
-        away = -math.log(self.settings.target_density)
-        square = np.hstack([costs, np.where(np.eye(len(observations)) > 0.0, away, NEVER)])
-        pairs = [(int(row), int(column)) for row, column in zip(*linear_sum_assignment(square), strict=True)
-                 if column < len(self.targets) and costs[row, column] < NEVER]
-        for row, column in pairs:
-            one = observations[row]
-            self.targets[column].note(rig, one.sighting, time, float(innovations[row].squared[column]))
-            self.unexplained.pop((rig, one.sighting.id), None)
-        self.filter.update([(column, observations[row]) for row, column in pairs])
-        for row, column in pairs:
-            if self._teaches(column, observations[0].position, time):
-                state, _ = self.filter.target(column)
-                if self.calibration.note(self.targets[column].id, observations[row], state, time):
-                    self.filter.set_rigs(self.calibration.mean, self.calibration.covariance)
-        used = {row for row, _ in pairs}
-        return [one for row, one in enumerate(observations) if row not in used]
+    def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
+        """Associate, update, teach, and propose candidates."""
+        reported = [one.as_reported() for one in observations]
+        innovations = self.filter.innovations([*observations, *reported])
+        assigned = self._assign(rig, observations, innovations, time)
+        # A crowd of directions that are not explained makes chance meetings likely.
+        self._density = max(self.settings.target_density, (len(observations) - len(assigned) - USUAL_REST) / SKY)
+        known = explained(self.hypotheses, time - SILENT_S, self._least_odds)
+        contested = [column for column, one in enumerate(observations) if one.key not in known]
+        pairs = {row: column for column, row in assigned.items()}
+        pairs |= self._follow(rig, observations, contested, innovations, time)
+        self._update(rig, observations, pairs, innovations, time)
+        self._teach(assigned, observations, time)
+        for column, one in enumerate(observations):
+            if column in assigned:
+                self.unexplained.pop(one.key, None)
+            else:
+                self.unexplained[one.key] = (one, time)
+        open_to_pairs = [reported[column] for column in contested if observations[column].sighting.resolved]
+        self._pairing.propose(self.filter, self.hypotheses, open_to_pairs, self._density, time)
 
-    def _teaches(self, index: int, origin: NDArray[np.float64], time: float) -> bool:
-        """Whether a target corrects headings and clocks: not while it is new, or so imprecise that it is not linear."""
-        distance = float(np.linalg.norm(self.filter.target(index)[0][:3] - origin))
-        return (time - self.targets[index].born > MATURE_S
-                and largest_sigma(self.filter.conditional_covariance(index)) < TEACHING_SIGMA * distance)
+    def _assign(self, rig: int, observations: Sequence[Observation], innovations: Innovations, time: float) -> dict[int, int]:
+        """The target (index) of each observation (index) that stems from one."""
+        rows = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
+        count = len(observations)
+        if not rows:
+            return {}
+        own = self._own(rig, observations)[rows]
+        # A track that is new to a target is judged by all that its rig knows of it.
+        squared = np.where(own, innovations.squared[rows, :count], innovations.squared[rows, count:])
+        density = np.where(own, innovations.log_density[rows, :count], innovations.log_density[rows, count:])
+        costs = np.where(squared < GATE, -density - MEMBER_BONUS * own, NEVER)
+        away = np.where(np.eye(count) > 0.0, -math.log(self._density), NEVER)
+        pairs = zip(*linear_sum_assignment(np.hstack([costs.T, away])), strict=True)
+        found = {int(column): rows[int(row)] for column, row in pairs if row < len(rows) and costs[row, column] < NEVER}
+        for row, column in zip(*np.nonzero(own), strict=True):
+            if found.get(int(column)) != rows[row]:
+                del self.hypotheses[rows[row]].members[rig]
+        return found
 
-    def _costs(self, one: Observation, innovations: Innovations) -> NDArray[np.float64]:
-        """Negative logarithms (n,) of the likelihood that an observation stems from each target."""
-        dets = np.linalg.det(innovations.covariances)
-        costs = 0.5 * innovations.squared + np.log(math.tau * np.sqrt(dets))
-        for column, target in enumerate(self.targets):
-            if target.members.get(one.rig, (0, 0.0))[0] == one.sighting.id:
-                costs[column] -= MEMBER_BONUS
-        return np.where(innovations.squared < GATE, costs, NEVER)
+    def _own(self, rig: int, observations: Sequence[Observation]) -> NDArray[np.bool_]:
+        """Whether (n, m) an observation is of the rig's track that is a member of a hypothesis."""
+        members = [each.members[rig].id if rig in each.members else -1 for each in self.hypotheses]
+        return np.equal.outer(np.array(members, int), np.array([one.sighting.id for one in observations]))
 
-    def _use_for_candidates(self, rest: Sequence[Observation], time: float) -> None:
-        for candidate in self.candidates:
-            candidate.use(rest)
-        fresh = {key: pair for key, pair in self.unexplained.items() if abs(time - pair[1]) < RECENT_S}
-        proposed = [propose(self.filter, other, one, self.settings) for one in rest for key, (other, _) in fresh.items()
-                    if key[0] != one.rig and one.sighting.resolved and other.sighting.resolved
-                    and not (any({key, (one.rig, one.sighting.id)} <= each.keys for each in self.candidates))]
-        self.candidates += [each for each in proposed if each is not None]
-        for one in rest:
-            self.unexplained[one.rig, one.sighting.id] = (one, time)
+    def _follow(self, rig: int, observations: Sequence[Observation], contested: Sequence[int], innovations: Innovations,
+                time: float) -> dict[int, int]:
+        """The observation (index) of each candidate (index): that of its member, or a contested one if it has none."""
+        own, found, count = self._own(rig, observations), {}, len(observations)
+        for row, each in enumerate(self.hypotheses):
+            if each.confirmed:
+                continue
+            if np.any(own[row]):
+                column = int(np.argmax(own[row]))
+                each.refuted = each.refuted or innovations.squared[row, column] > REFUTING
+                found[row] = column
+            elif contested and (rig not in each.members or time - each.members[rig].last > SILENT_S):
+                column = min(contested, key=lambda column: float(innovations.squared[row, count + column]))
+                if innovations.squared[row, count + column] < JOINING_GATE:
+                    found[row] = column
+        return found
+
+    def _update(self, rig: int, observations: Sequence[Observation], pairs: dict[int, int], innovations: Innovations,
+                time: float) -> None:
+        if not pairs:
+            return
+        count, own = len(observations), self._own(rig, observations)
+        rows = np.array(list(pairs), int)
+        columns = np.array([column if own[row, column] else count + column for row, column in pairs.items()], int)
+        learn = np.array([not self.hypotheses[row].confirmed for row in pairs], bool)
+        used = [observations[column] if column < count else observations[column - count].as_reported() for column in columns]
+        means = self.filter.targets()[0][rows, :3]
+        alone = separate([self.hypotheses[row].alone(rig, one.sighting.id) for row, one in zip(rows, used, strict=True)], used,
+                         means, self._density, self.settings)
+        for row, column, (track, density) in zip(rows, columns, alone, strict=True):
+            self.hypotheses[row].note(rig, observations[column % count].sighting, time, float(innovations.squared[row, column]),
+                                      float(innovations.log_density[row, column]) - density, track)
+        self.filter.update(rig, rows, innovations.pick(rows, columns), learn)
+
+    def _teach(self, assigned: dict[int, int], observations: Sequence[Observation], time: float) -> None:
+        """Correct headings and clocks, but not by a target that is new, or so imprecise that it is not linear."""
+        mature = {column: row for column, row in assigned.items() if time - self.hypotheses[row].born > MATURE_S}
+        if not mature:
+            return
+        rows = np.array(list(mature.values()))
+        sigmas = largest_sigmas(self.filter.conditional_covariances(rows))
+        means = self.filter.targets()[0][rows].copy()
+        for sigma, mean, (column, row) in zip(sigmas, means, mature.items(), strict=True):
+            one = observations[column]
+            if (sigma < TEACHING_SIGMA * float(np.linalg.norm(mean[:3] - one.position))
+                    and self.calibration.note(self.hypotheses[row].id, one, mean, time)):
+                self.filter.set_rigs(self.calibration.mean, self.calibration.covariance)
 
     def _tidy(self, time: float) -> None:
         """Confirm candidates, end those without hope and tracks that are lost, and join duplicates; some times a second."""
@@ -186,62 +218,104 @@ class NetworkTracker:
         self._decided = time
         self.unexplained = {key: pair for key, pair in self.unexplained.items() if time - pair[1] < 2.0}
         self._prune(time)
-        self._confirm(time)
-        self._end(time)
+        self._decide(time)
         self._join(time)
 
     def _prune(self, time: float) -> None:
-        """Candidates end that are hopeless, silent, the same as a better one, or too many."""
-        ranked = sorted(self.candidates, key=lambda each: -each.score)
-        kept: list[Candidate] = []
-        for each in ranked:
-            newest = max(last for _, last in each.members.values())
-            if not each.hopeless and time - newest < 2.0 and not any(each.keys <= other.keys for other in kept):
-                kept.append(each)
-        self.candidates = kept[:self.settings.most_candidates]
-
-    def _confirm(self, time: float) -> None:
-        """Candidates become targets whose odds are high, old enough, and precise enough."""
-        least = math.log(self.settings.confirmed / (1.0 - self.settings.confirmed))
-        odds = log_odds([each.score for each in self.candidates], [set(each.keys) for each in self.candidates])
-        for each, odd in zip(list(self.candidates), odds, strict=True):
-            if odd < least or time - each.started < self.settings.least_age or each.sigma() > self.settings.most_sigma:
+        """End targets that are lost, and candidates that are refuted, silent, the same as a better one, or too many."""
+        sigmas = largest_sigmas(self.filter.targets()[1])
+        kept: list[int] = []
+        used: list[set[tuple[int, int]]] = []
+        candidates = 0
+        for row in sorted(range(len(self.hypotheses)), key=lambda row: self._rank(self.hypotheses[row], time)):
+            each = self.hypotheses[row]
+            keys = each.tracks(time - SILENT_S)
+            if (self._is_lost if each.confirmed else self._is_hopeless)(each, float(sigmas[row]), time):
+                self._pairing.refute(each.tracks(time - 2.0 * SILENT_S), time)
                 continue
-            self.filter.adopt(each.filter)
-            self.targets.append(NetworkTarget(self.new_id(), time, time, dict(each.members)))
-            for key in each.keys:
-                self.unexplained.pop(key, None)
-            self.candidates = [other for other in self.candidates if not other.keys & each.keys]
+            if not each.confirmed:
+                same = any(keys <= other or len(keys & other) >= WELL_SUPPORTED for other in used)
+                if same or time - each.measured > 2.0 or candidates >= self.settings.most_candidates:
+                    continue
+                candidates += 1
+            used.append(keys)
+            kept.append(row)
+        self._keep(kept)
 
-    def _end(self, time: float) -> None:
-        """Tracks end that are inconsistent, unsupported or imprecise."""
-        for index in reversed(range(len(self.targets))):
-            target = self.targets[index]
-            lost = largest_sigma(self.filter.target(index)[1]) > self.settings.most_sigma
-            if lost or target.nis > INCONSISTENT or time - target.measured > self.settings.coast:
-                self._remove(index)
+    def _is_lost(self, each: NetworkTarget, sigma: float, time: float) -> bool:
+        return (sigma > self.settings.most_sigma or each.nis > INCONSISTENT or time - each.measured > self.settings.coast
+                or time - each.disputed_since > DISPUTED_S)
+
+    def _is_hopeless(self, each: NetworkTarget, sigma: float, time: float) -> bool:
+        return each.refuted or each.score(each.tracks()) < HOPELESS or sigma > 2.0 * self.settings.most_sigma
+
+    @staticmethod
+    def _rank(each: NetworkTarget, time: float) -> tuple[bool, float]:
+        return not each.confirmed, -each.score(each.tracks(time - SILENT_S))
+
+    def _keep(self, kept: Sequence[int]) -> None:
+        if len(kept) == len(self.hypotheses):
+            return
+        for row in set(range(len(self.hypotheses))) - set(kept):
+            self.calibration.forget(self.hypotheses[row].id)
+        order = sorted(kept)
+        self.hypotheses = [self.hypotheses[row] for row in order]
+        self.filter.keep(order)
+
+    def _decide(self, time: float) -> None:
+        """Candidates become targets whose odds are high, old enough, and precise enough; targets without odds are disputed."""
+        members = claims(self.hypotheses, time - SILENT_S)
+        scores = [each.score(keys) if len(keys) > 1 or each.confirmed else -math.inf
+                  for each, keys in zip(self.hypotheses, members, strict=True)]
+        odds = log_odds(scores, members)
+        sigmas = largest_sigmas(self.filter.targets()[1])
+        for row, each in enumerate(self.hypotheses):
+            each.odds = float(odds[row])
+            if each.confirmed:
+                if len(members[row]) < 2:
+                    each.odds = MEMBER_BONUS
+                each.disputed_since = math.inf if each.odds > 0.0 else min(each.disputed_since, time)
+            elif (each.odds >= self._least_odds and time - each.started >= self.settings.least_age
+                  and sigmas[row] < self.settings.most_sigma):
+                if any(other.confirmed and self._same(index, row, time) for index, other in enumerate(self.hypotheses)):
+                    each.refuted = True
+                else:
+                    self._confirm(each, members[row], time)
+
+    def _confirm(self, each: NetworkTarget, keys: set[tuple[int, int]], time: float) -> None:
+        each.id, each.born = self.new_id(), time
+        each.members = {rig: member for rig, member in each.members.items() if (rig, member.id) in keys}
+        for key in each.tracks():
+            self.unexplained.pop(key, None)
+        for other in self.hypotheses:
+            if other is each:
+                continue
+            if other.confirmed:
+                other.members = {rig: member for rig, member in other.members.items() if (rig, member.id) not in keys}
+            elif other.tracks() & keys:
+                other.refuted = True
 
     def _join(self, time: float) -> None:
-        """Of two tracks that agree for some time, and that no rig tells apart, the older one stays."""
-        for second in reversed(range(len(self.targets))):
-            for first in range(second):
-                if self._same(first, second, time):
-                    self.targets[second].duplicate_since = min(self.targets[second].duplicate_since, time)
-                    break
+        """Of two tracks that agree for some time, and that no rig tells apart, that of more rigs stays, or the older one."""
+        rows = [row for row, each in enumerate(self.hypotheses) if each.confirmed]
+        rows.sort(key=lambda row: (-len(self.hypotheses[row].tracks(time - SILENT_S)), self.hypotheses[row].id))
+        gone = set()
+        for place, second in enumerate(rows):
+            each = self.hypotheses[second]
+            if any(self._same(first, second, time) for first in rows[:place] if first not in gone):
+                each.duplicate_since = min(each.duplicate_since, time)
+                if time - each.duplicate_since >= SAME_S:
+                    gone.add(second)
             else:
-                self.targets[second].duplicate_since = math.inf
-                continue
-            if time - self.targets[second].duplicate_since >= SAME_S:
-                self._remove(second)
+                each.duplicate_since = math.inf
+        self._keep([row for row in range(len(self.hypotheses)) if row not in gone])
 
     def _same(self, first: int, second: int, time: float) -> bool:
-        a, b = self.targets[first].members, self.targets[second].members
-        if any(abs(a[rig][1] - b[rig][1]) < 0.5 and time - a[rig][1] < 1.0 for rig in a.keys() & b.keys()):
+        """Whether two tracks are more probably one target than two, of which the other one could be anywhere."""
+        a, b = self.hypotheses[first].members, self.hypotheses[second].members
+        if any(abs(a[rig].last - b[rig].last) < 0.5 and time - a[rig].last < 1.0 for rig in a.keys() & b.keys()):
             return False
         mean, P = self.filter.difference(first, second)
-        return float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3])) < SAME_SQUARED
-
-    def _remove(self, index: int) -> None:
-        self.calibration.forget(self.targets[index].id)
-        del self.targets[index]
-        self.filter.remove(index)
+        squared = float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3]))
+        density = -0.5 * (squared + 3.0 * LOG_TAU + float(np.linalg.slogdet(P[:3, :3])[1]))
+        return density > math.log(3.0 * self._density / self.settings.most_distance**3)

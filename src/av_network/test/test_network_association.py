@@ -1,4 +1,4 @@
-"""Packing of candidates against exhaustive search, and the order of reports."""
+"""Packing of hypotheses against exhaustive search, where directions meet, and the order of reports."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from av_network.meeting import meetings
+from av_network.observation import Observation
 from av_network.packing import best_packing, log_odds
-from av_network.report import Report
+from av_network.report import Report, Sighting
 from av_network.report_queue import ReportQueue
 
 
@@ -39,6 +41,24 @@ def test_nothing_to_pack():
     """No candidates, or none that is worth it."""
     assert best_packing([], []).shape == (0,)
     assert not best_packing([-1.0], [{1}]).any()
+
+
+def test_directions_meet_at_their_target():
+    """Two that come from one place; one from behind, beyond the range, or far from the other line does not meet."""
+    target = np.array([5.0, 60.0, 20.0])
+
+    def seen(rig, place, at=target, sign=1.0):
+        d = sign * (at - place)
+        angles = np.array([np.arctan2(d[1], d[0]), np.arctan2(d[2], np.hypot(d[0], d[1]))])
+        sighting = Sighting(1, *angles, np.eye(2) * 1e-4, 0.0)
+        return Observation(rig, place, 0.0, sighting, angles, sighting.covariance, True)
+
+    left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
+    others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]
+    found = meetings(seen(0, left), others, np.zeros(2), np.zeros(2), 400.0, 1.0)
+    assert np.allclose(found.places[0], target) and found.apart[0] < 1e-9
+    assert found.apart[1] == np.inf and found.apart[2] > 9.0
+    assert meetings(seen(0, left), others[:1], np.zeros(2), np.zeros(2), 50.0, 1.0).apart[0] == np.inf
 
 
 def report(rig, time):

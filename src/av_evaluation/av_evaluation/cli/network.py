@@ -6,11 +6,13 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound
+from av_evaluation.network.cost_chart import draw_cost
 from av_evaluation.network.figures import NetworkRun, OwnTracker, run
 from av_evaluation.network.partition import partition_figures
 
@@ -95,12 +97,14 @@ def partition(options: argparse.Namespace) -> bool:
 def cost(options: argparse.Namespace) -> bool:
     """Processor time by number of rigs, in percent of one core."""
     print('percent of one core by number of rigs, 10 targets, 4 reports a second')
-    shares = []
-    for rigs in (2, 4, 8, 16):
+    shares, counts = [], (2, 4, 8, 16)
+    for rigs in counts:
         simulation = cases.ring(options.seed, rigs, 10)
         found = run(OwnTracker(cases.settings_of(simulation)), simulation)
         shares.append(found.cost / simulation.duration)
         print(f'{rigs:>4} rigs{100.0 * shares[-1]:>8.1f} %   GOSPA {found.gospa(SETTLED_S)[0]:.2f} m', flush=True)
+    if options.figure:
+        draw_cost(counts, shares, 10, options.figure)
     return shares[-1] < 1.0
 
 
@@ -128,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--baseline', type=float, default=40.0, help='bound: m between the two rigs (%(default)s)')
     parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
     parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
+    parser.add_argument('--figure', type=Path, metavar='PNG', help='cost: picture to write')
     return parser
 
 

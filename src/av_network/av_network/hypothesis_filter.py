@@ -1,0 +1,234 @@
+"""Extended Kalman filters of all supposed targets at once, each with the rigs' headings and clocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.angles import wrap
+from av_network.apparent_direction import apparent_directions
+from av_network.observation import Observation
+from av_network.settings import NetworkSettings, RigSettings
+
+LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
+HEADING, CLOCK = 0, 1  # in the part of the state of one rig
+RIG_SIZE, TARGET_SIZE = 2, 6
+LOG_TAU = math.log(math.tau)
+
+
+class Innovations(NamedTuple):
+    """Differences of m observations of one rig from what each of n targets would give.
+
+    Parameters:
+        residuals (n, m, 2) (rad): the differences.
+        jacobians (n, m, 2, 8): their derivatives by (heading, clock) of the rig and (position, velocity) of the target.
+        covariances (n, m, 2, 2) (rad^2): of the differences.
+        squared (n, m): Mahalanobis distances, squared.
+        log_density (n, m): logarithms of the density (1/sr) of the observations.
+    """
+
+    residuals: NDArray[np.float64]
+    jacobians: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    squared: NDArray[np.float64]
+    log_density: NDArray[np.float64]
+
+    def pick(self, targets: NDArray[np.intp], observations: NDArray[np.intp]) -> Innovations:
+        """Those of k pairs of a target and an observation, without the axis of the observations."""
+        return Innovations(*(part[targets, observations] for part in self))
+
+
+class HypothesisFilter:
+    """Targets of nearly constant velocity, seen from rigs whose headings and clocks are off by slowly varying amounts.
+
+    The state of each is (heading, clock) of each of r rigs, then (position, velocity) of the target: N = 2 r + 6. A heading
+    correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and clocks, targets are
+    independent of each other, so no covariance between them is kept.
+
+    Attributes:
+        time (s): for which the states hold, by the reference clock; None before the first prediction.
+        rig_mean (2 r,), rig_covariance (2 r, 2 r): what is known of headings and clocks, with which targets begin.
+        mean (n, N), covariance (n, N, N): the states.
+
+    Parameters:
+        rigs: what is known of each.
+        settings: see `NetworkSettings`.
+    """
+
+    def __init__(self, rigs: Sequence[RigSettings], settings: NetworkSettings) -> None:
+        self._settings = settings
+        self._position_sigmas = [rig.position_sigma for rig in rigs]
+        sigmas = np.array([(rig.heading_sigma, rig.clock_sigma) for rig in rigs]).reshape(-1)
+        self.time: float | None = None
+        self._offset = len(sigmas)
+        self.rig_mean: NDArray[np.float64] = np.zeros(self._offset)
+        self.rig_covariance: NDArray[np.float64] = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
+        size = self._offset + TARGET_SIZE
+        self.mean, self.covariance = np.zeros((0, size)), np.zeros((0, size, size))
+        drifts = np.array([settings.heading_drift, settings.clock_drift]) ** 2
+        self._drift = np.tile(drifts, len(rigs)) * (sigmas > 0.0)
+
+    @property
+    def count(self) -> int:
+        """Number of targets."""
+        return len(self.mean)
+
+    def rig_state(self, rig: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean (2,) and standard deviations (2,) of heading correction (rad) and clock offset (s) of a rig."""
+        part = slice(RIG_SIZE * rig, RIG_SIZE * (rig + 1))
+        return self.rig_mean[part].copy(), np.sqrt(np.diag(self.rig_covariance)[part])
+
+    def corrected_time(self, rig: int, time: float) -> float:
+        """A rig's stamp by the reference clock (s).
+
+        Parameters:
+            rig: index of the rig.
+            time (s): its stamp.
+        """
+        return time + float(self.rig_mean[RIG_SIZE * rig + CLOCK])
+
+    def targets(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Means (n, 6) and covariances (n, 6, 6) of position and velocity."""
+        n = self._offset
+        return self.mean[:, n:], self.covariance[:, n:, n:]
+
+    def conditional_covariances(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Covariances (k, 6, 6) of some targets (k,) if headings and clocks were known."""
+        return self._given_rigs(self.covariance[rows])[1]
+
+    def difference(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean (6,) and covariance (6, 6) of the difference of two targets."""
+        n = self._offset
+        a, b = self.mean[first, n:], self.mean[second, n:]
+        P, Q = self.covariance[first], self.covariance[second]
+        shared = P[n:, :n] @ np.linalg.solve(P[:n, :n], Q[:n, n:])
+        return a - b, P[n:, n:] + Q[n:, n:] - shared - shared.T
+
+    def add(self, means: NDArray[np.float64], covariances: NDArray[np.float64]) -> None:
+        """Add targets that are independent of all else.
+
+        Parameters:
+            means (k, 6), covariances (k, 6, 6): of position and velocity.
+        """
+        k, n = len(means), self._offset
+        mean, P = np.zeros((k, n + TARGET_SIZE)), np.zeros((k, n + TARGET_SIZE, n + TARGET_SIZE))
+        mean[:, :n], mean[:, n:] = self.rig_mean, means
+        P[:, :n, :n], P[:, n:, n:] = self.rig_covariance, covariances
+        self.mean, self.covariance = np.concatenate([self.mean, mean]), np.concatenate([self.covariance, P])
+
+    def keep(self, indices: Sequence[int]) -> None:
+        """Keep some targets, in the given order."""
+        chosen = np.array(indices, int)
+        self.mean, self.covariance = self.mean[chosen], self.covariance[chosen]
+
+    def set_rigs(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
+        """Replace what is known of headings and clocks; the targets move as far as they depend on them.
+
+        Parameters:
+            mean (2 r,), covariance (2 r, 2 r): (heading, clock) of each of r rigs.
+        """
+        n = self._offset
+        gain, conditional = self._given_rigs(self.covariance)
+        cross = gain @ covariance
+        self.mean[:, n:] += np.einsum('kij,kj->ki', gain, mean - self.mean[:, :n])
+        self.mean[:, :n] = mean
+        P = self.covariance
+        P[:, :n, :n], P[:, n:, :n], P[:, :n, n:] = covariance, cross, cross.transpose(0, 2, 1)
+        P[:, n:, n:] = conditional + cross @ gain.transpose(0, 2, 1)
+        self.rig_mean, self.rig_covariance = mean.copy(), covariance.copy()
+
+    def predict(self, time: float) -> None:
+        """Move all states to a time (s) by the reference clock; a time before theirs changes nothing."""
+        step = 0.0 if self.time is None else time - self.time
+        if self.time is not None and step <= 0.0:
+            return
+        self.time = time
+        n, P = self._offset, self.covariance
+        self.rig_covariance[range(n), range(n)] += step * self._drift
+        P[:, range(n), range(n)] += step * self._drift
+        place, speed = slice(n, n + 3), slice(n + 3, n + 6)
+        self.mean[:, place] += step * self.mean[:, speed]
+        P[:, place] += step * P[:, speed]
+        P[:, :, place] += step * P[:, :, speed]
+        density, axes = self._settings.manoeuvre, np.arange(n, n + 3)
+        P[:, axes, axes] += density * step**3 / 3.0
+        P[:, axes, axes + 3] += density * step**2 / 2.0
+        P[:, axes + 3, axes] += density * step**2 / 2.0
+        P[:, axes + 3, axes + 3] += density * step
+
+    def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
+        """Differences of a rig's observations of one time from what the targets would give.
+
+        Parameters:
+            observations (m,): one at least, of one rig.
+            rows (n,): the targets; by default all.
+        """
+        first, n = observations[0], self._offset
+        columns, rows = self._columns(first.rig), np.arange(self.count) if rows is None else rows
+        mean = self.mean[rows]
+        heading, clock = mean[:, columns[HEADING]], mean[:, columns[CLOCK]]
+        ahead = first.time + clock - (self.time or 0.0)
+        angles, noise = np.array([one.angles for one in observations]), np.array([one.covariance for one in observations])
+        count, m = len(mean), len(observations)
+        residuals, jacobians, places = np.empty((count, m, 2)), np.empty((count, m, 2, 8)), np.empty((count, m))
+        sounds = np.array([one.sighting.by_sound for one in observations])
+        for by_sound in set(sounds.tolist()):
+            chosen = np.flatnonzero(sounds == by_sound)
+            speed = np.full(count, self._settings.sound_speed if by_sound else math.inf)
+            expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:], first.position, ahead, speed)
+            level = np.cos(expected.elevation)
+            residuals[:, chosen, 0] = wrap(angles[chosen, 0] + (heading - expected.azimuth)[:, None]) * level[:, None]
+            residuals[:, chosen, 1] = angles[chosen, 1] - expected.elevation[:, None]
+            by_heading = np.stack([-level, 0.0 * level], 1)[:, :, None]
+            jacobians[:, chosen] = np.concatenate([by_heading, expected.by_time[:, :, None], expected.by_position,
+                                                   expected.by_velocity], 2)[:, None]
+            places[:, chosen] = ((self._position_sigmas[first.rig] / expected.distance) ** 2)[:, None]
+        R = noise + places[:, :, None, None] * np.eye(2)
+        P = self.covariance[rows[:, None, None], columns[:, None], columns]
+        S = jacobians @ P[:, None] @ jacobians.transpose(0, 1, 3, 2) + R
+        determinant = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
+        x, y = residuals[..., 0], residuals[..., 1]
+        squared = (S[..., 1, 1] * x**2 - 2.0 * S[..., 0, 1] * x * y + S[..., 0, 0] * y**2) / determinant
+        return Innovations(residuals, jacobians, S, squared, -0.5 * (squared + np.log(determinant)) - LOG_TAU)
+
+    def update(self, rig: int, rows: NDArray[np.intp], used: Innovations, learn: NDArray[np.bool_]) -> None:
+        """Use one observation for each of k targets.
+
+        Parameters:
+            rig: index of the rig.
+            rows (k,): the targets.
+            used: of each, see `Innovations.pick`.
+            learn (k,): whether the target's headings and clocks are corrected, too; if not, they stay, and their uncertainty
+                is considered (Schmidt 1966).
+        """
+        P, columns = self.covariance[rows], self._columns(rig)
+        PH = P[:, :, columns] @ used.jacobians.transpose(0, 2, 1)
+        gain = PH @ np.linalg.inv(used.covariances)
+        gain[:, :self._offset] *= learn[:, None, None]
+        self.mean[rows] += np.einsum('kij,kj->ki', gain, used.residuals)
+        half = gain @ (0.5 * used.covariances @ gain.transpose(0, 2, 1) - PH.transpose(0, 2, 1))
+        self.covariance[rows] = P + half + half.transpose(0, 2, 1)
+
+    def _given_rigs(self, P: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Dependence (n, 6, 2 r) of targets on headings and clocks, and covariances (n, 6, 6) if those were known."""
+        n = self._offset
+        gain = np.linalg.solve(P[:, :n, :n], P[:, :n, n:]).transpose(0, 2, 1)
+        return gain, P[:, n:, n:] - gain @ P[:, :n, n:]
+
+    def _columns(self, rig: int) -> NDArray[np.intp]:
+        """Indices (8,) of a rig's part of the state and of that of the target."""
+        n = self._offset
+        return np.concatenate([np.arange(RIG_SIZE * rig, RIG_SIZE * (rig + 1)), np.arange(n, n + TARGET_SIZE)])
+
+
+def largest_sigmas(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Largest standard deviations (n,) (m) of positions along any axis.
+
+    Parameters:
+        covariances (n, 6, 6): of position and velocity.
+    """
+    return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[:, :3, :3])[:, -1], 0.0)))
