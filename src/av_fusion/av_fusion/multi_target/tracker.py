@@ -167,7 +167,8 @@ class MultiTargetTracker:
             sight_confidence=machine.sight_confidence, visibility=self._visibility)
         if predicted is not None and target is not None:
             others = tuple(other for other in self._targets.targets if other.id != target.id)
-            self._targets = Targets(time, (*others, target._replace(track=track)), target.id)
+            found = sorted((*others, target._replace(track=track)), key=lambda each: each.id)
+            self._targets = Targets(time, tuple(found), target.id)
         return track
 
     def targets(self, track: Track) -> Targets:
