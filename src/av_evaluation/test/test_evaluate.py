@@ -11,6 +11,7 @@ import pytest
 from bag_messages import flight
 
 from av_common.angles import wrap
+from av_common.parameters import node_parameters
 from av_evaluation.cli.evaluate import main
 from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
@@ -191,3 +192,8 @@ def test_errors_are_compared_with_the_sigma_of_the_sensor_that_leads():
     figures = sigma_by_sensor([RunResult('one', '', {}, 5.0, {'fused': fused}, state=track)])
     assert figures['sight'].within == 0.75 and figures['sight'].sigma_deg == pytest.approx(1.0)
     assert figures['sound'] == SigmaFigures(1.0, pytest.approx(3.0), pytest.approx(2.0))
+
+
+def test_scenarios_are_heard_as_the_node_hears():
+    """A case of its own default would measure another number of sources than rigs use."""
+    assert Case('talker').max_sources == node_parameters('av_audio', 'doa_node').max_sources

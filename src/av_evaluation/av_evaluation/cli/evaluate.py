@@ -88,7 +88,8 @@ def make_parser() -> argparse.ArgumentParser:
         'their recorded detections')
     add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
-    add('--max-sources', type=int, default=1, metavar='N', help='scenarios: directions in one window of sound, 1 to 4')
+    add('--max-sources', type=int, default=Case.max_sources, metavar='N',
+        help='scenarios: directions in one window of sound, 1 to 4 (%(default)s, as doa_node)')
     add('--rig', default='', metavar='FILE', help="scenarios: another description of the rig than the scenario's")
     add('--from', dest='stage', choices=('raw', 'doa', 'bearing'), default='', help='bags: recorded data from which to compute')
     add('--params', action='append', default=[], metavar='FILE', help='bags: parameter file of the nodes; can be repeated')

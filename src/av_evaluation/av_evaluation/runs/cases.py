@@ -18,6 +18,7 @@ import av_pointing
 import av_sim_bridge
 import av_simulator
 import av_vision
+from av_audio.localizer import LocalizerSettings
 from av_simulator.config_files import find_config, shipped
 from av_vision.models import shipped_model
 
@@ -59,7 +60,7 @@ class Case:
     rig: str = ''
     array: str = ''
     band_hz: tuple[float, float] = (200.0, 4000.0)
-    max_sources: int = 1
+    max_sources: int = LocalizerSettings.max_sources
     stage: str = ''
     parameters: tuple[str, ...] = ()
     remap: tuple[str, ...] = ()
