@@ -14,6 +14,7 @@ from av_audio.ego_noise import NoiseRecording
 from av_audio.health import SwapDetector
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_audio.messages import doa_array, samples_of
+from av_audio.stream_gate import StreamGate
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_seconds
@@ -52,8 +53,14 @@ class DoaStage:
         self.latest: DoaEstimate | None = None
         self.judgement = Judgement()  # of the strongest source in the newest window
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
+        self._gate = StreamGate()
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
         self.swaps = 0  # how often the two channels seem to have changed places
+
+    @property
+    def foreign(self) -> int:
+        """Number of frames that did not belong to the stream that is heard."""
+        return self._gate.refused
 
     @property
     def settings(self) -> LocalizerSettings:
@@ -74,6 +81,7 @@ class DoaStage:
     def reset(self) -> None:
         """Discard the samples of unfinished windows."""
         self._localizer = self._classifier = None
+        self._gate.forget()
 
     def on_motor_speeds(self, message: Float32MultiArray) -> None:
         """Take the speeds of the rig's motors in rad/s. Their sign, and values that are not finite, do not matter."""
@@ -86,18 +94,20 @@ class DoaStage:
         """Directions for every window that a frame completes.
 
         Parameters:
-            frame: the block of samples that follows the one before; a gap restarts the window.
+            frame: the block of samples that follows the one before; a gap restarts the window, and another stream is ignored.
             arrival (s): time of its arrival. Not used: results are stamped by the capture time of the frame.
 
         Raises ValueError when the frame contradicts itself or does not fit the array or the settings; unfinished windows
-        are then discarded.
+        are then discarded, unless it does not belong to the stream that is heard.
         """
+        begin = to_seconds(frame.header.stamp)
+        if not self._gate.admit(frame, len(frame.samples) // max(frame.channels, 1), begin):
+            return []
         try:
             estimates = self._estimates(frame)
         except ValueError:
             self.reset()
             raise
-        begin = to_seconds(frame.header.stamp)
         messages = []
         for estimate in estimates:
             self.latest = estimate
@@ -125,7 +135,6 @@ class DoaStage:
         longest = round(LONGEST_FRAME_S * frame.sample_rate) * frame.channels
         if len(frame.samples) > longest:
             raise ValueError(f'{len(frame.samples)} samples in a frame, expected at most {longest} ({LONGEST_FRAME_S:g} s)')
-        to_seconds(frame.header.stamp)  # raises ValueError before anything is computed
         samples = samples_of(frame)
         self.sample_rate = float(frame.sample_rate)
         if self._localizer is None or self._localizer.sample_rate != frame.sample_rate:

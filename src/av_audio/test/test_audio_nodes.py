@@ -144,7 +144,7 @@ def test_frames_that_do_not_fit_are_reported_and_survived(rig, array_file):
     rig.wait_for_status('half of the sample rate', DiagnosticStatus.WARN)
     rig.publish(node, frame(samples[:1600].ravel()[:-1]))
     rig.wait_for_status('not a multiple of 2 channels', DiagnosticStatus.WARN)
-    rig.publish(node, frame(np.full((1600, 2), np.nan)))
+    rig.publish(node, frame(np.full((1600, 2), np.nan), 5000 - 1600, stamp=200.0 - 1600 / RATE))
     for k in range(15):
         rig.publish(node, frame(samples[k * 1600:(k + 1) * 1600], 5000 + k * 1600, stamp=200.0 + k * 1600 / RATE))
     rig.spin(lambda: rig.received['doa'])
@@ -238,7 +238,8 @@ def test_ego_rotors_are_notched_at_the_speeds_of_a_topic(rig, array_file):
     for attempt in range(2):
         begin = len(rig.received['doa'])
         for k, first in enumerate(range(0, len(samples), 1600)):
-            rig.publish(node, frame(samples[first:first + 1600], attempt * RATE + first, stamp=100.0 + k / 30.0))
+            rig.publish(node, frame(samples[first:first + 1600], attempt * len(samples) + first,
+                                    stamp=100.0 + attempt * len(samples) / RATE + k / 30.0))
         rig.spin(lambda begin=begin: len(rig.received['doa']) > begin)
         azimuths.append(np.degrees(rig.received['doa'][-1].hypotheses[0].azimuth))
         turns = 2.0 * np.pi * blade_pass / 3.0  # rad/s; one motor turns the other way, one stands, one has no sensor

@@ -1,12 +1,12 @@
 """The stage that node, replay and experiments share, on message objects."""
 
 from array import array
+from random import Random
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import soundfile
-from builtin_interfaces.msg import Time
 from std_msgs.msg import Float32MultiArray, Header
 
 from av_audio.benchmark.ego_rotors import scene
@@ -17,7 +17,7 @@ from av_audio.stage import DoaStage, localizer_settings, make_doa_stage
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
-from av_common.stamps import to_seconds
+from av_common.stamps import to_seconds, to_stamp
 
 PAIR = MicrophoneArray([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]], 'pair')
 BLOCK = 1600
@@ -29,11 +29,10 @@ def sound(seconds):
     return (0.3 * samples / np.abs(samples).max()).astype(np.float32)
 
 
-def frames(samples, first_sample=0, stamp=100, rate=RATE):
-    """Blocks of samples whose first was captured at a whole second."""
+def frames(samples, first_sample=0, stamp=100.0, rate=RATE):
+    """Blocks of samples whose first was captured at `stamp` (s)."""
     for start in range(0, len(samples), BLOCK):
-        nanoseconds = round(1e9 * start / rate)
-        header = Header(stamp=Time(sec=stamp + nanoseconds // 10**9, nanosec=nanoseconds % 10**9), frame_id='microphones')
+        header = Header(stamp=to_stamp(stamp + start / rate), frame_id='microphones')
         yield audio_frame(samples[start:start + BLOCK], first_sample + start, rate, header)
 
 
@@ -76,21 +75,64 @@ def test_messages_of_other_libraries_serve_as_well():
     ({'sample_rate': 2**32 - 1}, 'sample_rate is 4294967295 Hz, expected 1000 to 384000'),
     ({'sample_rate': 0}, 'sample_rate is 0'),
     ({'samples': array('f', bytes(4 * (2 * 10 * RATE + 2)))}, 'samples in a frame, expected at most')])
-def test_frames_that_do_not_fit_are_refused_and_discard_the_window(changes, words):
-    stage, samples = DoaStage(PAIR), sound(1.0)
-    assert feed(stage, samples[:BLOCK * 14]) == []
+def test_frames_that_do_not_fit_are_refused(changes, words):
+    stage, samples = DoaStage(PAIR), sound(0.6)
     bad = next(frames(samples))
     for name, value in changes.items():
         setattr(bad, name, value)
     with pytest.raises(ValueError, match=words):
         stage.on_audio(bad, 0.0)
-    assert len(feed(stage, samples[:BLOCK * 15], first_sample=BLOCK * 14)) == 1
+    assert len(feed(stage, samples)) == 2
+    stage.on_audio(bad, 0.0)    # beside a stream that can be used it is another one
+    assert len(feed(stage, samples, first_sample=len(samples), stamp=100.6)) == 6 and stage.foreign == 1
+
+
+def test_a_source_of_another_format_is_reported_when_it_takes_over():
+    stage, samples = DoaStage(PAIR), sound(1.0)
+    feed(stage, samples)
+    with pytest.raises(ValueError, match='1 channels'):
+        feed(stage, samples[:, :1], stamp=200.0)
+
+
+def foreign_frames(samples, random, step):
+    """Frames that another source may send beside the frame of a step of the genuine stream."""
+    made = next(frames(samples[:BLOCK]))
+    choice = step % 4
+    made.header.stamp = to_stamp(100.0 + step * BLOCK / RATE + (random.uniform(-0.1, 0.1) if choice < 3 else 0.02))
+    if choice == 0:
+        made.first_sample = random.choice((0, 2**64 - 1, step * BLOCK, step * BLOCK + 7))
+    elif choice == 1:
+        made.channels = 1
+    elif choice == 2:
+        made.sample_rate = random.choice((0, 1, RATE - 1, 2**32 - 1))
+    else:    # a stream of its own
+        made.first_sample = step // 4 * BLOCK
+    return made
+
+
+def test_another_source_disturbs_nothing():
+    samples, random, stage = sound(2.0), Random(1), DoaStage(PAIR)
+    alone = [m.hypotheses[0].azimuth for m in feed(DoaStage(PAIR), samples)]
+    beside = []
+    for step, frame in enumerate(frames(samples)):
+        beside += stage.on_audio(frame, 0.0)
+        for _ in range(3):
+            assert stage.on_audio(foreign_frames(-samples, random, step), 0.0) == []
+    assert [m.hypotheses[0].azimuth for m in beside] == alone and stage.foreign == 180 and stage.restarts == 0
+
+
+@pytest.mark.parametrize('stamp', [50.0, 102.0, 5000.0])
+def test_a_source_that_starts_again_is_heard_again(stamp):
+    stage = DoaStage(PAIR)
+    feed(stage, sound(1.0))
+    first = to_seconds(feed(stage, sound(2.0), stamp=stamp)[0].header.stamp)
+    assert first == pytest.approx(stamp + 0.3 + 0.25, abs=2.1 * BLOCK / RATE)    # TAKEN_AFTER_S, and half a window
 
 
 def test_gaps_are_counted_as_restarts():
     stage = DoaStage(PAIR)
     feed(stage, sound(0.2))
-    feed(stage, sound(0.6), first_sample=RATE)
+    feed(stage, sound(0.6), first_sample=RATE, stamp=101.0)
     assert stage.restarts == 1 and stage.latest is not None
 
 
@@ -98,7 +140,7 @@ def test_new_settings_apply_from_the_next_frame():
     stage = DoaStage(PAIR)
     feed(stage, sound(0.6))
     stage.settings = LocalizerSettings(temperature_c=-20.0)
-    message = feed(stage, sound(0.6), first_sample=RATE)[0]
+    message = feed(stage, sound(0.6), first_sample=RATE, stamp=101.0)[0]
     assert np.degrees(message.hypotheses[0].azimuth) == pytest.approx(27.7, abs=0.3)  # slower sound, the same delay
 
 

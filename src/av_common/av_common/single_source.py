@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable
 
 CONTESTED_S = 0.25  # since the newest stamp that went back
 JITTER_S = 0.01  # by which stamps of one source may go back, where its clock is corrected
+KEPT, LEAST_KEPT = 100, 10  # delays of a source that are kept, and that make it known
+EARLY_S, LATE_S = 0.01, 0.05  # by which a message may come before and after the usual delays
 
 
 class SingleSource:
@@ -23,6 +26,7 @@ class SingleSource:
     def __init__(self) -> None:
         self.refused = 0
         self._stamp = self._measured = self._arrival = self._contested = -math.inf
+        self._delays: deque[float] = deque(maxlen=KEPT)
 
     def take(self, stamp: float, arrival: float, measured: float = math.nan) -> bool:
         """Note a message; returns whether it can be used.
@@ -39,7 +43,20 @@ class SingleSource:
         self._measured = self._measured if math.isnan(measured) else measured
         contested = self.is_contested(arrival)
         self.refused += contested
+        if not contested:
+            self._delays.append(arrival - stamp)
         return not contested
+
+    def is_punctual(self, stamp: float, arrival: float) -> bool:
+        """Whether a message took as long as those of the source that was alone before.
+
+        Parameters:
+            stamp (s): its capture time.
+            arrival (s): time of its arrival.
+        """
+        delays, tail = sorted(self._delays), len(self._delays) // 20
+        return (len(delays) >= LEAST_KEPT
+                and delays[tail] - EARLY_S <= arrival - stamp <= delays[-1 - tail] + LATE_S)
 
     def prolong(self, arrival: float) -> None:
         """Note a message that is impossible by itself, at `arrival` (s): a second source that was noticed goes on to send."""
@@ -69,6 +86,10 @@ class SingleSources:
     def take(self, topic: str, stamp: float, arrival: float, measured: float = math.nan) -> bool:
         """See `SingleSource.take`."""
         return self._sources[topic].take(stamp, arrival, measured)
+
+    def is_punctual(self, topic: str, stamp: float, arrival: float) -> bool:
+        """See `SingleSource.is_punctual`."""
+        return self._sources[topic].is_punctual(stamp, arrival)
 
     def prolong(self, topic: str, arrival: float) -> None:
         """See `SingleSource.prolong`."""

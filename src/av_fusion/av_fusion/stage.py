@@ -19,6 +19,7 @@ from av_common.cue import cue_direction
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
+from av_common.track import Source
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.checkpoints import Checkpoints
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
@@ -26,9 +27,10 @@ from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.odometry import add_odometry
+from av_fusion.measurement.odometry import pose_of
 from av_fusion.observer import FusionObserver
 from av_fusion.settings import make_tracker
+from av_fusion.support import targets_without_support, without_support
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
@@ -159,10 +161,13 @@ class FusionStage:
             message: attitude and yaw rate of the rig in ENU.
             arrival (s): time of its arrival.
         """
-        if self._accept(ODOMETRY, message, arrival):
-            jump = add_odometry(self.tracker, message)
-            if jump is not None:
-                self.emitters.turn_world(jump)
+        pose = pose_of(message) if self._accept(ODOMETRY, message, arrival) else None
+        if pose is None or (self._is_contested(ODOMETRY, arrival) and not self.tracker.motion.continues(pose)):
+            return
+        self.gate.use(ODOMETRY, pose.time, arrival)
+        jump = self.tracker.add_pose(pose)
+        if jump is not None:
+            self.emitters.turn_world(jump)
 
     def on_cue(self, message: PointStamped, arrival: float) -> None:
         """Decide between mirror images by a place where other rigs have a target; bearings become no more precise by it.
@@ -214,11 +219,14 @@ class FusionStage:
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
-        contested_before = self.gate.sources.is_contested(name, arrival)
-        accepted = self.gate.accept(name, to_seconds(message.header.stamp), arrival)
-        if self.gate.sources.is_contested(name, arrival) and not contested_before:
+        contested_before, stamp = self._is_contested(name, arrival), to_seconds(message.header.stamp)
+        accepted = self.gate.accept(name, stamp, arrival)
+        if self._is_contested(name, arrival) and not contested_before:
             self._undo(name, arrival)
-        return accepted
+        return accepted or self.gate.continues(name, stamp, arrival)
+
+    def _is_contested(self, name: str, now: float) -> bool:
+        return self.gate.sources.is_contested(name, now)
 
     def _undo(self, name: str, now: float) -> None:
         """Return to the state from before an input had two sources: first messages of the second one were used."""
@@ -252,7 +260,13 @@ class FusionStage:
         return self._output(now) if used else None
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
-        measurements = self.emitters.judge(self.converter.doa(message))
+        measurements = self.converter.doa(message)
+        if self._is_contested(DOA, arrival):
+            measurements = self.tracker.expected_doas(measurements)
+            if not measurements:
+                return False
+        self.gate.use(DOA, to_seconds(message.header.stamp), arrival)
+        measurements = self.emitters.judge(measurements)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
         self.tracker.add_doas([measurement for measurement in measurements
@@ -264,8 +278,11 @@ class FusionStage:
         time = to_seconds(message.header.stamp)
         measurement = self.converter.detections(
             message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
+        if measurement is not None and self._is_contested(DETECTIONS, arrival):
+            measurement = self.tracker.expected_image(measurement)
         if measurement is None:
             return False
+        self.gate.use(DETECTIONS, time, arrival)
         if self._gimbal is not None:
             measurement = blurred(measurement, self._gimbal.variance(time))
         if self._observer is not None:
@@ -277,13 +294,21 @@ class FusionStage:
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
+        targets = self.tracker.targets(track)
         if self._checkpoints is not None and not self.gate.sources.any_contested(now):
             self._checkpoints.keep((self.tracker, self.emitters), now)
+        doubtful = Source.NOTHING
+        for name, source in ((DOA, Source.SOUND), (DETECTIONS, Source.SIGHT)):
+            doubtful |= source if self.gate.is_doubtful(name, now) else Source.NOTHING
+        if doubtful:
+            trusted = self.gate.trusted(DOA), self.gate.trusted(DETECTIONS)
+            track = without_support(track, doubtful, max(trusted))
+            targets = targets_without_support(targets, doubtful, *trusted)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
         return FusionOutput(bearing_message(track, frame), state_message(track, self.missing(now), frame),
-                            targets_message(self.tracker.targets(track), frame))
+                            targets_message(targets, frame))
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,

@@ -39,6 +39,12 @@ class Tracker(Protocol):
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Use the detections of an image, or their absence."""
 
+    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+        """Those of the directions of arrival of one window that lie in the gate of a track."""
+
+    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+        """The image with those of its detections that lie in the gate of a track; None without any."""
+
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may be later than the newest measurement."""
 

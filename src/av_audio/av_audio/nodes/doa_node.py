@@ -80,6 +80,7 @@ class DoaNode(RigNode):
         latest = self._stage.latest
         status.add('frames per second', f'{self._frames.rate:.1f}')
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
+        status.add('frames of other streams', str(self._stage.foreign))
         status.add('sudden swaps of the channels', str(self._stage.swaps))
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')

@@ -101,6 +101,14 @@ class RecordingTracker:
         self._events.append(measurement)
         self._tracker.add_camera(measurement)
 
+    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+        """See `Tracker`."""
+        return self._tracker.expected_doas(measurements)
+
+    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+        """See `Tracker`."""
+        return self._tracker.expected_image(measurement)
+
     def estimate(self, time: float) -> Track:
         """See `Tracker`."""
         self._events.append(time)

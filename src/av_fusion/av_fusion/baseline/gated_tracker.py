@@ -155,6 +155,14 @@ class GatedTracker:
     def _world_azimuth(self, time: float, measured: Hypothesis | Detection) -> float:
         return angles(turned(self.motion.attitude(time), direction(measured.azimuth, measured.elevation)))[0]
 
+    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+        """See `Tracker`: the published method has no gate."""
+        return []
+
+    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+        """See `expected_doas`."""
+        return None
+
     def estimate(self, time: float) -> Track:
         """See `Tracker`: the newest bearing of the leading sensor, corrected for the rig's rotation since."""
         target, machine = self._target, self.machine

@@ -10,27 +10,19 @@ from nav_msgs.msg import Odometry
 from av_common.frames import attitude_of
 from av_common.stamps import to_seconds
 from av_fusion.measurement.rig_motion import RATE_LIMIT, SPEED_LIMIT, Pose
-from av_fusion.measurement.vectors import ZERO, Rows, Vector
-from av_fusion.tracker_protocol import Tracker
+from av_fusion.measurement.vectors import ZERO, Vector
 
 
-def add_odometry(tracker: Tracker, message: Odometry) -> Rows | None:
-    """Give a tracker the pose of an Odometry; one without attitude (a zero quaternion) is ignored.
-
-    Returns the rotation of the world where the attitude jumped, else None.
-
-    Parameters:
-        tracker: the tracker.
-        message: a nav_msgs/Odometry, its pose in ENU and its twist in the body frame (FLU).
-    """
+def pose_of(message: Odometry) -> Pose | None:
+    """The pose of an Odometry (pose in ENU, twist in the body frame, FLU); None without attitude (a zero quaternion)."""
     q, twist, position = message.pose.pose.orientation, message.twist.twist, message.pose.pose.position
     norm = (q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)**0.5
     if not norm > 0.7:
         return None
     w, x, y, z = attitude_of(q)
-    return tracker.add_pose(Pose(
-        to_seconds(message.header.stamp), (w / norm, x / norm, y / norm, z / norm),
-        _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO, _usable(position, math.inf)))
+    return Pose(to_seconds(message.header.stamp), (w / norm, x / norm, y / norm, z / norm),
+                _usable(twist.angular, RATE_LIMIT) or ZERO, _usable(twist.linear, SPEED_LIMIT) or ZERO,
+                _usable(position, math.inf))
 
 
 def _usable(message: Any, limit: float) -> Vector | None:

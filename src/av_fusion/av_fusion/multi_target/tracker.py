@@ -12,6 +12,7 @@ from av_fusion.disambiguation.rotation import RotationPlanner, Tilt
 from av_fusion.filter.camera_looks import CameraLooks
 from av_fusion.filter.coasting import CoastingTrack
 from av_fusion.filter.doa_likelihood import mirror_axis
+from av_fusion.filter.gating import gated_doas, gated_image
 from av_fusion.filter.state_machine import StateMachine
 from av_fusion.filter.target_density import MAX_GAP_S, TargetDensity
 from av_fusion.filter.world_track import placed
@@ -126,6 +127,14 @@ class MultiTargetTracker:
         self.machine.on_image(time, score)
         if self.looks is not None:
             self.looks.on_image(time, usable, self.motion, score >= self.machine.settings.tau)
+
+    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+        """See `Tracker`."""
+        return gated_doas(measurements, self.filter.tracks, self.settings.target, self.motion)
+
+    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+        """See `Tracker`."""
+        return gated_image(measurement, self.filter.tracks, self.settings.target, self.motion)
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`: the followed target. The filter itself is not moved."""

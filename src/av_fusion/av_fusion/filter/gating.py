@@ -1,0 +1,64 @@
+"""Measurements in the gates of tracks: what of an input with two sources continues what was known before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from av_fusion.filter.gaussian_mixture import BirthComponent
+from av_fusion.filter.hearing import birth_of, hear
+from av_fusion.filter.settings import BayesSettings
+from av_fusion.filter.target_density import Image, TargetDensity
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import RigMotion
+
+LEAST_EXISTENCE, LEAST_WEIGHT = 0.5, 0.05  # of a track, and of a component within it, that have a gate
+
+
+def gated_doas(measurements: Sequence[DoaMeasurement], densities: Sequence[TargetDensity], settings: BayesSettings,
+               motion: RigMotion) -> list[DoaMeasurement]:
+    """The directions of arrival within three standard deviations of a track.
+
+    Parameters:
+        measurements: those of one window.
+        densities: the tracks, which are predicted to its time.
+        settings, motion: of the tracks.
+    """
+    kept = []
+    for usable in filter(None, map(usable_doa, measurements)):
+        time = usable.time - settings.sound_delay
+        if _is_expected(hear(time, usable, 1.0, settings, motion).births, time, densities):
+            kept.append(usable)
+    return kept
+
+
+def gated_image(measurement: CameraMeasurement, densities: Sequence[TargetDensity], settings: BayesSettings,
+                motion: RigMotion) -> CameraMeasurement | None:
+    """The image with the detections within three standard deviations of a track; None without any.
+
+    An image without detections tells nothing here: another source may send one for each.
+
+    Parameters:
+        measurement: the image.
+        densities, settings, motion: see `gated_doas`.
+    """
+    usable = usable_camera(measurement)
+    if usable is None:
+        return None
+    time = usable.time - settings.sight_delay
+    directions = Image.of(time, usable, motion.attitude(time), settings.assumed_visibility, 1.0).directions
+    kept = tuple(detection for detection, direction in zip(usable.detections, directions, strict=True)
+                 if _is_expected([birth_of(direction, 1.0, settings)], time, densities))
+    return usable._replace(detections=kept) if kept else None
+
+
+def _is_expected(births: Sequence[BirthComponent], time: float, densities: Sequence[TargetDensity]) -> bool:
+    """Whether a track explains a measurement at `time` (s), given by the components that it would start."""
+    for density in densities:
+        if 1.0 - density.mixture.background < LEAST_EXISTENCE:
+            continue
+        lag, moved = density.advance(time)
+        for component in density.mixture.components:
+            past = component.at(lag, moved)
+            if component.weight >= LEAST_WEIGHT and any(birth.gates(past) for birth in births):
+                return True
+    return False
