@@ -24,6 +24,7 @@ from av_common.track_messages import bearing_message, state_message, targets_mes
 from av_fusion.checkpoints import Checkpoints
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
 from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
+from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
@@ -35,6 +36,7 @@ from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
+UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
@@ -109,6 +111,8 @@ class FusionStage:
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = self._cued = -math.inf
         self._gimbal = gimbal
+        self._agreements = {DOA: Agreement(), DETECTIONS: Agreement()}  # of inputs with two sources
+        self._continued = 0  # measurements that must contradict a track which was continued with doubtful ones, to end it
         self.untransformed = 0
         self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
 
@@ -263,8 +267,12 @@ class FusionStage:
         measurements = self.converter.doa(message)
         if self._is_contested(DOA, arrival):
             measurements = self.tracker.expected_doas(measurements)
-            if not measurements:
+            directions = [hypothesis for measurement in measurements for hypothesis in measurement.hypotheses]
+            if not directions or not self._agreements[DOA].add(measurements[0].time, directions):
                 return False
+            self._continued = UNEXPECTED
+        elif self._continued and measurements:
+            self._verify(bool(self.tracker.expected_doas(measurements)))
         self.gate.use(DOA, to_seconds(message.header.stamp), arrival)
         measurements = self.emitters.judge(measurements)
         if self._observer is not None:
@@ -280,6 +288,11 @@ class FusionStage:
             message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
         if measurement is not None and self._is_contested(DETECTIONS, arrival):
             measurement = self.tracker.expected_image(measurement)
+            if measurement is not None and not self._agreements[DETECTIONS].add(time, measurement.detections):
+                return False
+            self._continued = UNEXPECTED
+        elif self._continued and measurement is not None and measurement.detections:
+            self._verify(self.tracker.expected_image(measurement) is not None)
         if measurement is None:
             return False
         self.gate.use(DETECTIONS, time, arrival)
@@ -290,6 +303,12 @@ class FusionStage:
         self.emitters.see(measurement)
         self.tracker.add_camera(measurement)
         return True
+
+    def _verify(self, expected: bool) -> None:
+        """Discard a track that was continued while an input had two sources, where it does not explain what the one left says."""
+        self._continued = 0 if expected else self._continued - 1
+        if not expected and not self._continued:
+            self.tracker.reset()
 
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now

@@ -60,6 +60,16 @@ def punctual(names, random, rate=60.0):
             yield now, name, (now - DELAYS[name] + random.gauss(0.0, 0.03), *made[name])
 
 
+def ahead(names, random, rate=60.0):
+    """Old measurements with new stamps: the drone where it was when the attack began."""
+    start = math.radians(random.start)
+    for k in range(int((END - ATTACK) * rate)):
+        now = ATTACK + k / rate
+        made = {'doa': (start,), 'detections': ((pixel(start), 0.86, 'drone'),), 'odometry': (YAW,)}
+        for name in names:
+            yield now, name, (now + random.choice((0.0, 0.05, -0.05, -0.1, -0.3, -0.35)), *made[name])
+
+
 def run(names, start, seed=0, attack=forged, **values):
     """The stage; time, output and true azimuth of each output; the target is at `start` (deg) when the attack begins."""
     stage, make = make_stage(**values), {'doa': doa, 'detections': detections, 'odometry': odometry}
@@ -67,7 +77,9 @@ def run(names, start, seed=0, attack=forged, **values):
 
     def azimuth(time):
         return wrap(math.radians(start) + TURN * (time - ATTACK))
-    messages = [*genuine(azimuth, np.random.default_rng(seed)), *attack(names, Random(seed))]
+    random = Random(seed)
+    random.start = start
+    messages = [*genuine(azimuth, np.random.default_rng(seed)), *attack(names, random)]
     outputs = []
     for now, name, (stamp, *rest) in sorted(messages, key=lambda message: message[0]):
         output = getattr(stage, f'on_{name}')(make[name](stamp, *rest), now) or stage.on_time(now)
@@ -81,7 +93,7 @@ def is_true(output, azimuth):
     return bearing.state != Bearing.STATE_NONE and bearing.resolved and abs(wrap(bearing.azimuth - azimuth)) < math.radians(5.0)
 
 
-@pytest.mark.parametrize(('attack', 'share'), [(forged, 0.98), (punctual, 0.85)])
+@pytest.mark.parametrize(('attack', 'share'), [(forged, 0.98), (punctual, 0.85), (ahead, 0.85)])
 @pytest.mark.parametrize('start', [-28.0, -12.0, 5.0])    # seen at the end of the attack, or only heard
 def test_falsehoods_are_not_followed_and_tracking_goes_on(start, attack, share):
     stage, outputs = run(FORGED, start, attack=attack)
@@ -93,6 +105,19 @@ def test_falsehoods_are_not_followed_and_tracking_goes_on(start, attack, share):
     late = [(is_true(output, azimuth), output.bearing.source) for now, output, azimuth in outputs if now > END + 0.5]
     assert len(late) > 10 and all(true and source for true, source in late)
     assert all(count > 0 for count in stage.gate.sources.refused.values())
+
+
+def test_a_track_that_was_drawn_away_ends_with_the_attack():
+    """Many forged messages, which begin at the drone and leave it slowly, are followed; afterwards it is seen at once."""
+    def slow(names, random):
+        for k in range(int((END - ATTACK) * 200)):
+            now = ATTACK + k / 200
+            place = math.radians(-40.0 - 3.0 * (now - ATTACK))
+            made = {'doa': (place,), 'detections': ((pixel(place), 0.86, 'drone'),)}
+            for name in names:
+                yield now, name, (now - DELAYS[name] + random.choice((-0.03, 0.0, 0.03)), *made[name])
+    _, outputs = run(('doa', 'detections'), -40.0, attack=slow)
+    assert all(is_true(output, azimuth) for now, output, azimuth in outputs if now > END + 0.7)
 
 
 @pytest.mark.parametrize('name', FORGED)

@@ -2,16 +2,52 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+from av_common.angles import wrap
 
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import birth_of, hear
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.target_density import Image, TargetDensity
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.measurements import (
+    CameraMeasurement,
+    Detection,
+    DoaMeasurement,
+    Hypothesis,
+    usable_camera,
+    usable_doa,
+)
 from av_fusion.measurement.rig_motion import RigMotion
 
-LEAST_EXISTENCE, LEAST_WEIGHT = 0.5, 0.05  # of a track, and of a component within it, that have a gate
+LEAST_EXISTENCE, LEAST_WEIGHT = 0.5, 0.3  # of a track, and of a component within it, that have a gate
+LARGEST_VARIANCE = math.radians(10.0) ** 2  # rad^2, of such a component: what is anywhere in a wide gate proves nothing
+
+COMPARED_S = 0.3  # for which measurements in one gate must agree
+FASTEST = 0.3  # rad/s, of a direction meanwhile
+
+
+class Agreement:
+    """Compares the measurements of an input in the gates of tracks: of two that contradict each other one is false."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[float, list[tuple[float, float]]]] = deque()
+
+    def add(self, time: float, directions: Iterable[Hypothesis | Detection]) -> bool:
+        """Note directions; returns whether they agree with all recent ones.
+
+        Parameters:
+            time (s): their capture time.
+            directions: in the body frame; at least one of them must be within three standard deviations.
+        """
+        new = [(direction.azimuth, direction.across_variance) for direction in directions]
+        self._recent = deque(row for row in self._recent if abs(row[0] - time) <= COMPARED_S)
+        agrees = all(any(abs(wrap(a - b)) <= 3.0 * math.sqrt(u + v) + FASTEST * abs(time - then) for a, u in new for b, v in old)
+                     for then, old in self._recent)
+        self._recent.append((time, new))
+        return agrees
 
 
 def gated_doas(measurements: Sequence[DoaMeasurement], densities: Sequence[TargetDensity], settings: BayesSettings,
@@ -59,6 +95,7 @@ def _is_expected(births: Sequence[BirthComponent], time: float, densities: Seque
         lag, moved = density.advance(time)
         for component in density.mixture.components:
             past = component.at(lag, moved)
-            if component.weight >= LEAST_WEIGHT and any(birth.gates(past) for birth in births):
+            if (component.weight >= LEAST_WEIGHT and component.across_variance <= LARGEST_VARIANCE
+                    and any(birth.gates(past) for birth in births)):
                 return True
     return False
