@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -19,24 +18,21 @@ from av_common.cue import cue_direction
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Source
 from av_common.track_messages import bearing_message, state_message, targets_message
 from av_fusion.checkpoints import Checkpoints
+from av_fusion.contested_inputs import DETECTIONS, DOA, ODOMETRY, ContestedInputs
 from av_fusion.filter.azimuth_posterior import azimuth_posterior
 from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
-from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.odometry import pose_of
 from av_fusion.observer import FusionObserver
 from av_fusion.settings import make_tracker
-from av_fusion.support import targets_without_support, without_support
+from av_fusion.stage_settings import FusionStageSettings
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
-DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
-UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
@@ -50,32 +46,6 @@ class FusionOutput(NamedTuple):
     bearing: Bearing
     state: FusionState
     targets: TrackArray
-
-
-@dataclass(frozen=True)
-class FusionStageSettings:
-    """Settings of a `FusionStage`.
-
-    Parameters:
-        base_frame: frame of the rig's body, in which bearings are given.
-        rate (Hz): rate of outputs while no measurement arrives.
-        min_doa_confidence: directions of arrival of lower confidence are not used.
-        clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
-            not used.
-        missing_after (s): an input without messages for this long is reported as missing.
-        visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
-        transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
-        fixed_emitters: how sources at fixed places are learnt.
-    """
-
-    base_frame: str = 'base_link'
-    rate: float = 20.0
-    min_doa_confidence: float = 0.0
-    clock_tolerance: float = 2.0
-    missing_after: float = 1.0
-    visibility_age: float = 1.0
-    transform_wait: float = 0.15
-    fixed_emitters: FixedEmitterSettings = field(default_factory=FixedEmitterSettings)
 
 
 class FusionStage:
@@ -111,8 +81,7 @@ class FusionStage:
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = self._cued = -math.inf
         self._gimbal = gimbal
-        self._agreements = {DOA: Agreement(), DETECTIONS: Agreement()}  # of inputs with two sources
-        self._continued = 0  # measurements that must contradict a track which was continued with doubtful ones, to end it
+        self._contested = ContestedInputs(self.gate)
         self.untransformed = 0
         self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
 
@@ -166,9 +135,8 @@ class FusionStage:
             arrival (s): time of its arrival.
         """
         pose = pose_of(message) if self._accept(ODOMETRY, message, arrival) else None
-        if pose is None or (self._is_contested(ODOMETRY, arrival) and not self.tracker.motion.continues(pose)):
+        if pose is None or not self._contested.use_pose(self.tracker, pose, arrival):
             return
-        self.gate.use(ODOMETRY, pose.time, arrival)
         jump = self.tracker.add_pose(pose)
         if jump is not None:
             self.emitters.turn_world(jump)
@@ -223,14 +191,11 @@ class FusionStage:
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
     def _accept(self, name: str, message: Any, arrival: float) -> bool:
-        contested_before, stamp = self._is_contested(name, arrival), to_seconds(message.header.stamp)
+        contested_before, stamp = self.gate.sources.is_contested(name, arrival), to_seconds(message.header.stamp)
         accepted = self.gate.accept(name, stamp, arrival)
-        if self._is_contested(name, arrival) and not contested_before:
+        if self.gate.sources.is_contested(name, arrival) and not contested_before:
             self._undo(name, arrival)
         return accepted or self.gate.continues(name, stamp, arrival)
-
-    def _is_contested(self, name: str, now: float) -> bool:
-        return self.gate.sources.is_contested(name, now)
 
     def _undo(self, name: str, now: float) -> None:
         """Return to the state from before an input had two sources: first messages of the second one were used."""
@@ -264,16 +229,10 @@ class FusionStage:
         return self._output(now) if used else None
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
-        measurements = self.converter.doa(message)
-        if self._is_contested(DOA, arrival):
-            measurements = self.tracker.expected_doas(measurements)
-            directions = [hypothesis for measurement in measurements for hypothesis in measurement.hypotheses]
-            if not directions or not self._agreements[DOA].add(measurements[0].time, directions):
-                return False
-            self._continued = UNEXPECTED
-        elif self._continued and measurements:
-            self._verify(bool(self.tracker.expected_doas(measurements)))
-        self.gate.use(DOA, to_seconds(message.header.stamp), arrival)
+        measurements = self._contested.use_doas(self.tracker, self.converter.doa(message), to_seconds(message.header.stamp),
+                                                arrival)
+        if measurements is None:
+            return False
         measurements = self.emitters.judge(measurements)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
@@ -286,16 +245,10 @@ class FusionStage:
         time = to_seconds(message.header.stamp)
         measurement = self.converter.detections(
             message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
-        if measurement is not None and self._is_contested(DETECTIONS, arrival):
-            measurement = self.tracker.expected_image(measurement)
-            if measurement is not None and not self._agreements[DETECTIONS].add(time, measurement.detections):
-                return False
-            self._continued = UNEXPECTED
-        elif self._continued and measurement is not None and measurement.detections:
-            self._verify(self.tracker.expected_image(measurement) is not None)
+        if measurement is not None:
+            measurement = self._contested.use_image(self.tracker, measurement, arrival)
         if measurement is None:
             return False
-        self.gate.use(DETECTIONS, time, arrival)
         if self._gimbal is not None:
             measurement = blurred(measurement, self._gimbal.variance(time))
         if self._observer is not None:
@@ -304,25 +257,12 @@ class FusionStage:
         self.tracker.add_camera(measurement)
         return True
 
-    def _verify(self, expected: bool) -> None:
-        """Discard a track that was continued while an input had two sources, where it does not explain what the one left says."""
-        self._continued = 0 if expected else self._continued - 1
-        if not expected and not self._continued:
-            self.tracker.reset()
-
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
-        targets = self.tracker.targets(track)
+        track, targets = self._contested.supported(track, self.tracker.targets(track), now)
         if self._checkpoints is not None and not self.gate.sources.any_contested(now):
             self._checkpoints.keep((self.tracker, self.emitters), now)
-        doubtful = Source.NOTHING
-        for name, source in ((DOA, Source.SOUND), (DETECTIONS, Source.SIGHT)):
-            doubtful |= source if self.gate.is_doubtful(name, now) else Source.NOTHING
-        if doubtful:
-            trusted = self.gate.trusted(DOA), self.gate.trusted(DETECTIONS)
-            track = without_support(track, doubtful, max(trusted))
-            targets = targets_without_support(targets, doubtful, *trusted)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 
 from av_common.angles import wrap
-
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import birth_of, hear
 from av_fusion.filter.settings import BayesSettings
@@ -44,8 +43,8 @@ class Agreement:
         """
         new = [(direction.azimuth, direction.across_variance) for direction in directions]
         self._recent = deque(row for row in self._recent if abs(row[0] - time) <= COMPARED_S)
-        agrees = all(any(abs(wrap(a - b)) <= 3.0 * math.sqrt(u + v) + FASTEST * abs(time - then) for a, u in new for b, v in old)
-                     for then, old in self._recent)
+        agrees = all(any(abs(wrap(a - b)) <= 3.0 * math.sqrt(u + v) + FASTEST * abs(time - then)
+                         for a, u in new for b, v in old) for then, old in self._recent)
         self._recent.append((time, new))
         return agrees
 

@@ -1,0 +1,105 @@
+"""Inputs with two sources: what of them continues the track, and that it proves nothing."""
+
+from __future__ import annotations
+
+from av_common.track import Source, State, Target, Targets, Track
+from av_fusion.filter.gating import Agreement
+from av_fusion.measurement.input_gate import InputGate
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
+from av_fusion.tracker_protocol import Tracker
+
+DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
+SENSORS = {DOA: Source.SOUND, DETECTIONS: Source.SIGHT}
+UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
+REASON = 'an input has two sources: the track is continued, and counts as a prediction'
+
+
+class ContestedInputs:
+    """Chooses the measurements that a tracker gets, and states which sensors support its tracks.
+
+    Of an input with two sources those are used that lie in the gate of a track and agree with each other. A track that is
+    continued in this way counts as a prediction. It ends when it does not explain what is measured as soon as one source is left.
+
+    Parameters:
+        gate: knows which inputs have two sources.
+    """
+
+    def __init__(self, gate: InputGate) -> None:
+        self._gate = gate
+        self._agreements = {DOA: Agreement(), DETECTIONS: Agreement()}
+        self._to_verify = 0  # measurements in a row that must contradict the continued tracks to end them
+
+    def use_pose(self, tracker: Tracker, pose: Pose, arrival: float) -> bool:
+        """Whether a pose that arrived at `arrival` (s) can be given to the tracker."""
+        usable = not self._is_contested(ODOMETRY, arrival) or tracker.motion.continues(pose)
+        if usable:
+            self._gate.use(ODOMETRY, pose.time, arrival)
+        return usable
+
+    def use_doas(self, tracker: Tracker, measurements: list[DoaMeasurement], stamp: float, arrival: float
+                 ) -> list[DoaMeasurement] | None:
+        """The directions of arrival of a window for the tracker; None for a window that tells nothing.
+
+        Parameters:
+            tracker: the tracker.
+            measurements: of the window.
+            stamp, arrival (s): times of its capture and arrival.
+        """
+        if self._is_contested(DOA, arrival):
+            measurements = tracker.expected_doas(measurements)
+            directions = [hypothesis for measurement in measurements for hypothesis in measurement.hypotheses]
+            if not directions or not self._agreements[DOA].add(stamp, directions):
+                return None
+            self._to_verify = UNEXPECTED
+        elif self._to_verify and measurements:
+            self._verify(tracker, bool(tracker.expected_doas(measurements)))
+        self._gate.use(DOA, stamp, arrival)
+        return measurements
+
+    def use_image(self, tracker: Tracker, measurement: CameraMeasurement, arrival: float) -> CameraMeasurement | None:
+        """The image for the tracker; None for one that tells nothing. See `use_doas`."""
+        if self._is_contested(DETECTIONS, arrival):
+            expected = tracker.expected_image(measurement)
+            if expected is None or not self._agreements[DETECTIONS].add(expected.time, expected.detections):
+                return None
+            measurement, self._to_verify = expected, UNEXPECTED
+        elif self._to_verify and measurement.detections:
+            self._verify(tracker, tracker.expected_image(measurement) is not None)
+        self._gate.use(DETECTIONS, measurement.time, arrival)
+        return measurement
+
+    def supported(self, track: Track, targets: Targets, now: float) -> tuple[Track, Targets]:
+        """Track and targets at `now` (s), supported only by sensors whose newest measurements were certainly theirs."""
+        doubtful = Source.NOTHING
+        for name, source in SENSORS.items():
+            doubtful |= source if self._gate.is_doubtful(name, now) else Source.NOTHING
+        if not doubtful:
+            return track, targets
+        heard, seen = self._gate.trusted(DOA), self._gate.trusted(DETECTIONS)
+        return _without_support(track, doubtful, max(heard, seen)), targets._replace(
+            targets=tuple([_target(target, doubtful, heard, seen) for target in targets.targets]))
+
+    def _is_contested(self, name: str, now: float) -> bool:
+        return self._gate.sources.is_contested(name, now)
+
+    def _verify(self, tracker: Tracker, expected: bool) -> None:
+        self._to_verify = 0 if expected else self._to_verify - 1
+        if not expected and not self._to_verify:
+            tracker.reset()
+
+
+def _without_support(track: Track, doubtful: Source, trusted: float) -> Track:
+    """The track without the sensors that are doubtful; `trusted` (s) is the newest stamp of what was measured before."""
+    source, state, reason = track.source & ~doubtful, track.state, track.reason
+    if ((state == State.VISUAL_ACTIVE and doubtful & Source.SIGHT)
+            or (state == State.ACOUSTIC_ACTIVE and doubtful & Source.SOUND)):
+        state = (State.VISUAL_ACTIVE if source & Source.SIGHT else State.ACOUSTIC_ACTIVE if source & Source.SOUND
+                 else State.COASTING)
+        reason = REASON
+    return track._replace(state=state, reason=reason, source=source, measured=min(track.measured, max(trusted, 0.0)))
+
+
+def _target(target: Target, doubtful: Source, heard: float, seen: float) -> Target:
+    return target._replace(track=_without_support(target.track, doubtful, max(heard, seen)), heard=min(target.heard, heard),
+                           seen=min(target.seen, seen))
