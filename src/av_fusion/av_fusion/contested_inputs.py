@@ -19,7 +19,7 @@ class ContestedInputs:
     """Chooses the measurements that a tracker gets, and states which sensors support its tracks.
 
     Of an input with two sources those are used that lie in the gate of a track and agree with each other. A track that is
-    continued in this way counts as a prediction. It ends when it does not explain what is measured as soon as one source is left.
+    continued in this way counts as a prediction. It ends where it does not explain what the one source that is left measures.
 
     Parameters:
         gate: knows which inputs have two sources.

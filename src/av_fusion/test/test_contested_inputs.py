@@ -13,7 +13,10 @@ from av_common.angles import wrap
 from av_common.single_source import CONTESTED_S, SingleSource
 from av_common.stamps import to_seconds
 from av_fusion.checkpoints import LEAST_AGE_S, Checkpoints
+from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.input_gate import InputGate
+from av_fusion.measurement.measurements import Hypothesis
+from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_interfaces.msg import Bearing
 
 START, ATTACK, END, LAST = 1000.0, 1004.0, 1014.0, 1015.5   # s
@@ -158,6 +161,41 @@ def test_impossible_stamps_prolong_a_contest_and_start_none():
             assert not gate.accept('doa', now + 0.02, now + 0.02) or step == 200
     assert all(accepted[:201])
     assert not any(accepted[201:])
+
+
+def test_messages_are_punctual_by_the_delays_of_the_source_that_was_alone():
+    source = SingleSource()
+    assert not source.is_punctual(0.0, 0.3)    # nothing is known of it
+    for k in range(40):
+        assert source.take(0.1 * k, 0.1 * k + 0.25 + 0.01 * (k % 6))    # 0.25 to 0.3 s
+    assert all(source.is_punctual(5.0, 5.0 + delay) for delay in (0.245, 0.27, 0.39))
+    assert not any(source.is_punctual(5.0, 5.0 + delay) for delay in (-0.1, 0.0, 0.23, 0.42))
+
+
+def test_measurements_that_contradict_each_other_do_not_agree():
+    def at(*degrees):
+        return [Hypothesis(math.radians(angle), math.radians(1.0)**2) for angle in degrees]
+    agreement = Agreement()
+    assert agreement.add(10.0, at(20.0))
+    assert agreement.add(10.1, at(24.0, 156.0))    # within three standard deviations of both, as one of its images
+    assert not agreement.add(10.2, at(30.0))
+    assert not agreement.add(10.3, at(20.0))    # which of the two is false nobody knows
+    assert agreement.add(10.7, at(-90.0))    # forgotten
+
+
+def test_a_pose_continues_what_the_last_one_and_its_rates_predict():
+    motion, rate = RigMotion(), math.radians(40.0)
+    for k in range(50):
+        motion.add(Pose.level(0.02 * k, rate * 0.02 * k, rate))
+    expected = rate * 1.0
+    assert motion.continues(Pose.level(1.0, expected, rate))
+    assert motion.continues(Pose.level(1.0, expected + math.radians(0.5), rate + 0.4))
+    assert not motion.continues(Pose.level(1.0, expected + math.radians(2.0), rate))
+    assert not motion.continues(Pose.level(1.0, expected, -rate))
+    assert not motion.continues(Pose.level(0.98, rate * 0.98, rate))    # not later
+    assert not motion.continues(Pose.level(3.0, rate * 3.0, rate))    # nothing is known after so long
+    assert not motion.continues(Pose(1.0, (math.nan, 0.0, 0.0, 0.0)))
+    assert not RigMotion().continues(Pose.level(1.0, 0.0))
 
 
 def test_a_clock_that_starts_again_is_no_second_source():
