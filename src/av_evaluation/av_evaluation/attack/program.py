@@ -256,6 +256,9 @@ class Program:
             print(f'         {fault}', flush=True)
 
     def _report(self) -> int:
+        if not self._results:
+            print('attack: no attack came to its end, so nothing is known', file=sys.stderr)
+            return 2
         failed = verdicts(self._results, growth(self._first, self._last))
         sent = sent_by_target(self._results)
         if goal := self._options.goal:
@@ -271,7 +274,7 @@ class Program:
                 'results': [asdict(result) for result in self._results], 'load': os.getloadavg(), 'cores': os.cpu_count(),
                 'processes': self._processes()}
         (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
-        return 1 if any(failed.values()) or not self._results else 0
+        return 1 if any(failed.values()) else 0
 
     def _processes(self) -> list[dict[str, object]]:
         """Memory, threads and descriptors of each process before its first attack and after its last."""
