@@ -12,12 +12,13 @@ from av_audio.benchmark.figures import Figure
 from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
 
 
-def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
+def sections(count: int, data: Path, srp_dnn: Path | None = None) -> dict[str, Iterator[Figure]]:
     """The figures by section, computed when iterated; these raise FileNotFoundError when recordings are missing.
 
     Parameters:
         count: windows per figure.
         data: folder with the recordings.
+        srp_dnn: weights of SRP-DNN, see `av_audio.benchmark.srp_dnn`; None leaves it out.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
@@ -33,7 +34,7 @@ def sections(count: int, data: Path) -> dict[str, Iterator[Figure]]:
         'kemar': scenes.kemar(data),
         'outliers': outliers.outliers(min(count, 10), sources.get('drone recordings', rotors), data),
         'room': scenes.room(clips),
-        'robust': robust.robust(min(count, 150), sources, data),
+        'robust': robust.robust(min(count, 150), sources, data, srp_dnn),
         'square': scenes.square(count),
         'several': several.several(min(count, 100), sources),
         'ego-rotors': ego_rotors.ego_rotors(min(count, 100)),
@@ -51,12 +52,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'),
                         help='folder with drone_detection and kemar (default: %(default)s)')
+    parser.add_argument('--srp-dnn', type=Path, metavar='FILE',
+                        help='weights of SRP-DNN for the section robust: exp/00000002/best_model.tar of BingYang-20/SRP-DNN')
     options = parser.parse_args(arguments)
     unknown = set(options.sections) - set(names)
     if unknown:
         parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(names)}')
     missed = 0
-    figures = sections(options.trials, options.data)
+    figures = sections(options.trials, options.data, options.srp_dnn)
     for name in options.sections or names:
         print(name, flush=True)
         try:
