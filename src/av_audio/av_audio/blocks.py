@@ -37,6 +37,10 @@ class Blocks:
         padded = padded.reshape(len(signals), -1, self._hop)
         return np.concatenate([padded[:, :-1], padded[:, 1:]], axis=-1) * self._shape
 
-    def spectra(self, spectra: NDArray) -> NDArray:
-        """Spectra (m, b, j) of the blocks at `frequencies` (j,) from those of the window (m, k)."""
-        return fft.fft(self.cut(fft.ifft(spectra, self.samples)))[..., :len(self.frequencies)]
+    def signals(self, spectra: NDArray) -> NDArray:
+        """Signals (m, samples), complex, of spectra (m, k) of the window, moved down by its lowest frequency."""
+        return fft.ifft(spectra, self.samples)
+
+    def spectra(self, signals: NDArray) -> NDArray:
+        """Spectra (m, b, j) of the blocks at `frequencies` (j,) of signals (m, samples)."""
+        return fft.fft(self.cut(signals))[..., :len(self.frequencies)]

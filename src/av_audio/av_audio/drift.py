@@ -159,7 +159,7 @@ class DriftEstimator:
         """Weighted cross-spectra (p, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
         mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
-        blocks = self._blocks.spectra(spectra * np.sqrt(mean))[..., :len(self._omega)]  # (m, b, used)
+        blocks = self._blocks.spectra(self._blocks.signals(spectra * np.sqrt(mean)))[..., :len(self._omega)]  # (m, b, used)
         cross = blocks[self._pairs[:, 0]] * blocks[self._pairs[:, 1]].conj()
         if ego_noise is not None:
             cross -= self._share * (ego_noise * mean)[:, None, self._nearest]

@@ -37,6 +37,7 @@ class EvenPhases(SteeredResponse):
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
         bin_hz = float(frequencies[1] - frequencies[0])
         self._blocks = [Blocks(frequencies, 0.5 * length) for length in BLOCKS_S if length * bin_hz < 0.5]
+        self._lengths = list({blocks.samples: blocks for blocks in self._blocks}.values())
         self._smoothing = max(1, round(WHITENING_HZ / bin_hz))
         self._group = max(1, round(GROUP_HZ / bin_hz))
         self._grouped = len(frequencies) // self._group * self._group
@@ -51,7 +52,8 @@ class EvenPhases(SteeredResponse):
         white = spectra / np.sqrt(np.maximum(uniform_filter1d(power, self._smoothing), np.finfo(np.float32).tiny))
         whole = self._phases(white[:, None, :self._grouped])
         parts = [whole.reshape(len(whole), -1, self._group).sum(axis=-1)]
-        parts += [self._phases(blocks.spectra(white)) for blocks in self._blocks]
+        signals = {blocks.samples: blocks.signals(white) for blocks in self._lengths}  # most often one for all blocks
+        parts += [self._phases(blocks.spectra(signals[blocks.samples])) for blocks in self._blocks]
         return self.highest_peak(spectra, np.concatenate(parts, axis=1)[:, self._order])
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:

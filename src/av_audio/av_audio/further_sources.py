@@ -34,6 +34,8 @@ ARRAY_SIGNIFICANCE = 0.6
 LEAST_SHARE = 0.5
 # Coherent share of all bins that a further source has at least: what a window without noise leaves of its source has less.
 LEAST_COHERENCE = 0.03
+# A maximum between points of the grid exceeds that on it by at most 1 / cos(pi / GRID_POINTS_PER_PERIOD), with a margin.
+MAXIMUM_OVER_GRID = 1.2
 
 
 class FurtherSources(SteeredResponse):
@@ -165,12 +167,15 @@ class FurtherSources(SteeredResponse):
         return others
 
     def _beside(self, phases: NDArray, found: Sequence[NDArray]) -> Peak | None:
-        """The highest peak of phases (p, j, n) at a distance from the directions found, after removing theirs; None without."""
+        """The highest peak of phases (p, j, n) at a distance from the directions found, after removing theirs.
+
+        None without a peak, and for one that is too low for a source.
+        """
         weighted = self._without(phases, found)
         curve = self.curve(weighted)
         free = self._are_apart(found)
         tops = free & (curve >= curve[self._neighbours].max(axis=1))    # a slope of those found is none
-        if not tops.any():
+        if MAXIMUM_OVER_GRID * curve[tops].max(initial=0.0) < LEAST_COHERENCE * phases.size:
             return None
         curve = np.where(free, curve, 0.0)
         return self._peak(weighted, self._search(weighted, weighted, np.where(tops, curve, 0.0)), curve)

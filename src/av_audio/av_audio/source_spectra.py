@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,15 +109,16 @@ class SourceSpectra:
             directions: q (rank,) of all sources.
         """
         total = np.mean(np.abs(spectra) ** 2, axis=1)
-        microphones = spectra.shape[1]
-        steering = [np.exp(-1j * (self._lead @ q).astype(np.float32)[:, None] * self._omega) for q in directions]
+        microphones, count = spectra.shape[1], len(directions)
+        steering = np.stack([np.exp(-1j * (self._lead @ q).astype(np.float32)[:, None] * self._omega) for q in directions])
         steered = [power] + [_cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
                              for towards in steering[1:]]
-        gram = np.stack([[_cross_power(np.abs(np.sum(a * b.conj(), axis=0)) ** 2, np.ones(a.shape[1]), microphones)
-                          for b in steering] for a in steering])  # (s, s, k)
-        gram = gram.transpose(2, 0, 1) + LOADING * np.eye(len(directions))
-        powers = np.linalg.solve(gram[:, None], np.stack(steered, axis=-1).swapaxes(0, 1)[..., None])[..., 0]  # (k, t, s)
-        return powers[..., 0].T, np.maximum(powers[..., 1:], 0.0).sum(axis=-1).T
+        gram, ones = np.empty((steering.shape[-1], count, count)), np.ones(steering.shape[-1])
+        for i, j in combinations_with_replacement(range(count), 2):
+            gram[:, i, j] = gram[:, j, i] = _cross_power(
+                np.abs(np.sum(steering[i] * steering[j].conj(), axis=0)) ** 2, ones, microphones)
+        powers = np.linalg.solve(gram + LOADING * np.eye(count), np.stack(steered).transpose(2, 0, 1))  # (k, s, t)
+        return powers[:, 0].T, np.maximum(powers[:, 1:], 0.0).sum(axis=1).T
 
     def _spectrum(self, frame: NDArray) -> NDArray:
         """Spectra (m, k) of a frame (n, m)."""
