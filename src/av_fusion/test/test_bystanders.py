@@ -14,6 +14,7 @@ from av_common.angles import angles_to_direction, wrap
 from av_common.track import Source
 from av_fusion.measurement.geometry import doa_in_body
 from av_fusion.measurement.measurements import DoaMeasurement
+from av_fusion.measurement.rig_motion import Pose
 from av_fusion.multi_target.tracker import MultiTargetTracker
 
 DRONE, BYSTANDER = math.radians(40.0), math.radians(-60.0)
@@ -88,6 +89,46 @@ def test_the_track_stays_when_a_bystander_takes_over(bystander):
         track = tracker.estimate(106.0 + 0.1 * step)
         if track.source != Source.NOTHING:
             assert abs(wrap(track.azimuth - truths[-1])) < math.radians(10.0)
+
+
+def hear_both(bystander, drone, start, seconds, tracker=None):
+    """Drone and bystander in each window, with probabilities by the time (s) since `start`; tracker and tracks."""
+    tracker, sensors, tracks = tracker or MultiTargetTracker(), SimulatedSensors(5), []
+    for step in range(round(10 * seconds)):
+        time, yaw = start + 0.1 * step, 0.5 * math.sin(step / 10.0)
+        tracker.add_pose(Pose.level(time, yaw))
+        tracker.add_doas([sensors.doa(time, azimuth - yaw)._replace(drone_probability=probability(0.1 * step))
+                          for azimuth, probability in ((BYSTANDER, bystander), (DRONE, drone))])
+        tracks.append(tracker.estimate(time))
+    return tracker, tracks
+
+
+def test_a_first_wrong_judgement_does_not_stay():
+    """An alarm sounds like a drone for 0.3 s after its first second, then like none; the drone beside it wavers about 0.3."""
+    _, tracks = hear_both(lambda t: math.nan if t < 0.7 else 0.4 if t < 1.0 else 0.02,
+                          lambda t: math.nan if t < 0.7 else 0.5 if t < 1.0 else 0.3 + 0.2 * math.sin(3.0 * t), 100.0, 20.0)
+    azimuths = [track.azimuth_world for track in tracks if track.source != Source.NOTHING]
+    assert not any(abs(wrap(azimuth - BYSTANDER)) < math.radians(10.0) for azimuth in azimuths)
+    assert len(azimuths) > 150
+    assert max(abs(wrap(azimuth - DRONE)) for azimuth in azimuths[-100:]) < math.radians(10.0)
+
+
+def test_two_sounds_that_are_not_judged_wait_for_a_judgement():
+    """Either may be the bystander. Where nothing ever judges, one of them is followed after a second."""
+    for judged in (math.nan, 0.9):
+        _, tracks = hear_both(lambda t: math.nan, lambda t, p=judged: p, 100.0, 3.0)
+        followed = [track.source != Source.NOTHING for track in tracks]
+        assert any(followed[:9]) == (judged > 0.5)
+        assert all(followed[12:])
+
+
+def test_a_direction_has_the_kind_of_what_was_heard_at_its_place():
+    """A talker whose newest window is not judged, or is judged wrongly, is still the talker."""
+    for probability in (math.nan, 0.5):
+        tracker, _ = hear_both(lambda t: 0.02, lambda t: 0.9, 100.0, 6.0)
+        later, tracks = hear_both(lambda t, p=probability: p, lambda t: math.nan, 106.0, 0.5, tracker)
+        assert all(abs(wrap(track.azimuth_world - DRONE)) < math.radians(5.0) for track in tracks)
+        assert sorted(track.is_drone for track in later.filter.tracks if track.existence > 0.5) == [False, True]
 
 
 def test_the_group_most_likely_a_drones_comes_first():

@@ -15,6 +15,7 @@ MEMORY = 20.0  # observations of one target, over which their log-odds are avera
 LEAST = 0.5  # observations, fewer say nothing
 PRIOR_LOG_ODDS = 1.0  # of a target before the first observation, as much as one observation
 LARGEST_LOG_ODDS = 5.0
+LEAST_AGREEMENT = 0.2  # likelihood of equal kinds below which a sound is that of another source
 # A low score says that little of the object can be seen, as in fog, rather than that it is something else.
 LEAST_LOG_ODDS = {Source.SOUND: -5.0, Source.SIGHT: -1.0}
 
@@ -50,6 +51,18 @@ class DroneEvidence:
         own, heard = self.probability, np.asarray(probabilities, dtype=float)
         alike = (heard >= DRONE) == (own >= DRONE)
         return np.where(np.isnan(heard) | math.isnan(own) | alike, 1.0, 0.0)
+
+    def agreement(self, probabilities: Sequence[float]) -> NDArray[np.float64]:
+        """Likelihood (n,) of what is heard if it stems from this target, relative to any source; 1 where either is not known.
+
+        It is that of equal kinds, and 0 where both are nearly certain and differ.
+
+        Parameters:
+            probabilities: that each source is a drone; NaN where unknown.
+        """
+        own, heard = self.probability, np.asarray(probabilities, dtype=float)
+        likelihoods = np.nan_to_num(2.0 * (own * heard + (1.0 - own) * (1.0 - heard)), nan=1.0)
+        return np.where(likelihoods < LEAST_AGREEMENT, 0.0, likelihoods)
 
     def note(self, sensor: Source, probabilities: Sequence[float], shares: Sequence[float]) -> None:
         """Add observations.

@@ -24,6 +24,8 @@ from av_fusion.measurement.vectors import Rows, Vector
 from av_fusion.multi_target.association import association_probabilities, free_factors, unclaimed
 from av_fusion.multi_target.bernoulli_track import BernoulliTrack
 from av_fusion.multi_target.blade_pass import fundamental_likelihoods
+from av_fusion.multi_target.drone_evidence import DRONE
+from av_fusion.multi_target.kind_by_place import kinds_by_place
 from av_fusion.multi_target.settings import MultiTargetSettings
 
 USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
@@ -90,14 +92,15 @@ class MultiTargetFilter:
             time (s): its capture time.
             measurements: directions in the body frame, of different sources; none where nothing was heard.
         """
-        target = [j for j, measurement in enumerate(measurements) if measurement.is_target]
-        only = self._only(time, begin=True) if len(target) == 1 else None
         length = max((measurement.window for measurement in measurements), default=USUAL_WINDOW_S)
+        fundamentals = fundamental_likelihoods(measurements)
+        kinds = self._kinds(time, measurements, fundamentals, length)
+        target = [j for j, kind in enumerate(kinds) if not kind < DRONE]
+        only = self._only(time, begin=True) if len(target) == 1 else None
         newest = self.newest_doa if only is None else only.newest_doa
         fraction = effective_sample_fraction(time, newest, length)
-        window = _Window(time, [hear(time, measurement, fraction, self._settings.target, self._motion)
-                                for measurement in measurements], [_kind(measurement) for measurement in measurements],
-                         fundamental_likelihoods(measurements), target, fraction, max(time - newest, 0.0))
+        window = _Window(time, self._heard(time, measurements, fraction), kinds, fundamentals, target, fraction,
+                         max(time - newest, 0.0))
         elapsed = max(time - self.newest_doa, 0.0)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         # Where only others of another kind are heard, the silence of a track tells nothing: they mask it.
@@ -114,6 +117,17 @@ class MultiTargetFilter:
                 track.miss_sound(fraction)
         self._detect(self._settings.sound_detection_probability, fraction)
         self._reduce(time)
+
+    def _heard(self, time: float, measurements: Sequence[DoaMeasurement], fraction: float) -> list[Hearing]:
+        return [hear(time, measurement, fraction, self._settings.target, self._motion) for measurement in measurements]
+
+    def _kinds(self, time: float, measurements: Sequence[DoaMeasurement], fundamentals: NDArray[np.float64], length: float
+               ) -> list[float]:
+        """See `kinds_by_place`; `length` (s) is that of the window."""
+        kinds = [_kind(measurement) for measurement in measurements]
+        heard = self._heard(time, measurements, effective_sample_fraction(time, self.newest_doa, length))
+        compared = [track.compare_sound(heard, *track.advance(time)) for track in self.tracks]
+        return kinds_by_place(self.tracks, compared, heard, kinds, fundamentals, self._undetected)
 
     def _use_sound(self, window: _Window, tracks: Sequence[BernoulliTrack], places: Sequence[tuple[float, Vector]],
                    only: BernoulliTrack | None) -> None:
@@ -223,9 +237,11 @@ class MultiTargetFilter:
             only, target: see `_only`, and the number of its measurement, 0 unless given.
         """
         for track, row in zip(tracks, shares, strict=True):
-            if track is only and not track.reported:  # it begins with this measurement
+            begins = track is only and not track.reported
+            if begins:  # with this measurement
                 row[list(target) or 0] = track.existence
-            track.kind.note(sensor, probabilities, row.tolist())
+            if sensor == Source.SIGHT or (begins and math.isnan(track.kind.probability)):  # else see `kinds_by_place`
+                track.kind.note(sensor, probabilities, row.tolist())
         measured = [(track, int(row.argmax())) for track, row in zip(tracks, shares, strict=True)
                     if row.size and row.max() >= ASSOCIATED]
         for (one, first), (other, second) in combinations(measured, 2):
@@ -248,6 +264,7 @@ class MultiTargetFilter:
             one.compare_identity(another)
         for track in self.tracks:
             track.reported = track.reported or track.existence >= self._settings.confirmed
+            track.certain = track.certain or track.existence >= self._settings.followed
             track.assume_alone(self.alone)
 
     def _alive(self, time: float) -> list[BernoulliTrack]:

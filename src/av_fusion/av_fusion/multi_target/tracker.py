@@ -27,6 +27,7 @@ from av_fusion.multi_target.target_selector import TargetSelector
 
 SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
            (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
+JUDGED_S = 1.0  # after which a sound has been judged, if it ever is
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
 
@@ -99,13 +100,14 @@ class MultiTargetTracker:
         heard = [self._calibration.correct(one, time, self._newest_doa) if len(usable) == 1
                  else self._calibration.array.corrected(one) for one in map(_of_its_kind, usable)]
         self.filter.update_sound(time, heard)
-        drones = [one for one in heard if one.is_target]
+        led = self._led()
+        primary = None if led is None else led.mixture.primary()
+        associated = primary is not None and primary.newest_doa >= time
+        drones = [one for one in heard if one.is_target] or heard[:associated]
         if drones:
             self._newest_doa = max(self._newest_doa, time)
             self._mirror_axis = mirror_axis(drones[0].hypotheses, drones[0].cone)
-            led = self._led()
-            primary = None if led is None else led.mixture.primary()
-            self.machine.on_doa(time, drones[0].confidence, primary is not None and primary.newest_doa >= time)
+            self.machine.on_doa(time, drones[0].confidence, associated)
         self._bystander = next((one for one in heard if not one.is_target), self._bystander)
 
     def add_doa(self, measurement: DoaMeasurement) -> None:
@@ -147,8 +149,8 @@ class MultiTargetTracker:
             else:
                 tracks[track.id] = track
                 found.append(target)
-        drones = [target for target in found if not target.drone_probability < DRONE]
-        chosen = self._selector.choose(time, drones)
+        drones = [target for target in found if tracks[target.id].certain and not target.drone_probability < DRONE]
+        chosen = self._selector.choose(time, _judged(drones, [time - tracks[target.id].began for target in drones]))
         self._targets = Targets(time, tuple(found), chosen)
         if not chosen:
             return self._coast(time)
@@ -280,6 +282,19 @@ class MultiTargetTracker:
             targets = {track.id: primary for track in tracks if (primary := track.mixture.primary()) is not None}
             look = self.looks.visit(time, targets, {track.id: track.existence for track in tracks}, visible, self.motion)
         return look
+
+
+def _judged(targets: Sequence[Target], ages: Sequence[float]) -> Sequence[Target]:
+    """The targets without those that are not judged yet, where there are several: one of them may be a bystander.
+
+    Parameters:
+        targets: tracks that may be drones.
+        ages (s): time since each began; what is not judged by JUDGED_S counts as a drone.
+    """
+    if len(targets) < 2:
+        return targets
+    return [target for target, age in zip(targets, ages, strict=True)
+            if age >= JUDGED_S or not math.isnan(target.drone_probability)]
 
 
 def _of_its_kind(measurement: DoaMeasurement) -> DoaMeasurement:
