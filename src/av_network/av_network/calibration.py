@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.angles import wrap
+from av_network import sphere
 from av_network.apparent_direction import apparent_directions
 from av_network.hypothesis_filter import LEAST_SIGMA, RIG_SIZE
 from av_network.motion_model import nearly_constant_velocity
@@ -138,7 +138,8 @@ class RigCalibration:
         expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead, speed)
         level = np.cos(expected.elevation)
         angles = np.array([one.angles for one in observations])
-        residuals = np.stack([wrap(angles[:, 0] + headings - expected.azimuth) * level, angles[:, 1] - expected.elevation], 1)
+        residuals = sphere.offsets(angles + np.stack([headings, 0.0 * headings], 1),
+                                   np.stack([expected.azimuth, expected.elevation], 1))
         H = np.concatenate([expected.by_position, expected.by_velocity], 2)
         T = np.zeros((len(rigs), 2, len(theta)))
         rows = np.arange(len(rigs))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_common.angles import wrap
+from av_network import sphere
 from av_network.apparent_direction import apparent_directions
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
@@ -181,8 +181,8 @@ class HypothesisFilter:
             speed = np.full(count, self._settings.sound_speed if by_sound else math.inf)
             expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:], first.position, ahead, speed)
             level = np.cos(expected.elevation)
-            residuals[:, chosen, 0] = wrap(angles[chosen, 0] + (heading - expected.azimuth)[:, None]) * level[:, None]
-            residuals[:, chosen, 1] = angles[chosen, 1] - expected.elevation[:, None]
+            measured = angles[chosen] + np.stack([heading, 0.0 * heading], 1)[:, None]
+            residuals[:, chosen] = sphere.offsets(measured, np.stack([expected.azimuth, expected.elevation], 1)[:, None])
             by_heading = np.stack([-level, 0.0 * level], 1)[:, :, None]
             jacobians[:, chosen] = np.concatenate([by_heading, expected.by_time[:, :, None], expected.by_position,
                                                    expected.by_velocity], 2)[:, None]

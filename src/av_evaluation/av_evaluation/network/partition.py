@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_evaluation.network.figures import Estimate, NetworkRun
+from av_evaluation.metrics.gospa import gospa
+from av_evaluation.network.figures import CUTOFF_M, Estimate, NetworkRun
 
-AGREE_M = 5.0  # between the positions of one drone by two nodes
+AGREE_M = 5.0  # GOSPA between the pictures of two nodes, up to which they are the same
 
 
 class PartitionFigures(NamedTuple):
@@ -49,10 +50,10 @@ def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: 
 
 
 def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:
-    """Whether two pictures have the same targets: as many, each within AGREE_M of one of the other picture."""
-    if len(first) != len(second):
-        return False
+    """Whether two pictures are the same: GOSPA between them, with cut-off CUTOFF_M, of up to AGREE_M.
+
+    A target that only one of them has makes it CUTOFF_M / sqrt(2), which is more; the sum of the squared distances of the
+    others is AGREE_M^2 at most.
+    """
     one, other = (np.array([each.mean[:3] for each in found]).reshape(-1, 3) for found in (first, second))
-    distances = np.linalg.norm(one[:, None] - other[None], axis=2)
-    return bool(np.all(distances.min(axis=0, initial=math.inf) < AGREE_M)
-                and np.all(distances.min(axis=1, initial=math.inf) < AGREE_M))
+    return gospa(np.linalg.norm(one[:, None] - other[None], axis=2), CUTOFF_M).distance <= AGREE_M

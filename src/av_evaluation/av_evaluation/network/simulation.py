@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.angles import wrap
+from av_network import sphere
 from av_network.motion_model import nearly_constant_velocity
 from av_network.report import Report, Sighting
 
@@ -89,27 +90,34 @@ class Arrival(NamedTuple):
     report: Report
 
 
-class _AngleFilter:
-    """A rig's Kalman filter of one target: azimuth and elevation, each with its rate."""
+class _DirectionFilter:
+    """A rig's Kalman filter of one target: its direction on the sphere, and the rate of that, as in the rigs' own filters.
+
+    Parameters:
+        angles (2,) (rad): azimuth and elevation of the first measurement.
+        variances (2,) (rad^2): of its error across and up.
+        density (rad^2/s^3): of the angular acceleration.
+    """
 
     def __init__(self, angles: NDArray[np.float64], variances: NDArray[np.float64], density: float) -> None:
-        self._x = np.stack([angles, np.zeros(2)], 1)
+        self.angles, self._rates = angles, np.zeros(3)
         self._P = np.array([np.diag([variance, 0.3**2]) for variance in variances])
         self._density = density
 
     def predict(self, step: float) -> None:
         F, Q = nearly_constant_velocity(step, self._density)
-        self._x, self._P = self._x @ F.T, F @ self._P @ F.T + Q
+        ahead = sphere.moved(self.angles, step * self._rates)
+        self._rates, self.angles = sphere.carried(self._rates, self.angles, ahead), ahead
+        self._P = F @ self._P @ F.T + Q
 
     def update(self, angles: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
-        residual = wrap(angles - self._x[:, 0])
+        ahead = self.angles
+        residual = sphere.offsets(angles, ahead)
         gain = self._P[:, :, 0] / (self._P[:, 0, 0] + variances)[:, None]
-        self._x = self._x + gain * residual[:, None]
+        self.angles = sphere.moved(ahead, sphere.vectors(gain[:, 0] * residual, ahead))
+        rates = self._rates + sphere.vectors(gain[:, 1] * residual, ahead)
+        self._rates = sphere.carried(rates, ahead, self.angles)
         self._P = self._P - gain[:, :, None] * self._P[:, None, 0, :]
-
-    @property
-    def angles(self) -> NDArray[np.float64]:
-        return self._x[:, 0]
 
     @property
     def variances(self) -> NDArray[np.float64]:
@@ -122,7 +130,7 @@ class _Spell:
 
     id: int
     seen: bool
-    filter: _AngleFilter | None = None
+    filter: _DirectionFilter | None = None
     measured: float = 0.0
 
 
@@ -211,10 +219,9 @@ class NetworkSimulation:
     def _follow(self, spell: _Spell, angles: NDArray[np.float64], time: float, step: float) -> None:
         sensing = self.sensing
         sigmas = np.array(sensing.sight_sigma if spell.seen else sensing.sound_sigma)
-        sigmas = sigmas / np.array([max(math.cos(angles[1]), 0.1), 1.0])
-        measured = angles + sigmas * self._random.normal(size=2)
+        measured = sphere.moved(angles, sphere.vectors(sigmas * self._random.normal(size=2), angles))
         if spell.filter is None:
-            spell.filter = _AngleFilter(measured, sigmas**2, sensing.density)
+            spell.filter = _DirectionFilter(measured, sigmas**2, sensing.density)
         else:
             spell.filter.predict(step)
             spell.filter.update(measured, sigmas**2)
@@ -230,7 +237,6 @@ class NetworkSimulation:
         for spell in spells:
             assert spell.filter is not None
             azimuth, elevation = (float(angle) for angle in spell.filter.angles)
-            scale = np.array([math.cos(elevation) ** 2, 1.0])
-            sightings.append(Sighting(spell.id, float(wrap(azimuth)), elevation, np.diag(scale * spell.filter.variances),
+            sightings.append(Sighting(spell.id, float(wrap(azimuth)), elevation, np.diag(spell.filter.variances),
                                       spell.measured - rig.clock_offset, not spell.seen))
         return [Arrival(arrives, Report(rig.name, time - rig.clock_offset, np.array(rig.position), tuple(sightings)))]
