@@ -36,6 +36,7 @@ setup(
             'front_back = av_evaluation.cli.front_back:main',
             'fuzz = av_evaluation.cli.fuzz:main',
             'network = av_evaluation.cli.network:main',
+            'network_hosts = av_evaluation.cli.network_hosts:main',
             'multi_target = av_evaluation.cli.multi_target:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',

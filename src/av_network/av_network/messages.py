@@ -12,49 +12,44 @@ from numpy.typing import NDArray
 
 from av_common.angles import angles_to_direction
 from av_common.stamps import to_seconds, to_stamp
-from av_common.track import Source
-from av_interfaces.msg import Track, TrackArray, WorldTrack
+from av_interfaces.msg import RigReport, TargetDirection, WorldTrack
 from av_network.network_target import TargetState
 from av_network.report import Report, Sighting
 
 MOST_TRACKS = 64  # of one rig that are read
-LEAST_EXISTENCE = 0.5  # of a rig's track
+LEAST_EXISTENCE = 0.5  # of a rig's target
 LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed
 ASSUMED_DISTANCE_M = 100.0  # of a target whose distance is not known, and the standard deviation of that
 
 
-def report_of(message: TrackArray, rig: str, position: NDArray[np.float64], heading: float) -> Report:
-    """The report in a rig's `targets`. Raises ValueError for more than MOST_TRACKS tracks and for impossible stamps.
+def report_of(message: RigReport, rig: str, position: NDArray[np.float64], heading: float) -> Report:
+    """The report in a rig's message. Raises ValueError for more than MOST_TRACKS directions and for impossible stamps.
 
-    Tracks that do not probably exist, and those with impossible angles or variances, are left out.
+    Targets that do not probably exist, and those with impossible angles or variances, are left out.
 
     Parameters:
-        message: the targets.
+        message: the directions.
         rig: the rig's name.
         position (3,) (m): of the rig at that time, ENU.
         heading (rad): to be added to azimuths; 0 for a rig with odometry, whose heading they hold already.
     """
-    if len(message.tracks) > MOST_TRACKS:
-        raise ValueError(f'{len(message.tracks)} tracks of {rig}, expected up to {MOST_TRACKS}')
-    sightings = [_sighting(track, heading) for track in message.tracks if track.existence >= LEAST_EXISTENCE]
+    if len(message.directions) > MOST_TRACKS:
+        raise ValueError(f'{len(message.directions)} targets of {rig}, expected up to {MOST_TRACKS}')
+    sightings = [_sighting(one, heading) for one in message.directions if one.existence >= LEAST_EXISTENCE]
     return Report(rig, to_seconds(message.header.stamp), position, tuple(one for one in sightings if one is not None))
 
 
-def _sighting(track: Track, heading: float) -> Sighting | None:
-    covariance = np.array(track.covariance_world, float).reshape(2, 2)
-    azimuth, elevation = float(track.azimuth_world), float(track.elevation_world)
+def _sighting(one: TargetDirection, heading: float) -> Sighting | None:
+    horizontal, both, vertical = map(float, one.covariance)
+    azimuth, elevation, measured = float(one.azimuth), float(one.elevation), to_seconds(one.measured)
     possible = abs(azimuth) <= 10.0 and abs(elevation) <= 0.5 * math.pi + 1e-3
-    measured = max(to_seconds(track.last_heard), to_seconds(track.last_seen))
-    if not possible or covariance[0, 0] < 0.0 or covariance[1, 1] < 0.0 or np.any(np.isnan(covariance)) or measured <= 0.0:
+    if not possible or not (horizontal >= 0.0 and vertical >= 0.0) or math.isnan(both) or measured <= 0.0:
         return None
-    if np.all(np.isfinite(covariance)):
-        covariance = 0.5 * (covariance + covariance.T)
-        if covariance[0, 1] ** 2 >= covariance[0, 0] * covariance[1, 1]:
-            covariance = np.diag(np.diag(covariance))
-    covariance = covariance + LEAST_SIGMA**2 * np.eye(2)
-    return Sighting(track.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured,
-                    not track.source & int(Source.SIGHT), float(track.existence), float(track.drone_probability),
-                    str(track.class_id)[:32], bool(track.resolved))
+    if not both**2 < horizontal * vertical < math.inf:
+        both = 0.0
+    covariance = np.array([[horizontal, both], [both, vertical]]) + LEAST_SIGMA**2 * np.eye(2)
+    return Sighting(one.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured, not one.seen,
+                    float(one.existence), float(one.drone_probability), str(one.class_id)[:32], bool(one.resolved))
 
 
 def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:

@@ -1,4 +1,4 @@
-"""The network stage: targets and places of the rigs in, targets with positions and cues for the rigs out."""
+"""The network stage: reports and places of the rigs in, targets with positions and cues for the rigs out."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import Point, PointStamped
-from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
 from av_common.freshness import FUTURE_S
 from av_common.stamps import to_seconds, to_stamp
-from av_interfaces.msg import RigPose, TrackArray, WorldTrack, WorldTrackArray
+from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.geodesy import Datum, to_enu
 from av_network.hypothesis_filter import largest_sigmas
 from av_network.messages import direction_message, report_of, target_message
@@ -31,6 +30,7 @@ REPORTED = 0.5  # probability of existence from which a target is published
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 CUE_SIGMA = 0.17  # rad, of the direction from a rig to a place up to which it is told
 OLDEST_S = 2.0  # age of a message that is used
+MOST_POSITION_M = 1e6  # of a rig, along each axis
 
 
 @dataclass(frozen=True)
@@ -104,42 +104,31 @@ class NetworkStage:
         self._lone_ids: dict[tuple[int, int], int] = {}
         self._now = -math.inf
 
-    def on_targets(self, rig: str, message: TrackArray, size: int, arrival: float) -> None:
-        """Take a rig's targets. Raises ValueError for what cannot be used.
+    def on_report(self, rig: str, message: RigReport, size: int, arrival: float) -> None:
+        """Take a rig's report. Raises ValueError for what cannot be used.
 
         Parameters:
             rig: the rig's name.
-            message: its targets.
+            message: directions of its targets, and its position by odometry.
             size (bytes): of the message.
             arrival (s): time of its arrival.
         """
-        statistics = self.statistics[rig]
+        statistics, place = self.statistics[rig], self._places[rig]
         statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
         stamp = to_seconds(message.header.stamp)
         if not -OLDEST_S <= stamp - arrival <= OLDEST_S:
             raise ValueError(f'stamp of {rig} {stamp - arrival:+.2f} s from its arrival, expected up to {OLDEST_S} s')
+        if place.source == ODOMETRY and np.all(np.abs(message.position) < MOST_POSITION_M):
+            self._positions[rig] = place.position + message.position
         if rig not in self._positions:
             statistics.unplaced += 1
             return
         if abs(stamp - statistics.newest) < self.settings.report_period:
             return
         statistics.newest = max(stamp, statistics.newest)
-        self._unresolved[rig] = {track.id for track in message.tracks if not track.resolved}
-        report = report_of(message, rig, self._positions[rig], self._places[rig].heading)
+        self._unresolved[rig] = {one.id for one in message.directions if not one.resolved}
+        report = report_of(message, rig, self._positions[rig], place.heading)
         self.queue.put(report, self.tracker.filter.corrected_time(self.tracker.rigs[rig], report.time))
-
-    def on_odometry(self, rig: str, message: Odometry) -> None:
-        """Take a rig's odometry. Raises ValueError for a position that is not finite.
-
-        Parameters:
-            rig: the rig's name.
-            message: its pose in ENU.
-        """
-        place = message.pose.pose.position
-        position = np.array([place.x, place.y, place.z])
-        if not np.all(np.abs(position) < 1e6):
-            raise ValueError(f'position {position} m of {rig}')
-        self._positions[rig] = self._places[rig].position + position
 
     def on_fix(self, rig: str, message: NavSatFix) -> None:
         """Take a rig's position by satellites. Raises ValueError for one without a fix, or that is not on the globe.

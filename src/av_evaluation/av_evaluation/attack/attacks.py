@@ -9,7 +9,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from random import Random
 
-from av_evaluation.attack.network import HERE
 from av_evaluation.attack.rig import LAUNCH, Rig
 from av_evaluation.attack.verdicts import LEAST_SHARE, MOST_RECOVERY_PROCESS, MOST_RESPAWN, Result
 from av_evaluation.attack.worker import Worker
@@ -20,6 +19,7 @@ STILL_AFTER = 0.5        # s from the stop of the simulator to the moment from w
 DISABLED_AFTER = 0.5     # s from the request to the moment from which nothing may move
 NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
 COMMANDS = '/pointing/command'
+HERE, THERE = '10.87.0.1', '10.87.0.2'    # addresses of this host and of the other one
 ANSWER = 30.0            # s for which a worker may be late
 
 

@@ -17,11 +17,11 @@ from itertools import count
 from pathlib import Path
 from random import Random
 
-from av_evaluation.attack.attacks import ATTACKS, NOT_RESPAWNED, PROCESS_ATTACKS, Arena, victims
-from av_evaluation.attack.network import OtherHost, is_inside
+from av_evaluation.attack.attacks import ATTACKS, HERE, NOT_RESPAWNED, PROCESS_ATTACKS, THERE, Arena, victims
 from av_evaluation.attack.rig import Memory, Rig, free_domain, growth
 from av_evaluation.attack.verdicts import GOAL_PER_HOUR, Result, sent_by_target, table, too_few, verdicts
 from av_evaluation.attack.worker import Worker, WorkerError
+from av_evaluation.namespaces import Host, is_inside
 
 PLANNED = 1.25             # times the messages that must be sent; a busy machine sends fewer than planned
 MESSAGE_ATTACKS = 3.5      # of one round, which send to every topic
@@ -148,7 +148,7 @@ class Program:
         if not is_inside():
             return None
         try:
-            host = OtherHost()
+            host = Host('attack0', f'{THERE}/24', f'{HERE}/24')
         except (OSError, subprocess.SubprocessError) as error:
             print(f'attack: no other host: {error}', file=sys.stderr)
             return None

@@ -8,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from av_evaluation.attack import network
+from av_evaluation import namespaces
 from av_evaluation.attack.attacks import ATTACKS, PROCESS_ATTACKS
 from av_evaluation.attack.program import Options, attack
 
@@ -29,11 +29,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument('--here', action='store_true', help='attack in this network instead of one made for it')
     parser.add_argument('launch', nargs='*', metavar='NAME:=VALUE', help='further arguments of rig.launch.py')
     options = parser.parse_args(given)
-    if not options.here and not network.is_inside():
-        reason = network.enter('av_evaluation.cli.attack', given)
+    if not options.here and not namespaces.is_inside():
+        reason = namespaces.enter('av_evaluation.cli.attack', given)
         print(f'attack: no network of its own, and no other host ({reason}): attacking in this one', file=sys.stderr)
-    if network.is_inside():
-        network.prepare_loopback()
+    if namespaces.is_inside():
+        namespaces.prepare_loopback()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     out = options.out or Path(tempfile.mkdtemp(prefix='attack_'))
     return attack(Options(options.minutes, out, tuple(options.only), options.seed, options.port_offset, tuple(options.launch),

@@ -37,16 +37,29 @@ def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: 
     """
     times = np.array(first.times)
     before, after = (int(np.searchsorted(times, moment)) for moment in (begin, end))
-    lost, missed = 0, []
+    missed = []
     for each in (first, second):
-        names = [{one.id for one in found} for found in each.estimates]
-        lost += len(names[before] - set().union(*names[after:after + 20]))
         missed += [1.0 - min(len(found), len(true)) / len(true) for found, true in
                    zip(each.estimates[before:after], each.truths[before:after], strict=True)]
     apart = [time for time, one, other in zip(times[after:], first.estimates[after:], second.estimates[after:], strict=True)
              if not agree(one, other)]
     healed = max(apart[-1] - end, 0.0) if apart else 0.0
-    return PartitionFigures(lost, float(np.mean(missed)), math.inf if apart and apart[-1] == times[-1] else float(healed))
+    if apart and apart[-1] == times[-1]:
+        healed = math.inf
+    lost = lost_tracks(first, begin, end) + lost_tracks(second, begin, end)
+    return PartitionFigures(lost, float(np.mean(missed)), float(healed))
+
+
+def lost_tracks(run: NetworkRun, begin: float, end: float) -> int:
+    """Number of tracks that existed before a partition and do not in the 2 s after it.
+
+    Parameters:
+        run: of a node.
+        begin, end (s): of the partition.
+    """
+    before, after = (int(np.searchsorted(run.times, moment)) for moment in (begin, end))
+    names = [{one.id for one in found} for found in run.estimates]
+    return len(names[before] - set().union(*names[after:after + 20]))
 
 
 def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:

@@ -200,6 +200,11 @@ class RigMotion:
         """Time of the newest pose, -inf before the first."""
         return self._times[-1] if self._times else -math.inf
 
+    @property
+    def position(self) -> Vector | None:
+        """The newest position (m) in the world, as it was reported; None while unknown."""
+        return self._last.position
+
     def is_known(self, time: float) -> bool:
         """Whether the attitude at `time` (s) is known: poses reach up to it, and are alive."""
         return time - self.newest <= KNOWN_S and not self._is_frozen

@@ -21,9 +21,10 @@ from av_common.source_report import SourceReport
 from av_common.tf_rotations import TfRotations
 from av_fusion.checkpoints import Checkpoints
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
+from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
-from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
+from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, RigReport, TrackArray, Visibility
 from av_interfaces.srv import SelectTarget
 
 POSTERIOR_PERIOD_S = 0.1
@@ -46,12 +47,14 @@ class FusionNode(RigNode):
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
                                         gimbal=GimbalHistory() if gimbal else None, checkpoints=Checkpoints())
+        self._reporter = RigReporter(self._settings.network_rate)
         self._untransformed = 0
         self._sources = SourceReport(self)
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
         self._targets_publisher = self.create_publisher(TrackArray, 'targets', RESULT)
+        self._report_publisher = self.create_publisher(RigReport, 'network/report', STREAM)
         self._posterior_publisher = self.create_publisher(AzimuthPosterior, 'fusion/posterior', RESULT)
 
     def activate(self) -> None:
@@ -126,6 +129,9 @@ class FusionNode(RigNode):
             self._state_publisher.publish(output.state)
             self._bearing_publisher.publish(output.bearing)
             self._targets_publisher.publish(output.targets)
+            report = self._reporter.report(output.targets, self._stage.tracker.motion.position)
+            if report is not None:
+                self._report_publisher.publish(report)
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Which inputs are missing, and what cannot be used."""

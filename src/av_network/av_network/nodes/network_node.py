@@ -1,4 +1,4 @@
-"""Targets of several rigs to targets with positions."""
+"""Reports of several rigs to targets with positions."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from geometry_msgs.msg import PointStamped
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
 from av_common.guarded_node import decode
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_interfaces.msg import TrackArray, WorldTrackArray
+from av_interfaces.msg import RigReport, WorldTrackArray
 from av_network.geodesy import Datum
 from av_network.nodes.network_node_parameters import network_node as parameters
 from av_network.settings import NetworkSettings, RigSettings
@@ -26,7 +25,7 @@ SILENT_S = 3.0  # after which a rig is reported as silent
 
 
 class NetworkNode(RigNode):
-    """Subscribes to the targets of each rig and publishes `tracks`. Runs a `NetworkStage`."""
+    """Subscribes to the reports of each rig and publishes `tracks`. Runs a `NetworkStage`."""
 
     def __init__(self) -> None:
         super().__init__('network_node', parameters)
@@ -34,8 +33,10 @@ class NetworkNode(RigNode):
     def configure(self) -> None:
         """Build the stage from the parameters. Raises ValueError for those that contradict each other."""
         p = self.settings
-        names = [name.strip('/') for name in p.rigs if name.strip('/')]
-        if not names or len(set(names)) < len(names):
+        given = [name.rstrip('/') for name in p.rigs if name.strip('/')]
+        self._topics = {name.lstrip('/'): name for name in given}
+        names = list(self._topics)
+        if not names or len(names) < len(given):
             raise ValueError(f'rigs is {list(p.rigs)}, expected different namespaces, such as [left, right]')
         places = _places(len(names), list(p.positions), list(p.pose_sources), list(p.headings_deg))
         datum = Datum(p.datum.latitude, p.datum.longitude, p.datum.altitude) if p.datum.known else Datum()
@@ -49,24 +50,22 @@ class NetworkNode(RigNode):
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
-        self._cues = {name: self.create_publisher(PointStamped, f'{name}/target/cue', RESULT) for name in names if p.cue}
+        self._cues = {name: self.create_publisher(PointStamped, f'{self._topics[name]}/target/cue', RESULT)
+                      for name in names if p.cue}
         self._published = 0
 
     def activate(self) -> None:
         """Subscribe to all rigs."""
         for name, source in self._sources.items():
-            self.while_active(self.create_subscription, TrackArray, f'{name}/{self.settings.targets_topic}',
-                              partial(self._on_targets, name), RESULT, raw=True)
-            if source == ODOMETRY:
-                self.while_active(self.create_subscription, Odometry, f'{name}/odometry',
-                                  partial(self._stage.on_odometry, name), STREAM)
+            self.while_active(self.create_subscription, RigReport, f'{self._topics[name]}/network/report',
+                              partial(self._on_report, name), STREAM, raw=True)
             if source == FIX:
-                self.while_active(self.create_subscription, NavSatFix, f'{name}/fix',
+                self.while_active(self.create_subscription, NavSatFix, f'{self._topics[name]}/fix',
                                   partial(self._stage.on_fix, name), STREAM)
         self.while_active(self.create_timer, 1.0 / self.settings.rate, self._on_time)
 
-    def _on_targets(self, name: str, data: bytes) -> None:
-        self._stage.on_targets(name, decode(TrackArray, data), len(data), self.now())
+    def _on_report(self, name: str, data: bytes) -> None:
+        self._stage.on_report(name, decode(RigReport, data), len(data), self.now())
         self._meters[name].tick()
 
     def _on_time(self) -> None:

@@ -1,4 +1,4 @@
-"""A network of its own for the rig and the attack, and another host in it (Linux)."""
+"""A network of its own for a program, and other hosts in it (Linux)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-INSIDE = 'AV_ATTACK_NAMESPACE'
-HERE, THERE = '10.87.0.1', '10.87.0.2'
+INSIDE = 'AV_NETWORK_NAMESPACE'
+INTERFACE = 'eth0'  # of another host
 LOOPBACK = (('ip', 'link', 'set', 'lo', 'up', 'multicast', 'on'), ('ip', 'route', 'add', '224.0.0.0/4', 'dev', 'lo'))
 
 
@@ -46,26 +46,36 @@ def prepare_loopback() -> None:
         subprocess.run(command, check=True, timeout=20.0)
 
 
-class OtherHost:
-    """A network namespace at the other end of a cable: packets from it come from another host. Raises CalledProcessError.
+class Host:
+    """A network namespace at the other end of a cable: packets from it come from another host.
 
     Attributes:
         prefix: words of a command that runs a program there.
+
+    Parameters:
+        link: name of this end of the cable.
+        address: of the host, with the length of its network's prefix.
+        here: address of this end; empty for none.
+
+    Raises OSError or subprocess.SubprocessError where that is not permitted.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, link: str, address: str, here: str = '') -> None:
         self._holder = subprocess.Popen(['unshare', '--net', 'sleep', 'infinity'])
         holder = str(self._holder.pid)
         self.prefix = ['nsenter', '--target', holder, '--net']
-        _wait_until_apart(self._holder.pid)
-        commands = [['ip', 'link', 'add', 'attack0', 'type', 'veth', 'peer', 'name', 'attack1', 'netns', holder],
-                    ['ip', 'addr', 'add', f'{HERE}/24', 'dev', 'attack0'], ['ip', 'link', 'set', 'attack0', 'up'],
-                    [*self.prefix, 'ip', 'addr', 'add', f'{THERE}/24', 'dev', 'attack1'],
-                    [*self.prefix, 'ip', 'link', 'set', 'attack1', 'up']]
+        there = [*self.prefix, 'ip']
+        commands = [['ip', 'link', 'add', link, 'type', 'veth', 'peer', 'name', INTERFACE, 'netns', holder],
+                    *([['ip', 'addr', 'add', here, 'dev', link]] if here else []),
+                    ['ip', 'link', 'set', link, 'addrgenmode', 'none', 'up'],    # no traffic of IPv6
+                    [*there, 'link', 'set', 'lo', 'up'], [*there, 'addr', 'add', address, 'dev', INTERFACE],
+                    [*there, 'link', 'set', INTERFACE, 'addrgenmode', 'none', 'up'],
+                    [*there, 'route', 'add', '224.0.0.0/4', 'dev', INTERFACE]]
         try:
+            _wait_until_apart(self._holder.pid)
             for command in commands:
-                subprocess.run(command, check=True, timeout=20.0, capture_output=True)
-        except (OSError, subprocess.SubprocessError):
+                subprocess.run(command, check=True, timeout=20.0, capture_output=True, text=True)
+        except BaseException:
             self.close()
             raise
 
