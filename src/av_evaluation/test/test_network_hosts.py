@@ -25,7 +25,8 @@ def frame(to, sender, rest=b'\x08\x06'):
 
 def test_frames_go_to_everybody_or_to_the_known_host():
     """And never back; a host is known from its first frame on. All are late by the delay."""
-    medium = Medium(3, 0.2)
+    medium = Medium(3)
+    medium.impair(0.2, 0.0)
     assert medium.deliveries(frame(1, 0), 0, 5.0) == [(5.2, 1), (5.2, 2)]
     assert medium.deliveries(frame(None, 1), 1, 6.0) == [(6.2, 0), (6.2, 2)]
     assert medium.deliveries(frame(1, 0), 0, 7.0) == [(7.2, 1)]
@@ -43,7 +44,8 @@ def test_sides_do_not_hear_each_other_until_healed():
 
 def test_each_receiver_loses_a_share_of_the_frames_independently():
     """Counts within 4 standard deviations of the binomial distribution, for each receiver and for both."""
-    medium, count = Medium(3, loss=0.2, seed=4), 4000
+    medium, count = Medium(3, seed=4), 4000
+    medium.impair(0.0, 0.2)
     found = [{host for _, host in medium.deliveries(frame(None, 0), 0, 0.0)} for _ in range(count)]
     for received, share in ((sum(1 in each for each in found), 0.8), (sum(2 in each for each in found), 0.8),
                             (sum(len(each) == 2 for each in found), 0.64)):
@@ -107,6 +109,7 @@ def test_pictures_agree_from_the_last_difference_on():
     whole = run_of(pictures_of(simulation), simulation)
     late = run_of(pictures_of(simulation, (5.0, 8.5)), simulation)
     found = agreement([whole, late], 4.0, 7.0)
-    assert found.lost == 0 and found.healed == pytest.approx(1.5, abs=0.15)
+    assert found.lost == 0 and (found.first, found.healed) == pytest.approx((1.5, 1.5), abs=0.15)
+    assert found.apart == pytest.approx(1.5 / 5.0, abs=0.03)
     renamed = run_of(pictures_of(simulation)[:45] + pictures_of(simulation, name=8)[45:], simulation)
     assert agreement([whole, renamed], 4.0, 7.0).lost == 1

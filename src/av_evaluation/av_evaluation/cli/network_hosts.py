@@ -16,7 +16,7 @@ from av_evaluation.hosts.pictures import Agreement, agreement, phase, run_of
 from av_evaluation.hosts.trial import Trial, TrialResult, TrialSettings
 from av_evaluation.network.cases import SQUARE
 
-SETTLED, HEALED_S, MOST_BYTES = 2 / 3, 2.0, 5000.0  # share of the beginning that is not counted; what is asked for
+SETTLED, MOST_MISSED, HEALED_S, MOST_BYTES = 2 / 3, 0.5, 2.0, 5000.0  # share of the beginning not counted; what is asked for
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,13 +52,16 @@ def report(settings: TrialSettings, result: TrialResult) -> bool:
           f'{100 * settings.loss:.0f} % lost, parted for {settings.partition:g} s, '
           f'{"with" if settings.security else "without"} keys')
     print(f'{"drones missed, false, error":<30}' + ''.join(f'{name:>24}' for name in phases))
+    seen = True
     for rig, run in zip(simulation.rigs, runs, strict=True):
         found = [phase(run, *each) for each in phases.values()]
+        seen &= found[0].missed < MOST_MISSED * settings.drones
         print(f'{rig.name:<30}' + ''.join(f'{each.missed:>10.2f}{each.false:>6.2f}{each.error:>6.2f} m' for each in found))
     together = agreement(runs, begin, end)
-    print(f'tracks lost {together.lost}, one picture for good {together.healed:.1f} s after healing')
+    print(f'tracks lost {together.lost}; one picture {together.first:.1f} s after healing, for good {together.healed:.1f} s '
+          f'after; until the end they differ for {100.0 * together.apart:.0f} % of the time')
     _print_traffic(result, [rig.name for rig in simulation.rigs])
-    return _is_good(together, result)
+    return seen and _is_good(together, result)
 
 
 def _print_traffic(result: TrialResult, names: Sequence[str]) -> None:
@@ -94,12 +97,15 @@ def _settings(arguments: Sequence[str]) -> TrialSettings:
     add('--partition', type=float, default=10.0, help='s for which the halves do not hear each other (%(default)s)')
     add('--seed', type=int, default=1, help='of the reports and of what is lost (%(default)s)')
     add('--security', action='store_true', help='with keys of their own (SROS 2), and a stranger without')
+    add('--from-start', action='store_true', help='delay and loss begin before the nodes know each other')
+    add('--default-dds', action='store_true', help='Cyclone DDS as it comes, instead of as in config/dds/network.xml')
     options = parser.parse_args(arguments)
     if not (0.0 <= options.delay_ms <= 10e3 and 0.0 <= options.loss < 100.0 and
             all(1.0 <= each <= 600.0 for each in (options.before, options.partition, options.after))):
         parser.error('--delay-ms is up to 10000, --loss below 100, --before, --partition and --after from 1 to 600')
     return TrialSettings(options.rigs, options.drones, 1e-3 * options.delay_ms, 0.01 * options.loss, options.before,
-                         options.partition, options.after, options.seed, options.security)
+                         options.partition, options.after, options.seed, options.security, options.default_dds,
+                         options.from_start)
 
 
 if __name__ == '__main__':

@@ -18,16 +18,23 @@ class Medium:
 
     Parameters:
         hosts: their number.
-        delay (s): of each frame.
-        loss: probability that a frame is lost on its way to a receiver.
         seed: of what is lost.
     """
 
-    def __init__(self, hosts: int, delay: float = 0.0, loss: float = 0.0, seed: int = 0) -> None:
-        self._hosts, self._delay, self._loss = hosts, delay, loss
+    def __init__(self, hosts: int, seed: int = 0) -> None:
+        self._hosts, self._delay, self._loss = hosts, 0.0, 0.0
         self._random = random.Random(seed)
         self._places: dict[bytes, int] = {}
         self._sides: Sequence[Collection[int]] = ()
+
+    def impair(self, delay: float, loss: float) -> None:
+        """Delay and lose frames from now on.
+
+        Parameters:
+            delay (s): of each frame.
+            loss: probability that a frame is lost on its way to a receiver.
+        """
+        self._delay, self._loss = delay, loss
 
     def part(self, sides: Sequence[Collection[int]]) -> None:
         """Keep the frames of each side from the others; without sides all hear each other.

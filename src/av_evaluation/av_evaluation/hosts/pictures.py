@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from av_evaluation.network.figures import STEP_S, Estimate, NetworkRun
-from av_evaluation.network.partition import lost_tracks, partition_figures
+from av_evaluation.network.partition import agree, lost_tracks, partition_figures
 from av_evaluation.network.simulation import NetworkSimulation
 
 STALE_S = 1.0  # age of the newest picture from which a node has none
@@ -32,10 +32,18 @@ class Phase(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """Number of tracks that a partition lost, of all nodes, and time (s) until all have one picture for good."""
+    """What a partition did to the pictures of all nodes.
+
+    Parameters:
+        lost: number of tracks that it lost.
+        first, healed (s): time from its end until all nodes have one picture, and until they have it for good; inf if never.
+        apart: share of the time after it in which they do not.
+    """
 
     lost: int
+    first: float
     healed: float
+    apart: float
 
 
 def run_of(pictures: Iterable[Picture], simulation: NetworkSimulation) -> NetworkRun:
@@ -76,11 +84,14 @@ def phase(run: NetworkRun, begin: float, end: float) -> Phase:
 
 
 def agreement(runs: Sequence[NetworkRun], begin: float, end: float) -> Agreement:
-    """What a partition did to the pictures of all nodes.
+    """Compare the pictures of all nodes.
 
     Parameters:
         runs: of the nodes.
         begin, end (s): of the partition.
     """
-    return Agreement(sum(lost_tracks(each, begin, end) for each in runs),
-                     max(partition_figures(one, other, begin, end).healed for one, other in combinations(runs, 2)))
+    after = [step for step, time in enumerate(runs[0].times) if time >= end]
+    alike = [all(agree(one.estimates[step], other.estimates[step]) for one, other in combinations(runs, 2)) for step in after]
+    first = next((runs[0].times[step] - end for step, same in zip(after, alike, strict=True) if same), math.inf)
+    healed = max(partition_figures(one, other, begin, end).healed for one, other in combinations(runs, 2))
+    return Agreement(sum(lost_tracks(each, begin, end) for each in runs), first, healed, 1.0 - float(np.mean(alike)))

@@ -8,12 +8,13 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
 from av_evaluation.hosts.host_process import HostProcess
+from av_evaluation.hosts.light_rig import NODE
 from av_evaluation.hosts.medium import Medium
 from av_evaluation.hosts.pictures import Picture
 from av_evaluation.hosts.switch import Switch, sent_bytes
@@ -24,7 +25,8 @@ from av_fusion.security.keystore import make_keystore
 from av_fusion.security.policy import read_policy
 
 QUIET_S = 5.0  # in which the nodes know each other and nobody reports
-PATIENCE_S = 120.0  # for which nodes may look for each other
+PATIENCE_S = 300.0  # for which nodes may look for each other
+STOPPED_S = 3.0  # between two looks at the processes
 START_S = 1.0  # from the word to begin to the first report
 HEADING_SIGMA_DEG = 0.1  # of surveyed rigs
 
@@ -39,6 +41,8 @@ class TrialSettings:
         before, partition, after (s): durations; in the partition the first half of the rigs does not hear the others.
         seed: of the simulated reports and of what is lost.
         security: whether all have keys, and a stranger without keys takes part.
+        default_dds: whether Cyclone DDS is as it comes, instead of as in config/dds/network.xml.
+        from_start: whether frames are late and lost before the nodes know each other, too.
     """
 
     rigs: int = 4
@@ -50,6 +54,8 @@ class TrialSettings:
     after: float = 15.0
     seed: int = 1
     security: bool = False
+    default_dds: bool = False
+    from_start: bool = False
 
     @property
     def parted(self) -> tuple[float, float]:
@@ -119,6 +125,7 @@ class Trial:
         self._say(f'{len(rigs)} rigs look for each other')
         self._wait(lambda: all(rig.newest('listeners') == len(rigs) for rig in rigs), PATIENCE_S, 'the nodes find each other')
         discovery, traffic = time.monotonic() - begun, [Traffic(sent_bytes(name)) for name in names]
+        medium.impair(settings.delay, settings.loss)
         self._measure('at rest', QUIET_S, traffic)
         stranger = self._start_stranger(folder) if settings.security else None
         begin = time.time() + START_S
@@ -140,20 +147,25 @@ class Trial:
         for number, link in enumerate(links, 1):
             self._hosts.append(Host(link, f'10.88.0.{number}/24'))
             self._opened.callback(self._hosts[-1].close)
-        medium = Medium(len(links), settings.delay, settings.loss, settings.seed)
+        medium = Medium(len(links), settings.seed)
+        if settings.from_start:
+            medium.impair(settings.delay, settings.loss)
         self._opened.callback(Switch(links, medium).close)
         return medium
 
     def _make_environment(self, folder: Path) -> dict[str, str]:
         common = {**os.environ, 'ROS_DOMAIN_ID': '0', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_SECURITY_ENABLE': 'false',
                   **dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'), '1')}
+        config = Path(get_package_share_directory('av_fusion')) / 'config'
+        common['CYCLONEDDS_URI'] = '' if self._settings.default_dds else f'file://{config}/dds/network.xml'
         if not self._settings.security:
             return common
-        shipped = Path(get_package_share_directory('av_fusion')) / 'config' / 'security'
+        shipped = config / 'security'
         for name in self._names:
-            wanted = [each for each in read_policy(shipped / 'policy.xml', name)
-                      if each.path.endswith(('/fusion_node', '/network_node', '/operator'))]
-            make_keystore(folder / 'keys', wanted, shipped / 'governance.xml', 1.0)
+            policy = {each.path: each for each in read_policy(shipped / 'policy.xml', name)}
+            light_rig = policy[f'/{name}/{NODE}']
+            light_rig = replace(light_rig, subscribe=(*light_rig.subscribe, f'rt/{name}/tracks'))
+            make_keystore(folder / 'keys', [light_rig, policy[f'/{name}/network_node']], shipped / 'governance.xml', 1.0)
         return {**common, 'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
                 'ROS_SECURITY_KEYSTORE': str(folder / 'keys')}
 
@@ -162,12 +174,12 @@ class Trial:
         places = [value for rig in simulation.rigs for value in rig.position]
         parameters = {'rigs': [f'/{rig}' for rig in self._names], 'positions': places, 'heading_sigma_deg': HEADING_SIGMA_DEG,
                       'clock_sigma': 0.001}
-        node = [str(Path(get_package_prefix('av_network')) / 'lib' / 'av_network' / 'network_node'), '--ros-args', '-r', f'__ns:=/{name}',
-                *(['--enclave', f'/{name}/network_node'] if settings.security else []),
+        program = Path(get_package_prefix('av_network')) / 'lib' / 'av_network' / 'network_node'
+        node = [str(program), '--ros-args', '-r', f'__ns:=/{name}', '--enclave', f'/{name}/network_node',
                 *(word for key, value in parameters.items() for word in ('-p', f'{key}:={value}'))]
         self._start(node, host, folder / f'{name}_node.log')
-        rig = [sys.executable, '-m', 'av_evaluation.hosts.light_rig', name, str(settings.seed), str(settings.rigs), str(settings.drones),
-               str(simulation.duration), *(['--secure'] if settings.security else [])]
+        words = (name, settings.seed, settings.rigs, settings.drones, simulation.duration)
+        rig = [sys.executable, '-m', 'av_evaluation.hosts.light_rig', *map(str, words)]
         return self._start(rig, host, folder / f'{name}.log')
 
     def _start_stranger(self, folder: Path) -> HostProcess:
@@ -185,18 +197,22 @@ class Trial:
         """Let a phase pass; note what each host has sent a second in it."""
         self._say(f'{name}, {seconds:.0f} s')
         sent, begun = [sent_bytes(link) for link in self._names], time.monotonic()
-        self._wait(lambda: time.monotonic() - begun >= seconds, seconds + 1.0, name)
+        self._wait(lambda: time.monotonic() - begun >= seconds, seconds + STOPPED_S, name)
         spent = time.monotonic() - begun
         for each, link, before in zip(traffic, self._names, sent, strict=True):
             each.rates[name] = (sent_bytes(link) - before) / spent
 
     def _wait(self, condition: Callable[[], bool], patience: float, what: str) -> None:
         """Wait for a condition. Raises RuntimeError where it does not come or a process ends."""
-        deadline = time.monotonic() + patience
+        latest = time.monotonic()
+        deadline = latest + patience
         while not condition():
+            latest, before = time.monotonic(), latest
+            if latest - before > STOPPED_S:
+                raise RuntimeError(f'stopped for {latest - before:.0f} s by the machine: try again')
             for process in self._processes:
                 process.check()
-            if time.monotonic() > deadline:
+            if latest > deadline:
                 raise RuntimeError(f'not within {patience:.0f} s: {what}')
             time.sleep(0.05)
 
