@@ -117,6 +117,32 @@ def test_a_missed_detection_in_clear_air_ends_a_false_track():
     assert all(track.existence < 0.1 for track in targets.tracks)
 
 
+@pytest.mark.parametrize(('visibility', 'is_drone'), [(1.0, False), (1e-3, True)])
+def test_fog_does_not_speak_against_a_drone_that_is_heard(visibility, is_drone):
+    """Low scores at a sound that is not judged: of a bird in clear air, and of anything in fog."""
+    random, (targets, motion) = np.random.default_rng(5), make_filter()
+    for step in range(40):
+        time = 0.1 * step
+        motion.add(Pose.level(time, 0.0))
+        targets.update_sound(time, heard(random, time, [0.2, 1.5]))
+        if step > 20:
+            targets.update_image(time, seen(random, time, [0.2], 0.2)._replace(visibility=visibility))
+    drones = {track.id for track in targets.tracks if track.is_drone}
+    assert [identifier in drones for identifier in followed(targets, [0.2, 1.5])] == [is_drone, True]
+
+
+def test_a_sound_that_is_hardly_told_from_a_bystander_still_measures_its_target():
+    """A source on a circle, not judged for the first second, then less likely a drone's than not, by a little."""
+    random, (targets, motion) = np.random.default_rng(6), make_filter()
+    for step in range(80):
+        time = 0.1 * step
+        motion.add(Pose.level(time, 0.0))
+        judged = 0.2 if step > 10 else math.nan
+        targets.update_sound(time, [one._replace(drone_probability=judged) for one in heard(random, time, [0.1 * time])])
+        if step > 20:
+            assert followed(targets, [0.1 * time]) == [1]
+
+
 def test_mirror_images_stay_inside_of_one_track_until_the_rig_turns():
     """A pair of microphones hears one source: one track with two components, and with one after the turn."""
     sensors, (targets, motion) = SimulatedSensors(5), make_filter()

@@ -181,7 +181,8 @@ class MultiTargetFilter:
         if detections:
             self._newest_sighting = max(self._newest_sighting, time)
             shares, scores = association_probabilities(ratios, free), [detection.score for detection in detections]
-            self._note(self.tracks, shares, Source.SIGHT, scores, only)
+            clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0
+            self._note(self.tracks, shares, Source.SIGHT, scores, only, visibility=clear)
             new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
             for detection, direction, existence in zip(detections, image.directions, new, strict=True):
                 self._begin(time, [birth_of(direction, 1.0, target)._replace(newest_sighting=time)], float(existence),
@@ -228,20 +229,21 @@ class MultiTargetFilter:
 
     @staticmethod
     def _note(tracks: Sequence[BernoulliTrack], shares: NDArray[np.float64], sensor: Source, probabilities: Sequence[float],
-              only: BernoulliTrack | None, *target: int) -> None:
+              only: BernoulliTrack | None, *target: int, visibility: float = 1.0) -> None:
         """Note what the measurements of one scan tell of the kind of each track, and which tracks have different ones.
 
         Parameters:
             tracks, shares (t, m): probability of each measurement that it stems from each track.
             sensor, probabilities (m,): that each measured object is a drone.
             only, target: see `_only`, and the number of its measurement, 0 unless given.
+            visibility: see `DroneEvidence.note`.
         """
         for track, row in zip(tracks, shares, strict=True):
             begins = track is only and not track.reported
             if begins:  # with this measurement
                 row[list(target) or 0] = track.existence
             if sensor == Source.SIGHT or (begins and math.isnan(track.kind.probability)):  # else see `kinds_by_place`
-                track.kind.note(sensor, probabilities, row.tolist())
+                track.kind.note(sensor, probabilities, row.tolist(), visibility)
         measured = [(track, int(row.argmax())) for track, row in zip(tracks, shares, strict=True)
                     if row.size and row.max() >= ASSOCIATED]
         for (one, first), (other, second) in combinations(measured, 2):
