@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_common.track import Source
 from av_fusion.filter.component_merging import are_mergeable
-from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_component import ASSOCIATED
 from av_fusion.filter.gaussian_mixture import BirthComponent
-from av_fusion.filter.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
+from av_fusion.filter.hearing import UNIFORM_DENSITY, birth_of, hear
 from av_fusion.filter.outlier_rate import OutlierRateEstimator
 from av_fusion.filter.target_density import Image, effective_sample_fraction, odds_of
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
@@ -27,29 +25,9 @@ from av_fusion.multi_target.blade_pass import fundamental_likelihoods
 from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.multi_target.kind_by_place import kinds_by_place
 from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.multi_target.window import Window, associate, kind_of
 
 USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
-
-
-class _Window(NamedTuple):
-    """The directions of arrival of one window.
-
-    Parameters:
-        time (s): its capture time.
-        heard, kinds (m,): directions in the world, and the probability of each that it is a target, NaN while not judged.
-        fundamentals (m, k): see `fundamental_likelihoods`.
-        target: numbers of those that are more likely targets than not.
-        fraction: effective sample fraction.
-        since (s): time since the window before.
-    """
-
-    time: float
-    heard: Sequence[Hearing]
-    kinds: Sequence[float]
-    fundamentals: NDArray[np.float64]
-    target: Sequence[int]
-    fraction: float
-    since: float
 
 
 class MultiTargetFilter:
@@ -99,7 +77,7 @@ class MultiTargetFilter:
         only = self._only(time, begin=True) if len(target) == 1 else None
         newest = self.newest_doa if only is None else only.newest_doa
         fraction = effective_sample_fraction(time, newest, length)
-        window = _Window(time, self._heard(time, measurements, fraction), kinds, fundamentals, target, fraction,
+        window = Window(time, self._heard(time, measurements, fraction), kinds, fundamentals, target, fraction,
                          max(time - newest, 0.0))
         elapsed = max(time - self.newest_doa, 0.0)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
@@ -124,12 +102,12 @@ class MultiTargetFilter:
     def _kinds(self, time: float, measurements: Sequence[DoaMeasurement], fundamentals: NDArray[np.float64], length: float
                ) -> list[float]:
         """See `kinds_by_place`; `length` (s) is that of the window."""
-        kinds = [_kind(measurement) for measurement in measurements]
+        kinds = [kind_of(measurement) for measurement in measurements]
         heard = self._heard(time, measurements, effective_sample_fraction(time, self.newest_doa, length))
         compared = [track.compare_sound(heard, *track.advance(time)) for track in self.tracks]
         return kinds_by_place(self.tracks, compared, heard, kinds, fundamentals, self._undetected)
 
-    def _use_sound(self, window: _Window, tracks: Sequence[BernoulliTrack], places: Sequence[tuple[float, Vector]],
+    def _use_sound(self, window: Window, tracks: Sequence[BernoulliTrack], places: Sequence[tuple[float, Vector]],
                    only: BernoulliTrack | None) -> None:
         """Update tracks by a window; `only` is the target of its only sound of a drone, see `_only`."""
         time, heard, fraction = window.time, window.heard, window.fraction
@@ -137,7 +115,7 @@ class MultiTargetFilter:
         odds = self._undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
         if only is not None:
             odds[window.target] = 0.0
-        free, shares, new = _associate_sound(window, tracks, compared, odds)
+        free, shares, new = associate(window, tracks, compared, odds)
         for track, each, factors, place in zip(tracks, compared, free, places, strict=True):
             if track is only:
                 j, = window.target
@@ -296,28 +274,3 @@ class MultiTargetFilter:
             first.confusions = second.confusions
         for track in self.tracks:
             track.confusions.pop(ended, None)
-
-
-def _kind(measurement: DoaMeasurement) -> float:
-    """Probability that what is heard is a target; NaN while it is not judged."""
-    return math.nan if math.isnan(measurement.drone_probability) else measurement.target_probability
-
-
-def _associate_sound(window: _Window, tracks: Sequence[BernoulliTrack], compared: Sequence[Sequence[Sequence[Comparison]]],
-                     odds: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """How far each direction is free for each track (t, m), its probability to stem from it, and that a new target is heard.
-
-    Parameters:
-        window: the directions (m,).
-        tracks, compared: the tracks (t,), and their components compared with the directions.
-        odds (m,): that a direction stems from a target that was not detected yet, over clutter.
-    """
-    shape = len(tracks), len(window.heard)
-    ratios = np.array([track.sound_ratios(each, window.heard) for track, each in zip(tracks, compared, strict=True)]
-                      ).reshape(shape)
-    voices = np.array([track.blade_pass.fits(window.fundamentals) * track.kind.fits(window.kinds)
-                       for track in tracks]).reshape(shape)
-    voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are told apart
-    ratios *= voices
-    free = free_factors(ratios, 1.0 + odds)
-    return free * voices, association_probabilities(ratios, free), unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
