@@ -203,6 +203,12 @@ _Direction = TypeVar('_Direction', Hypothesis, Detection)
 
 def _usable(directions: tuple[_Direction, ...]) -> tuple[_Direction, ...]:
     """Directions with a plausible azimuth; an implausible elevation counts as unknown."""
-    return tuple([d if abs(d.elevation) <= 0.5 * math.pi and d.elevation_variance >= LEAST_VARIANCE
-                  else d._replace(elevation=0.0, elevation_variance=math.inf)
+    return tuple([d if _has_usable_elevation(d) else d._replace(elevation=0.0, elevation_variance=math.inf)
                   for d in directions if abs(d.azimuth) <= 10.0 and LEAST_VARIANCE <= d.across_variance <= LARGEST_VARIANCE])
+
+
+def _has_usable_elevation(direction: Hypothesis | Detection) -> bool:
+    """Whether the elevation is plausible, or unknown."""
+    variance = direction.elevation_variance
+    return (abs(direction.elevation) <= 0.5 * math.pi
+            and (LEAST_VARIANCE <= variance <= LARGEST_VARIANCE or variance == math.inf))
