@@ -13,7 +13,7 @@ from av_common.track import Source
 from av_fusion.filter.component_merging import are_mergeable
 from av_fusion.filter.gaussian_component import ASSOCIATED
 from av_fusion.filter.gaussian_mixture import BirthComponent
-from av_fusion.filter.hearing import UNIFORM_DENSITY, birth_of, hear
+from av_fusion.filter.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
 from av_fusion.filter.outlier_rate import OutlierRateEstimator
 from av_fusion.filter.target_density import Image, effective_sample_fraction, odds_of
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
