@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import lsq_linear
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from av_audio.localizer import DoaEstimate
 from av_common.angles import wrap
@@ -35,6 +35,11 @@ FITS = 12
 # Tukey's biweight: estimates beyond this many standard deviations are outliers; and the least standard deviation in baselines.
 BIWEIGHT = 4.685
 LEAST_SCALE = 0.008
+# Scatter about the curve: largest misfit in baselines that is none of a wrong estimate, width in baselines in which paths
+# count, weight of all others, and quantile of the misfits.
+LARGEST_MISFIT = 0.36
+NEAR, ELSEWHERE = 0.06, 1e-3
+QUANTILE = 0.8
 
 
 @dataclass(frozen=True)
@@ -116,15 +121,16 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
                          f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed')
     relative = paths / array.aperture
     offset, weights = _consensus(azimuths - axis, relative)
-    coefficients, offset, scale, outliers = _refine(azimuths - axis, relative, offset, weights)
+    coefficients, offset, outliers = _refine(azimuths - axis, relative, offset, weights)
     grid = np.linspace(np.pi, 0.0, 61)
     measured = _bernstein(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
     cosines = np.cos(grid)
     cosines[[0, -1]] = -1.0, 1.0
-    curve = DelayCurve(cosines, measured / stretch, scale / stretch)
-    fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
     angles = np.abs(wrap(azimuths - axis - offset))
+    scatter = _scatter(measured, relative, np.abs(_bernstein(angles) @ coefficients - relative))
+    curve = DelayCurve(cosines, measured / stretch, tuple((scatter / stretch).tolist()))
+    fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
     residuals = np.arccos(np.clip(curve.true_cosine(paths / fitted.aperture), -1.0, 1.0)) - angles
     return Calibration(fitted, array.aperture, offset, angles, paths, residuals, outliers)
 
@@ -174,8 +180,8 @@ def _single_terms(terms: NDArray, paths: NDArray, picked: NDArray) -> NDArray:
 
 
 def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
-            ) -> tuple[NDArray, float, float, NDArray[np.bool_]]:
-    """Bernstein coefficients (DEGREE + 1,) of the path by angle, rotation of the axis, scatter of the paths, outliers (n,).
+            ) -> tuple[NDArray, float, NDArray[np.bool_]]:
+    """Bernstein coefficients (DEGREE + 1,) of the path by angle, rotation of the axis, outliers (n,).
 
     Iteratively reweighted least squares with Tukey's biweight. The coefficients fall by at least LEAST_STEP.
 
@@ -215,7 +221,25 @@ def _refine(azimuths: NDArray, paths: NDArray, offset: float, weights: NDArray
         offset += float(solution[-1])
         misfits = np.abs(_bernstein(np.abs(wrap(azimuths - offset))) @ coefficients - paths)
         scale = max(LEAST_SCALE, 1.4826 * float(np.median(misfits[misfits < 2.0 * AGREEMENT])))
-    return coefficients, offset, scale, misfits > BIWEIGHT * scale
+    return coefficients, offset, misfits > BIWEIGHT * scale
+
+
+def _scatter(places: NDArray, paths: NDArray, misfits: NDArray) -> NDArray:
+    """Standard deviation (k,) of the paths about the curve at places (k,) on it, in nominal baselines.
+
+    Of what is measured near each place it is that of a normal distribution with the same quantile. Beside an ear, where front
+    and back differ most, it is much larger than elsewhere.
+
+    Parameters:
+        places (k,): path differences on the curve.
+        paths (n,): measured path differences.
+        misfits (n,): their distances from the curve.
+    """
+    kept = np.argsort(misfits)[:np.count_nonzero(misfits < LARGEST_MISFIT)]
+    apart = np.clip(paths[kept], places.min(), places.max()) - places[:, None]
+    weights = np.exp(-0.5 * (apart / NEAR) ** 2) + ELSEWHERE
+    reached = np.cumsum(weights, axis=1) >= QUANTILE * weights.sum(axis=1, keepdims=True)
+    return np.maximum(misfits[kept][np.argmax(reached, axis=1)] / norm.ppf(0.5 + 0.5 * QUANTILE), LEAST_SCALE)
 
 
 def _terms(angles: NDArray) -> NDArray:

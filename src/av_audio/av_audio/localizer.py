@@ -256,7 +256,7 @@ class Localizer:
 
     def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
         q, slope = undo_delay_curve(self.array, peak.q)
-        bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma**2
+        bias = peak.bias if self.array.delay_curve is None else peak.bias + self.array.delay_curve.sigma_at(peak.q)**2
         covariance = slope**2 * (peak.covariance + bias)
         angles, variances = to_directions(self.array, q, slope**2 * peak.covariance)
         if bias.any():  # the angle remains: the direction in which reflections shift it is unknown

@@ -121,7 +121,7 @@ def _value(hint: Any, value: Any, place: _Place) -> Any:
     if origin in (typing.Union, types.UnionType):
         if value is None and type(None) in arguments:
             return None
-        return _value(Path if Path in arguments else arguments[0], value, place)
+        return _value(_alternative(arguments, value), value, place)
     if origin in (tuple, list, Sequence):
         return _sequence(arguments, value, place)
     if dataclasses.is_dataclass(hint):
@@ -136,6 +136,14 @@ def _value(hint: Any, value: Any, place: _Place) -> Any:
     if 'choices' in place.bounds and value not in place.bounds['choices']:
         raise ConfigError(f'{place.key}: {shown(value)}, one of {", ".join(place.bounds["choices"])} expected')
     return value
+
+
+def _alternative(hints: tuple[Any, ...], value: Any) -> Any:
+    """That of several types which a value is read as: a path, a list for a list, else the first."""
+    lists = [hint for hint in hints if typing.get_origin(hint) in (tuple, list, Sequence)]
+    if Path in hints:
+        return Path
+    return lists[0] if lists and isinstance(value, list) else hints[0]
 
 
 def _path(value: str, place: _Place) -> Path:

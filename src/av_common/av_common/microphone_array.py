@@ -28,14 +28,15 @@ class DelayCurve:
     Parameters:
         cosine (k,): cosines of the angle between a direction and the array's axis, strictly increasing.
         measured (k,): c tau / d at these directions, strictly increasing; in the free field it is the cosine itself.
-        sigma: standard deviation of what is measured about the curve: front and back differ, and so do frequencies.
+        sigma: standard deviation of what is measured about the curve, one number or (k,): front and back differ, most so
+            beside an ear, and so do frequencies.
 
     Raises ValueError for anything else.
     """
 
     cosine: Sequence[float] | NDArray
     measured: Sequence[float] | NDArray
-    sigma: float = bounded(0.0, low=0.0, high=1.0)
+    sigma: float | tuple[float, ...] = bounded(0.0, low=0.0, high=1.0)
 
     def __post_init__(self) -> None:
         cosine, measured = (np.asarray(values, dtype=float) for values in (self.cosine, self.measured))
@@ -44,12 +45,21 @@ class DelayCurve:
                              f'not {cosine.shape} and {measured.shape}')
         if not (np.all(np.diff(cosine) > 0.0) and np.all(np.diff(measured) > 0.0)):
             raise ValueError('delay_curve: cosine and measured must rise strictly and hold no NaN')
+        sigma = np.asarray(self.sigma, dtype=float)
+        if sigma.shape not in ((), cosine.shape):
+            raise ValueError(f'delay_curve: sigma must be a number or a list of {cosine.size}, not {sigma.shape}')
+        object.__setattr__(self, 'sigma', sigma)
         object.__setattr__(self, 'cosine', cosine)
         object.__setattr__(self, 'measured', measured)
 
     def true_cosine(self, measured: ArrayLike) -> NDArray:
         """Cosines of the directions at which `measured` is measured; beyond both ends the curve's end slopes count."""
         return _interpolate(np.asarray(measured, dtype=float), self.measured, self.cosine)
+
+    def sigma_at(self, measured: ArrayLike) -> NDArray:
+        """Standard deviation of the scatter about the curve where `measured` is measured; beyond both ends that of the end."""
+        places = np.asarray(self.measured, dtype=float)
+        return np.interp(np.asarray(measured, dtype=float), places, np.broadcast_to(self.sigma, places.shape))
 
     def measured_cosine(self, cosine: ArrayLike) -> NDArray:
         """Values measured at directions of these cosines: the inverse of `true_cosine`."""
@@ -117,7 +127,7 @@ class MicrophoneArray:
         if self.delay_curve is not None:
             content['delay_curve'] = {'cosine': np.round(self.delay_curve.cosine, 6).tolist(),
                                       'measured': np.round(self.delay_curve.measured, 6).tolist(),
-                                      'sigma': round(self.delay_curve.sigma, 6)}
+                                      'sigma': np.round(self.delay_curve.sigma, 6).tolist()}
         lines = ''.join(f'# {line}\n' for line in comment.splitlines())
         Path(path).expanduser().write_text(lines + yaml.safe_dump(content, sort_keys=False, default_flow_style=None),
                                            encoding='utf-8')

@@ -54,7 +54,15 @@ def test_delay_curve_bends_delays_and_back(tmp_path):
     again = MicrophoneArray.load(tmp_path / 'bent.yaml')
     np.testing.assert_allclose(again.delay_curve.measured, curve.measured, atol=1e-6)
     assert again.delay_curve.sigma == 0.02
+    assert again.delay_curve.sigma_at([0.3]) == 0.02
     np.testing.assert_allclose(again.positions, PAIR.positions)
+
+
+def test_the_scatter_about_a_delay_curve_depends_on_the_place(tmp_path):
+    curve = DelayCurve([-1.0, 0.0, 1.0], [-0.8, 0.0, 0.8], [0.1, 0.02, 0.06])
+    MicrophoneArray(PAIR.positions, 'head', curve).save(tmp_path / 'head.yaml')
+    again = MicrophoneArray.load(tmp_path / 'head.yaml').delay_curve
+    np.testing.assert_allclose(again.sigma_at([-2.0, -0.4, 0.0, 0.8]), [0.1, 0.06, 0.02, 0.06])
 
 
 @pytest.mark.parametrize('text, message', [
@@ -68,6 +76,8 @@ def test_delay_curve_bends_delays_and_back(tmp_path):
     ('microphones: [[0, a, 1], [0, 0, 0]]', r"microphones\[0\]\[1\]: 'a', a number expected"),
     ('microphones: [[0, 1, 0], [0, 0, 0]]\nmics: 2', 'mics: unknown key'),
     ('microphones: [[0, 1, 0], [0, 0, 0]]\ndelay_curve: {cosine: [0, 1], measured: [1, 0]}', 'rise strictly'),
+    ('microphones: [[0, 1, 0], [0, 0, 0]]\ndelay_curve: {cosine: [0, 1], measured: [0, 1], sigma: [0.1]}', 'a list of 2'),
+    ('microphones: [[0, 1, 0], [0, 0, 0]]\ndelay_curve: {cosine: [0, 1], measured: [0, 1], sigma: [0, 2]}', 'beyond 1.0'),
     ('microphones: [', 'array file'),
 ])
 def test_bad_files_say_what_is_wrong(tmp_path, text, message):
