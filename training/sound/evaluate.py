@@ -13,6 +13,7 @@ from material import RATE, Recording, recordings
 from numpy.typing import NDArray
 from scenes import SAMPLES, Scenes
 
+from av_audio.drone_classifier import MEMORY_S
 from av_audio.drone_model import DroneModel
 
 FALSE_SHARE = 0.05
@@ -37,6 +38,13 @@ def judged(items: Sequence[Recording], model: DroneModel, snr_db: float) -> Iter
         parts = [part for part in parts if np.std(part) > QUIET * np.std(samples)]
         if parts:
             yield item, model.log_odds(np.array([scenes.example(part, None, snr_db, 0.0) for part in parts]))
+
+
+def remembered(log_odds: NDArray) -> NDArray:
+    """Log-odds (n,) of consecutive seconds as the rig publishes them: means of those before, which fade with MEMORY_S."""
+    age = np.subtract.outer(np.arange(len(log_odds)), np.arange(len(log_odds)))
+    weights = np.where(age >= 0, np.exp(-np.maximum(age, 0) / MEMORY_S), 0.0)
+    return weights @ log_odds / weights.sum(axis=1)
 
 
 def roc_area(drones: NDArray, others: NDArray) -> float:
@@ -85,7 +93,9 @@ def main() -> None:
         for title, part in (('unseen recordings', [item for item in items if item.split == 'test']),
                             ('other places', [item for item in items if item.split == 'elsewhere']), ('rendered', drawn)):
             if part:
-                report(f'{title}, {scene}', list(judged(part, model, snr_db)))
+                results = list(judged(part, model, snr_db))
+                report(f'{title}, {scene}', results)
+                report(f'{title}, {scene}, as published', [(item, remembered(log_odds)) for item, log_odds in results])
 
 
 if __name__ == '__main__':
