@@ -128,6 +128,7 @@ class Trial:
         medium.impair(settings.delay, settings.loss)
         self._measure('at rest', QUIET_S, traffic)
         stranger = self._start_stranger(folder) if settings.security else None
+        self._wait(lambda: stranger is None or bool(stranger.newest('heard')), PATIENCE_S, 'the stranger hears itself')
         begin = time.time() + START_S
         for rig in rigs:
             rig.write(f'begin {begin:.6f}')
