@@ -19,7 +19,7 @@ def test_two_secured_hosts_track_on_both_sides_of_a_partition():
     environment = {name: value for name, value in os.environ.items() if name != 'CYCLONEDDS_URI'}
     ran = subprocess.run(COMMAND, capture_output=True, text=True, timeout=LONGEST_S, check=False, env=environment)
     print(ran.stdout, ran.stderr)
-    if 'permits no network namespaces' in ran.stderr or 'stopped for' in ran.stderr:
+    if any(reason in ran.stderr for reason in ('permits no network namespaces', 'stopped for', 'too slow')):
         pytest.skip(ran.stderr.strip().splitlines()[-1])
     for rig in ('rig1', 'rig2'):
         missed, sent = re.findall(rf'^{rig} +(.+)$', ran.stdout, re.MULTILINE)

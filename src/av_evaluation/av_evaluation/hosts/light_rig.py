@@ -1,7 +1,8 @@
 """A rig without sensors in one host: reports as a simulated rig would, and prints the picture of its network node.
 
 `python -m av_evaluation.hosts.light_rig NAME SEED RIGS DRONES DURATION`. Its input is a line `begin TIME`; its output are
-lines of JSON: how many listen to its reports, and the positions that `tracks` of its namespace has.
+lines of JSON: how many listen to its reports, and the positions that `tracks` of its namespace has, and by how many
+seconds the machine is too slow.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class LightRig:
         self._publisher = self._node.create_publisher(RigReport, TOPIC, STREAM)
         self._node.create_subscription(WorldTrackArray, 'tracks', self._on_tracks, RESULT)
         self._node.create_timer(0.1, self._count_listeners)
-        self._listeners = 0
+        self._listeners, self._late = 0, 0.0
 
     def run(self) -> None:
         """Take part until the standard input ends."""
@@ -53,8 +54,10 @@ class LightRig:
         """Wait for the beginning, send each report at its time, then wait for the end."""
         line = sys.stdin.readline().split()
         for report in self._reports if line[:1] == ['begin'] else ():
-            time.sleep(max(float(line[1]) + report.time - time.time(), 0.0))
+            due = float(line[1]) + report.time
+            time.sleep(max(due - time.time(), 0.0))
             self._publisher.publish(message_of(report, float(line[1])))
+            self._late = time.time() - due
         sys.stdin.read()
         rclpy.try_shutdown()
 
@@ -66,7 +69,8 @@ class LightRig:
     def _on_tracks(self, message: WorldTrackArray) -> None:
         rows = [[one.id, *(getattr(one.position, axis) for axis in 'xyz'), *(getattr(one.velocity, axis) for axis in 'xyz')]
                 for one in message.tracks if one.positioned]
-        _print({'time': to_seconds(message.header.stamp), 'targets': rows})
+        stamp = to_seconds(message.header.stamp)
+        _print({'time': stamp, 'targets': rows, 'late': max(self._late, time.time() - stamp)})
 
 
 def message_of(report: Report, begin: float) -> RigReport:
