@@ -127,7 +127,8 @@ class Trial:
         begun = time.monotonic()
         rigs = [self._start_rig(name, host, folder) for name, host in zip(names, self._hosts, strict=False)]
         self._say(f'{len(rigs)} rigs look for each other')
-        self._wait(lambda: all(rig.newest('listeners') == len(rigs) for rig in rigs), PATIENCE_S, 'the nodes find each other')
+        self._wait(lambda: all(rig.newest('listeners') == len(rigs) and rig.newest('targets') is not None for rig in rigs),
+                   PATIENCE_S, 'the nodes find each other')
         discovery, traffic = time.monotonic() - begun, [Traffic(sent_bytes(name)) for name in names]
         medium.impair(settings.delay, settings.loss)
         self._measure('at rest', QUIET_S, traffic)
