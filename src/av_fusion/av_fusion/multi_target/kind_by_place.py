@@ -21,8 +21,9 @@ def kinds_by_place(tracks: Sequence[BernoulliTrack], compared: Sequence[Sequence
                    ) -> list[float]:
     """Probability (m,) of each direction that it is a target's: that of the track at its place, else that of its sound alone.
 
-    What is heard counts for the kind of the track at its place, whatever that was taken for: a first judgement may be wrong,
-    and beside a louder source a drone is judged to be none for seconds. Tracks of another kind explain it less likely.
+    A direction stems from a track of its kind where one explains it. Where none does, it counts for the kind of the track at
+    its place, whatever that was taken for: a first judgement may be wrong, and beside a louder source a drone is judged to be
+    none for seconds.
 
     Parameters:
         tracks: the tracks (t,).
@@ -34,10 +35,13 @@ def kinds_by_place(tracks: Sequence[BernoulliTrack], compared: Sequence[Sequence
     """
     if not tracks or not heard:
         return list(kinds)
-    ratios = np.array([track.sound_ratios(each, heard) * track.blade_pass.fits(fundamentals) * track.kind.agreement(kinds)
+    ratios = np.array([track.sound_ratios(each, heard) * track.blade_pass.fits(fundamentals)
                        for track, each in zip(tracks, compared, strict=True)])
-    free = free_factors(ratios, 1.0 + undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard]))
-    shares = association_probabilities(ratios, free)
+    alike = ratios * np.array([track.kind.fits(kinds) for track in tracks])
+    others = 1.0 + undetected * np.array([hearing.confidence / hearing.clutter for hearing in heard])
+    explained = association_probabilities(alike, free_factors(alike, others)).max(axis=0) >= ASSOCIATED
+    ratios = np.where(explained, alike, ratios * np.array([track.kind.agreement(kinds) for track in tracks]))
+    shares = association_probabilities(ratios, free_factors(ratios, others))
     for track, row in zip(tracks, shares, strict=True):
         track.kind.note(Source.SOUND, kinds, row.tolist())
     nearest = shares.argmax(axis=0)
