@@ -214,7 +214,7 @@ def test_a_learnt_emitter_is_not_followed_and_forgotten_by_request():
     assert '2; ' in stage.emitters.diagnostics()['fixed emitters']
     assert stage.on_doa(hum(later, 0.6), later).bearing.state == Bearing.STATE_NONE
     assert stage.emitters.forget() == 2
-    times = [later + 0.2 * step for step in range(1, 21)]
+    times = [later + 0.2 * step for step in range(1, 31)]
     assert [stage.on_doa(hum(time, 0.6), time).bearing.state for time in times][-1] != Bearing.STATE_NONE
 
 
