@@ -11,14 +11,15 @@ from scipy.optimize import linear_sum_assignment
 
 from av_network.calibration import RigCalibration
 from av_network.claims import WELL_SUPPORTED, claims, explained
-from av_network.hypothesis_filter import LOG_TAU, HypothesisFilter, Innovations, largest_sigmas
+from av_network.duplicates import are_same
+from av_network.hypothesis_filter import HypothesisFilter, Innovations, largest_sigmas
 from av_network.lone_track import separate
-from av_network.motion_model import nearly_constant_velocity
 from av_network.network_target import NetworkTarget, TargetState
 from av_network.observation import Observation
 from av_network.packing import log_odds
 from av_network.pairing import HOPELESS, Pairing
 from av_network.report import Report
+from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.tracklets import Tracklets
 
@@ -31,7 +32,6 @@ SKY = 2.0  # sr, in which a rig's targets usually are
 USUAL_REST = 2  # directions of a report that belong to no target while the settings' density holds
 TEACHING_SIGMA = 0.05  # of a position over its distance, up to which it teaches headings and clocks
 MATURE_S = 2.0  # after which a target teaches headings and clocks
-CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported
 INCONSISTENT = 7.0  # mean normalised innovation squared at which a track ends, 2 being expected
 SAME_S = 1.0  # for which two tracks must agree to become one
 DISPUTED_S = 1.0  # for which a target outlives a better global hypothesis
@@ -99,24 +99,7 @@ class NetworkTracker:
 
     def states(self, time: float) -> list[TargetState]:
         """All targets predicted to a time (s), by id; the tracker itself is not moved."""
-        found = []
-        means, covariances = self.filter.targets()
-        step = 0.0 if self.filter.time is None else time - self.filter.time
-        F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, self.settings.manoeuvre))
-        for index, target in enumerate(self.hypotheses):
-            if not target.confirmed:
-                continue
-            rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < 1.0))
-            existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / self.settings.coast)
-            mean, P = F @ means[index], F @ covariances[index] @ F.T + Q
-            positioned = target.nis < CONSISTENT and target.odds > 0.0 and self._is_precise(mean, P)
-            found.append(TargetState(target, existence, mean, P, rigs, positioned))
-        return sorted(found, key=lambda state: state.target.id)
-
-    def _is_precise(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-        distance = min((float(np.linalg.norm(mean[:3] - place)) for place in self._places.values()), default=0.0)
-        most = max(self.settings.reported_error, self.settings.reported_share * distance)
-        return math.sqrt(max(float(np.trace(covariance[:3, :3])), 0.0)) <= most
+        return target_states(self.filter, self.hypotheses, list(self._places.values()), self.settings, time)
 
     def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
         """Associate, update, teach, and propose candidates."""
@@ -311,11 +294,4 @@ class NetworkTracker:
         self._keep([row for row in range(len(self.hypotheses)) if row not in gone])
 
     def _same(self, first: int, second: int, time: float) -> bool:
-        """Whether two tracks are more probably one target than two, of which the other one could be anywhere."""
-        a, b = self.hypotheses[first].members, self.hypotheses[second].members
-        if any(abs(a[rig].last - b[rig].last) < 0.5 and time - a[rig].last < 1.0 for rig in a.keys() & b.keys()):
-            return False
-        mean, P = self.filter.difference(first, second)
-        squared = float(mean[:3] @ np.linalg.solve(P[:3, :3], mean[:3]))
-        density = -0.5 * (squared + 3.0 * LOG_TAU + float(np.linalg.slogdet(P[:3, :3])[1]))
-        return density > math.log(3.0 * self._density / self.settings.most_distance**3)
+        return are_same(self.filter, self.hypotheses, (first, second), self.settings, self._density, time)
