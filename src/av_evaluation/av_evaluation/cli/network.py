@@ -13,11 +13,13 @@ import numpy as np
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound
 from av_evaluation.network.cost_chart import draw_cost
-from av_evaluation.network.figures import NetworkRun, OwnTracker, run
+from av_evaluation.network.figures import NetworkPeer, NetworkRun, OwnTracker, run
 from av_evaluation.network.partition import partition_figures
+from av_network.settings import RigSettings
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
 GHOST_S, RATIO, CLOCK_S, HEADING, HEALED_S = 2.0, 1.3, 0.005, math.radians(0.5), 2.0
+BETTER = 0.3  # share by which GOSPA is to be below that of each peer
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,15 +52,23 @@ def bound(options: argparse.Namespace) -> bool:
 
 
 def drones(options: argparse.Namespace) -> bool:
-    """Three rigs and several drones, each measured by a rig for half of the time."""
-    runs = []
-    for seed in _seeds(options):
-        simulation = cases.five_drones(seed, drones=options.drones)
-        runs.append(run(OwnTracker(cases.settings_of(simulation)), simulation))
+    """Three rigs and several drones, each measured by a rig for half of the time; Stone Soup's trackers with `--peers`."""
+    makers: dict[str, Callable[[Sequence[RigSettings]], NetworkPeer]] = {'av_network': OwnTracker}
+    if options.peers:
+        from av_evaluation.network.stone_soup import StoneSoupJpda, StoneSoupPhd  # an optional dependency
+
+        makers |= {'Stone Soup JPDA': StoneSoupJpda, 'Stone Soup GM-PHD': StoneSoupPhd}
     print(f'three rigs, {options.drones} drones, each measured for half of the time')
-    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}')
-    _print_drones('av_network', runs)
-    return max(each.longest_ghost() for each in runs) <= GHOST_S
+    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}{"of a core":>11}')
+    simulations = [cases.five_drones(seed, drones=options.drones) for seed in _seeds(options)]
+    reports = [simulation.arrivals() for simulation in simulations]
+    means, ghosts = [], []
+    for name, make in makers.items():
+        runs = [run(make(cases.settings_of(simulation)), simulation, arrivals)
+                for simulation, arrivals in zip(simulations, reports, strict=True)]
+        means.append(_print_drones(name, runs))
+        ghosts.append(max(each.longest_ghost() for each in runs))
+    return ghosts[0] <= GHOST_S and all(means[0] <= (1.0 - BETTER) * mean for mean in means[1:])
 
 
 def offsets(options: argparse.Namespace) -> bool:
@@ -112,12 +122,16 @@ CASES: dict[str, Callable[[argparse.Namespace], bool]] = {'bound': bound, 'drone
                                                                'partition': partition, 'cost': cost}
 
 
-def _print_drones(name: str, runs: Sequence[NetworkRun]) -> None:
+def _print_drones(name: str, runs: Sequence[NetworkRun]) -> float:
+    """Print the means of the runs; returns that of GOSPA (m)."""
     distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
     error = np.mean([each.rmse(SETTLED_S) for each in runs])
     nees = np.mean([np.mean(each.nees(SETTLED_S)) for each in runs])
     ghost = max(each.longest_ghost() for each in runs)
-    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{nees:>10.2f}{ghost:>13.1f} s')
+    share = 100.0 * np.mean([each.cost / each.times[-1] for each in runs])
+    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{nees:>10.2f}{ghost:>13.1f} s{share:>9.1f} %',
+          flush=True)
+    return float(distance)
 
 
 def _seeds(options: argparse.Namespace) -> range:
@@ -132,6 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--baseline', type=float, default=40.0, help='bound: m between the two rigs (%(default)s)')
     parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
     parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
+    parser.add_argument('--peers', action='store_true', help='drones: beside JPDA and GM-PHD of Stone Soup')
     parser.add_argument('--figure', type=Path, metavar='PNG', help='cost: picture to write')
     return parser
 
