@@ -58,7 +58,9 @@ RECENT_S = 0.6  # for which a direction can meet that of another rig
 
 @dataclass(frozen=True)
 class StoneSoupTuning:
-    """Tuning by the lowest mean GOSPA over `five_drones` with seeds other than those reported (docs/results/network.md).
+    """What the trackers are told; by default motion and errors as in `NetworkSettings`, and the sensing of `five_drones`.
+
+    Nothing was searched.
 
     Parameters:
         manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each axis.
