@@ -52,12 +52,12 @@ def bound(options: argparse.Namespace) -> bool:
 
 
 def drones(options: argparse.Namespace) -> bool:
-    """Three rigs and several drones, each measured by a rig for half of the time; Stone Soup's trackers with `--peers`."""
+    """Three rigs and several drones, each measured by a rig for half of the time; Stone Soup's JPDA with `--peers`."""
     makers: dict[str, Callable[[Sequence[RigSettings]], NetworkPeer]] = {'av_network': OwnTracker}
     if options.peers:
-        from av_evaluation.network.stone_soup import StoneSoupJpda, StoneSoupPhd  # an optional dependency
+        from av_evaluation.network.stone_soup import StoneSoupJpda  # an optional dependency
 
-        makers |= {'Stone Soup JPDA': StoneSoupJpda, 'Stone Soup GM-PHD': StoneSoupPhd}
+        makers['Stone Soup JPDA'] = StoneSoupJpda
     print(f'three rigs, {options.drones} drones, each measured for half of the time')
     print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}{"of a core":>11}')
     simulations = [cases.five_drones(seed, drones=options.drones) for seed in _seeds(options)]
@@ -146,7 +146,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--baseline', type=float, default=40.0, help='bound: m between the two rigs (%(default)s)')
     parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
     parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
-    parser.add_argument('--peers', action='store_true', help='drones: beside JPDA and GM-PHD of Stone Soup')
+    parser.add_argument('--peers', action='store_true', help='drones: beside JPDA of Stone Soup, which is to be installed')
     parser.add_argument('--figure', type=Path, metavar='PNG', help='cost: picture to write')
     return parser
 

@@ -1,6 +1,6 @@
-"""JPDA and GM-PHD of Stone Soup on the same reports, for comparison; needs the package `stonesoup`.
+"""JPDA of Stone Soup on the same reports, for comparison; needs the package `stonesoup`.
 
-Both get what a user of Stone Soup would know of the rigs: their positions, the share of time for which they measure a drone,
+It gets what a user of Stone Soup would know of the rigs: their positions, the share of time for which they measure a drone,
 the density of false tracks, and the speed of sound. Reports are used in the order of capture, as independent measurements that
 are equivalent to them (`Tracklets`): their errors are correlated otherwise. Tracks begin where two directions meet.
 """
@@ -21,12 +21,10 @@ from stonesoup.dataassociator.probability import JPDAwithLBP
 from stonesoup.deleter.error import CovarianceBasedDeleter
 from stonesoup.functions import gm_reduce_single
 from stonesoup.hypothesiser.distance import DistanceHypothesiser
-from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
 from stonesoup.hypothesiser.probability import PDAHypothesiser
 from stonesoup.initiator.base import Initiator
 from stonesoup.initiator.simple import MultiMeasurementInitiator
 from stonesoup.measures import Mahalanobis
-from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
 from stonesoup.models.measurement.nonlinear import CartesianToElevationBearing
 from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
 from stonesoup.predictor.kalman import KalmanPredictor
@@ -35,11 +33,9 @@ from stonesoup.types.array import StateVector, StateVectors
 from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.prediction import GaussianStatePrediction
-from stonesoup.types.state import TaggedWeightedGaussianState
 from stonesoup.types.track import Track
 from stonesoup.types.update import GaussianStateUpdate
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
-from stonesoup.updater.pointprocess import PHDUpdater
 
 from av_evaluation.network.figures import Estimate
 from av_network.apparent_direction import ApparentDirections, apparent_directions
@@ -58,7 +54,7 @@ RECENT_S = 0.6  # for which a direction can meet that of another rig
 
 @dataclass(frozen=True)
 class StoneSoupTuning:
-    """What the trackers are told; by default motion and errors as in `NetworkSettings`, and the sensing of `five_drones`.
+    """What the tracker is told; by default motion and errors as in `NetworkSettings`, and the sensing of `five_drones`.
 
     Nothing was searched.
 
@@ -68,8 +64,7 @@ class StoneSoupTuning:
         detected: probability that a rig's report holds a target.
         clutter (1/sr): density of a rig's directions that belong to no track.
         points: directions until a track counts, those of the first pair excluded.
-        lost_sigma (m): root mean square error of a position from which a track of JPDA ends, and one of GM-PHD is not told.
-        survival, birth: probability of survival between two reports, and weight of new components, of GM-PHD.
+        lost_sigma (m): root mean square error of a position from which a track ends.
     """
 
     manoeuvre: float = 3.0
@@ -78,8 +73,6 @@ class StoneSoupTuning:
     clutter: float = 0.05
     points: int = 6
     lost_sigma: float = 7.0
-    survival: float = 0.995
-    birth: float = 0.05
 
 
 class _Apparent(CartesianToElevationBearing):
@@ -215,45 +208,6 @@ class StoneSoupJpda:
             track.states = [GaussianStateUpdate(mean, covariance, hypotheses, time)]
         self._tracks -= self._deleter.delete_tracks(self._tracks)
         self._tracks |= self._initiator.initiate(detections - used, time)
-
-
-class StoneSoupPhd:
-    """GM-PHD with tags and birth where two directions meet; a `NetworkPeer`.
-
-    Parameters:
-        rigs: the rigs.
-        tuning: see `StoneSoupTuning`.
-        wait (s): see `ReportQueue`.
-    """
-
-    def __init__(self, rigs: Sequence[RigSettings], tuning: StoneSoupTuning | None = None, wait: float = 0.5) -> None:
-        self._tuning = tuning = tuning or StoneSoupTuning()
-        self._reports, self._ids = _Reports(rigs, wait), dict[str, int]()
-        self._components: list[Any] = []
-        self._predictor, updater = _motion(tuning), ExtendedKalmanUpdater()
-        self._pairs = _Triangulation(self._predictor, updater, tuning.speed_sigma, 2.0 * tuning.lost_sigma)
-        self._hypothesiser = GaussianMixtureHypothesiser(
-            DistanceHypothesiser(self._predictor, updater, Mahalanobis(), missed_distance=4.0), order_by_detection=True)
-        self._updater = PHDUpdater(updater, clutter_spatial_density=tuning.clutter, prob_detection=tuning.detected,
-                                   prob_survival=tuning.survival)
-        self._reducer = GaussianMixtureReducer(prune_threshold=1e-3, merge_threshold=4.0, max_number_components=40)
-
-    def take(self, report: Report, now: float) -> None:
-        """See `NetworkPeer`."""
-        self._reports.put(report)
-
-    def estimates(self, now: float) -> list[Estimate]:
-        """See `NetworkPeer`."""
-        for time, detections in self._reports.ready(now):
-            born = [TaggedWeightedGaussianState(track.state.state_vector, track.state.covar, weight=self._tuning.birth,
-                                                tag='birth', timestamp=time)
-                    for track in self._pairs.initiate(detections, time)]
-            hypotheses = self._hypothesiser.hypothesise(self._components, detections, time)
-            kept = self._updater.update(hypotheses).components
-            self._components = list(self._reducer.reduce([*kept, *born]))
-        return [_estimate(self._ids.setdefault(each.tag, len(self._ids) + 1),
-                          self._predictor.predict(each, timestamp=moment(now))) for each in self._components
-                if each.weight > 0.5 and position_sigma(each) < self._tuning.lost_sigma]
 
 
 def moment(time: float) -> datetime:
