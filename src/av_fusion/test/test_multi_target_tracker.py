@@ -141,4 +141,4 @@ def test_parameters_choose_the_tracker():
     values = {'targets.policy': 'closing'}
     tracker = make_tracker(node_parameters('av_fusion', 'fusion_node', overrides=values))
     assert isinstance(tracker, MultiTargetTracker) and tracker.settings.policy == 'closing'
-    assert np.isclose(tracker.settings.acceleration_density, 0.001)
+    assert np.isclose(tracker.settings.acceleration_density, MultiTargetSettings().acceleration_density)

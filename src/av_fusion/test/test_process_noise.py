@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
-from av_fusion.filter.process_noise import LARGEST, LEAST, AdaptiveProcessNoise
+from av_fusion.filter.process_noise import LARGEST, LEAST, ONE_OF_SEVERAL, AdaptiveProcessNoise
 
 
 def after(measurements, nis, rate, noise=None):
@@ -30,3 +32,18 @@ def test_only_long_steady_motion_lowers_it_below_one():
     assert steady.value == LEAST
     assert after(100, 0.5, 0.0).value == 1.0
     assert after(1, 9.0, 0.2, steady).value == LARGEST
+
+
+def test_among_several_slow_motion_is_steady_too_and_a_manoeuvre_is_noticed_sooner():
+    """At 3 deg/s the scale falls to less than half of that of an only target, and rises to more by one window of two."""
+    only, several = AdaptiveProcessNoise(), AdaptiveProcessNoise()
+    several.adaptation = ONE_OF_SEVERAL
+    rate = math.radians(3.0)
+    assert after(20, 0.5, rate, several).value < 0.5 * after(20, 0.5, rate, only).value
+    factors = []
+    for noise in (only, several):
+        before = noise.value
+        noise.note(1.0, rate, 2.0**0.5, 1.0)
+        noise.adapt(0.2)
+        factors.append(noise.value / before)
+    assert factors == [pytest.approx(math.exp(0.2 * gain)) for gain in (3.0, 8.0)]

@@ -61,6 +61,7 @@ class GaussianMixture:
         components: the Gaussians.
         background: probability that the target is elsewhere, or that there is none.
         p_outlier: probability that the direction of arrival is an outlier if the target is in the background.
+        rate_variance: see below.
 
     Parameters:
         model: motion of targets.
@@ -72,7 +73,7 @@ class GaussianMixture:
         self.components: list[GaussianComponent] = []
         self.background = 1.0
         self.p_outlier = 0.0
-        self.model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
+        self.model, self.rate_variance, self._lost_variance = model, rate_variance, lost_variance
         self._primary: GaussianComponent | None = None
 
     def predict(self, dt: float, noise_scale: float, kept: float, moved: Vector = ZERO) -> None:
@@ -182,8 +183,8 @@ class GaussianMixture:
     def _component_of(self, birth: BirthComponent, weight: float, lag: float, noise_scale: float,
                       moved: Vector) -> GaussianComponent:
         level, model = math.cos(birth.elevation) ** 2, self.model
-        up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
-        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
+        up_rate_variance = level * model.climb_variance + (1.0 - level) * self.rate_variance
+        covariance = np.diag((birth.hh, birth.vv, self.rate_variance, up_rate_variance, model.usual_inverse_range**2))
         covariance[0, 1] = covariance[1, 0] = birth.hv
         component = GaussianComponent(weight, birth.azimuth, birth.elevation, covariance,
                                       inverse_range=model.usual_inverse_range,

@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 EXPECTED_NIS, LARGEST_NIS = 1.0, 9.0  # normalised innovation squared: mean of a consistent filter, and bound
-RISE, FALL = 3.0, 1.0  # gains of the logarithm of the scale
+FALL = 1.0  # gain of the logarithm of the scale where innovations are small
 LEAST, LARGEST = 0.03, 10.0  # bounds of the scale
 LEAST_IN_VIEW = 0.1  # lower bound while the camera sees the target
 STEADY_COUNT = 7.0  # independent measurements of steady motion that halve the upper bound of 1
 MANOEUVRE_SCALE = 2.0  # a scale above this is a manoeuvre, after which steadiness is counted from zero
-SLOW = math.radians(5.0)  # rad/s; slower motion is not evidence of steadiness
+
+
+class Adaptation(NamedTuple):
+    """How the scale follows the innovations.
+
+    Parameters:
+        rise: gain of the logarithm of the scale where innovations are large.
+        slow (rad/s): slower motion is not evidence of steadiness.
+    """
+
+    rise: float
+    slow: float
+
+
+ONLY = Adaptation(rise=3.0, slow=math.radians(5.0))
+# Several targets are told apart by steady motion, also by slow one, if a manoeuvre is noticed all the sooner.
+ONE_OF_SEVERAL = Adaptation(rise=8.0, slow=math.radians(2.0))
 
 
 class AdaptiveProcessNoise:
@@ -24,10 +41,11 @@ class AdaptiveProcessNoise:
 
     Attributes:
         value: the scale.
+        adaptation: how it follows the innovations.
     """
 
     def __init__(self) -> None:
-        self.value = 1.0
+        self.value, self.adaptation = 1.0, ONLY
         self._steady = self._nis = self._weight = self._moving = 0.0
 
     def note(self, weight: float, rate: float, innovation: float, variance: float) -> None:
@@ -40,12 +58,12 @@ class AdaptiveProcessNoise:
         """
         self._nis += weight * min(innovation * innovation / variance, LARGEST_NIS)
         self._weight += weight
-        self._moving += weight * rate * rate / (rate * rate + SLOW**2)
+        self._moving += weight * rate * rate / (rate * rate + self.adaptation.slow**2)
 
     def adapt(self, fraction: float) -> None:
         """Adapt the scale to the innovations noted since the last call, with the effective sample fraction `fraction`."""
         excess = self._nis - EXPECTED_NIS * self._weight
-        value = self.value * math.exp((RISE if excess > 0.0 else FALL) * fraction * excess)
+        value = self.value * math.exp((self.adaptation.rise if excess > 0.0 else FALL) * fraction * excess)
         self._steady = 0.0 if value > MANOEUVRE_SCALE else self._steady + fraction * self._moving
         self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._steady / STEADY_COUNT) ** 2)), LARGEST)
         self._nis = self._weight = self._moving = 0.0

@@ -13,6 +13,7 @@ from av_fusion.filter.doa_likelihood import Comparison
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import Hearing
 from av_fusion.filter.posterior import Posterior
+from av_fusion.filter.process_noise import ONE_OF_SEVERAL, ONLY
 from av_fusion.filter.target_density import Image, SightComparison
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import ZERO
@@ -80,6 +81,8 @@ class BernoulliTrack(Posterior):
     def assume_alone(self, alone: bool) -> None:
         """Assume ordinary motion of the only target, and steady motion of several, by which they are told apart."""
         self.mixture.model = self._settings.model if alone else self._steady
+        self.mixture.rate_variance = (self._settings.rate_sigma if alone else self._multi.rate_sigma) ** 2
+        self.process_noise.adaptation = ONLY if alone else ONE_OF_SEVERAL
         self.manoeuvre_gate = math.inf if alone else MANOEUVRE_GATE
 
     def compare_identity(self, other: BernoulliTrack) -> None:
@@ -92,12 +95,13 @@ class BernoulliTrack(Posterior):
                 track.confusions[rival.id] = max(track.confusions.get(rival.id, 0.0), confusion)
 
     def begin(self, births: Sequence[BirthComponent], existence: float) -> None:
-        """Start with components, whose shares are their ratios.
+        """Start beside others with components, whose shares are their ratios.
 
         Parameters:
             births: directions at the track's time.
             existence: probability of existence.
         """
+        self.assume_alone(False)
         total = sum([birth.ratio for birth in births])
         self.mixture.background = 1.0
         self.mixture.add_births(0.0, self.process_noise.value, ZERO, [

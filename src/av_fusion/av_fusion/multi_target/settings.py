@@ -14,8 +14,9 @@ class MultiTargetSettings:
 
     Parameters:
         target: models of each target and of the sensors.
-        acceleration_density (rad^2/s^3), elevation_density (rad^2/s): of several targets, in place of those of a single one.
-            They are told apart by steady motion: the acceleration is that of a steady flight, until innovations raise it.
+        acceleration_density (rad^2/s^3), elevation_density (rad^2/s), rate_sigma (rad/s): of several targets, in place of those
+            of a single one. They are told apart by steady motion: the acceleration is that of a steady flight, until
+            innovations raise it.
         undetected_first: expected number of targets in the sky before the first scan.
         undetected: expected number of targets that were not detected yet, later on.
         sound_detection_probability: that a target that can be heard is among the directions of arrival of a window.
@@ -32,8 +33,9 @@ class MultiTargetSettings:
     """
 
     target: BayesSettings = field(default_factory=BayesSettings)
-    acceleration_density: float = 0.001
+    acceleration_density: float = 0.0006
     elevation_density: float = 0.0003
+    rate_sigma: float = 0.15
     undetected_first: float = 1.0
     undetected: float = 0.1
     sound_detection_probability: float = 0.9
