@@ -78,7 +78,7 @@ class MultiTargetFilter:
         newest = self.newest_doa if only is None else only.newest_doa
         fraction = effective_sample_fraction(time, newest, length)
         window = Window(time, self._heard(time, measurements, fraction), kinds, fundamentals, target, fraction,
-                         max(time - newest, 0.0))
+                        max(time - newest, 0.0))
         elapsed = max(time - self.newest_doa, 0.0)
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         # Where only others of another kind are heard, the silence of a track tells nothing: they mask it.
