@@ -33,6 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         reason = str(getattr(error, 'stderr', '') or error).strip()
         print(f'network_hosts: this machine permits no network namespaces: {reason}', file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print('network_hosts: interrupted', file=sys.stderr)
+        return 130
     except RuntimeError as error:
         print(f'network_hosts: {error}', file=sys.stderr)
         return 1
