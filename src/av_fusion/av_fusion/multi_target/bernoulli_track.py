@@ -39,7 +39,7 @@ class BernoulliTrack(Posterior):
         confusions: largest probability so far that it was taken for another target, by the id of that.
         ambiguity: whether front and back are told apart.
         told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
-        reported, certain: whether it has existed more probably than not, and as probably as what is followed.
+        reported: whether it has existed more probably than not.
 
     Parameters:
         identifier: see `id`.
@@ -58,7 +58,7 @@ class BernoulliTrack(Posterior):
         self.confusions: dict[int, float] = {}
         self.ambiguity = Ambiguity(settings.target.confirm_threshold, settings.target.release_threshold)
         self.told_apart: dict[int, float] = {}
-        self.reported = self.certain = False
+        self.reported = False
         self.time = time
         self._steady = settings.target.model._replace(acceleration_density=settings.acceleration_density,
                                                       elevation_density=settings.elevation_density)
@@ -114,7 +114,7 @@ class BernoulliTrack(Posterior):
         self.id, self.began = identifier, time
         self.kind, self.blade_pass = DroneEvidence(), BladePassFrequency()
         self.confusions, self.told_apart = {}, {}
-        self.ambiguity.resolved = self.reported = self.certain = False
+        self.ambiguity.resolved = self.reported = False
 
     def predict_heard(self, seconds: float) -> None:
         """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""

@@ -244,7 +244,6 @@ class MultiTargetFilter:
             one.compare_identity(another)
         for track in self.tracks:
             track.reported = track.reported or track.existence >= self._settings.confirmed
-            track.certain = track.certain or track.existence >= self._settings.followed
             track.assume_alone(self.alone)
 
     def _alive(self, time: float) -> list[BernoulliTrack]:

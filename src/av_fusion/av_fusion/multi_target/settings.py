@@ -23,7 +23,7 @@ class MultiTargetSettings:
         unheard_rate: long-run probability that a target cannot be heard, because louder ones mask it.
         unheard_time (s): correlation time of that state.
         least_existence: a track of smaller existence probability ends.
-        confirmed, followed: existence probability from which a track is reported, and once reached may be followed.
+        confirmed: existence probability from which a track is reported.
         duplicate_time (s): two tracks that agree become one when no scan has told them apart for so long, or ever.
         most_tracks: the least certain tracks beyond this number end.
         policy: which target is followed, see `TargetSelector`.
@@ -43,7 +43,6 @@ class MultiTargetSettings:
     unheard_time: float = 1.0
     least_existence: float = 0.01
     confirmed: float = 0.5
-    followed: float = 0.9
     duplicate_time: float = 10.0
     most_tracks: int = 50
     policy: str = 'certain'

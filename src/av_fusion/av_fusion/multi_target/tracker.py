@@ -149,7 +149,7 @@ class MultiTargetTracker:
             else:
                 tracks[track.id] = track
                 found.append(target)
-        drones = [target for target in found if tracks[target.id].certain and not target.drone_probability < DRONE]
+        drones = [target for target in found if not target.drone_probability < DRONE]
         chosen = self._selector.choose(time, _judged(drones, [time - tracks[target.id].began for target in drones]))
         self._targets = Targets(time, tuple(found), chosen)
         if not chosen:
