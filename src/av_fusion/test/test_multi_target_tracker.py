@@ -103,6 +103,18 @@ def test_a_clearly_more_urgent_target_is_followed_after_a_while():
     assert selector.choose(9.0, []) == 0
 
 
+def test_another_target_is_followed_only_when_it_is_certain():
+    """The first one as soon as it is reported, and none while the followed one is lost."""
+    def target(name, existence):
+        return Target(name, existence, Track(0.0, azimuth=0.1))
+
+    selector = TargetSelector('certain')
+    assert selector.choose(0.0, [target(1, 0.6)]) == 1
+    assert selector.choose(1.0, [target(2, 0.8)]) == 0
+    assert selector.choose(2.0, [target(1, 0.5), target(2, 0.8)]) == 1
+    assert selector.choose(3.0, [target(2, 0.9)]) == 2
+
+
 def test_nothing_is_tracked_without_measurements_and_after_a_gap():
     """No target before the first measurement, and none 6 s after the newest."""
     tracker = MultiTargetTracker()

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from av_common.track import Target, Track
 
+CERTAIN = 0.9  # existence probability from which another target than the one before is followed
 MARGIN = 1.5  # of the urgency of another target over that of the followed one, from which it is followed
 DWELL_S = 1.0  # for which it must be so
 
@@ -31,6 +32,8 @@ POLICIES: Mapping[str, Callable[[Target], float]] = {
 
 class TargetSelector:
     """Chooses the target by a policy, and keeps it until another one is clearly more urgent for some time.
+
+    Another one is followed only when it exists with a probability of CERTAIN: a lost one leaves reflections.
 
     Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
 
@@ -63,7 +66,12 @@ class TargetSelector:
             self._followed = self._wanted
             return self._followed
         self._wanted = 0
+        if self._followed:    # the first one is followed as soon as it is reported
+            urgency = {target.id: urgency[target.id] for target in targets
+                       if target.id == self._followed or target.existence >= CERTAIN}
         rival = max(urgency, key=urgency.__getitem__, default=0)
+        if not urgency:
+            return 0
         if self._followed not in urgency:
             self._followed = rival
         elif urgency[rival] <= MARGIN * urgency[self._followed]:
