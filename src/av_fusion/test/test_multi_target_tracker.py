@@ -103,6 +103,17 @@ def test_a_clearly_more_urgent_target_is_followed_after_a_while():
     assert selector.choose(9.0, []) == 0
 
 
+@pytest.mark.parametrize(('confidence', 'count'), [(0.2, 1), (0.6, 2)])
+def test_a_further_sound_of_low_confidence_begins_no_track(confidence, count):
+    """It is a reflection rather than a source."""
+    tracker, sensors = MultiTargetTracker(), SimulatedSensors(3)
+    for step in range(40):
+        time = 100.0 + 0.1 * step
+        tracker.add_pose(Pose.level(time, 0.0))
+        tracker.add_doas([sensors.doa(time, -0.3), sensors.doa(time, 0.9)._replace(confidence=confidence)])
+    assert len(tracker.targets(tracker.estimate(time)).targets) == count
+
+
 def test_another_target_is_followed_only_when_it_is_certain():
     """The first one as soon as it is reported, and none while the followed one is lost."""
     def target(name, existence):

@@ -27,6 +27,7 @@ from av_fusion.multi_target.target_selector import TargetSelector
 
 SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
            (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
+LEAST_FURTHER = 0.3  # confidence of a further direction of a window: of a lower one it is a reflection rather than a source
 JUDGED_S = 1.0  # after which a sound has been judged, if it ever is
 UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
 
@@ -92,6 +93,7 @@ class MultiTargetTracker:
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
         usable = [one for one in map(usable_doa, measurements) if one is not None]
+        usable = usable[:1] + [one for one in usable[1:] if one.confidence >= LEAST_FURTHER]
         if not usable:
             return
         time = usable[0].time - self.settings.target.sound_delay
