@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from stonesoup.dataassociator.neighbour import GlobalNearestNeighbour
 from stonesoup.dataassociator.probability import JPDAwithLBP
 from stonesoup.deleter.error import CovarianceBasedDeleter
-from stonesoup.functions import gm_reduce_single
 from stonesoup.hypothesiser.distance import DistanceHypothesiser
 from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
 from stonesoup.hypothesiser.probability import PDAHypothesiser
@@ -28,19 +27,18 @@ from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
 from stonesoup.models.measurement.linear import LinearGaussian
 from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
 from stonesoup.predictor.kalman import KalmanPredictor
-from stonesoup.types.array import StateVector, StateVectors
+from stonesoup.types.array import StateVector
 from stonesoup.types.detection import Detection
 from stonesoup.types.state import GaussianState, TaggedWeightedGaussianState
-from stonesoup.types.update import GaussianStateUpdate
 from stonesoup.updater.kalman import KalmanUpdater
 from stonesoup.updater.pointprocess import PHDUpdater
 
 from av_evaluation.experiments.measurement_simulation import Scan, SensorModel
+from av_evaluation.experiments.stone_soup_jpda import jpda_updates, moment
 from av_fusion.measurement.measurements import Detection as Seen
 from av_fusion.measurement.measurements import Hypothesis
 from av_fusion.measurement.vectors import direction, tangents
 
-START = datetime(2026, 1, 1)
 RADIAL = 0.02  # standard deviation of the length of a measured unit vector
 SKY = 2.0 * math.pi * 0.6  # sr, in which false directions are expected
 UNKNOWN_ELEVATION = 0.15, 0.2  # rad, mean and standard deviation, where a pair of microphones measures none
@@ -108,7 +106,7 @@ class _Sensors:
         across, up = (np.array(axis) for axis in tangents(measured.azimuth, elevation))
         noise = (overlap * measured.across_variance * np.outer(across, across) + spread * np.outer(up, up)
                  + RADIAL**2 * np.outer(vector, vector))
-        return Detection(StateVector(vector), timestamp=START + timedelta(seconds=time),
+        return Detection(StateVector(vector), timestamp=moment(time),
                          measurement_model=LinearGaussian(6, PLACES, noise))
 
 
@@ -150,20 +148,11 @@ class StoneSoupJpda:
         return math.nan
 
     def _step(self, associator: Any, tracks: set[Any], detections: set[Any], time: float) -> None:
-        moment = START + timedelta(seconds=time)
-        used = set()
-        for track, hypotheses in associator.associate(tracks, detections, moment).items():
-            states, weights = [], []
-            for hypothesis in hypotheses:
-                states.append(self._updater.update(hypothesis) if hypothesis else hypothesis.prediction)
-                weights.append(hypothesis.probability)
-                if hypothesis and hypothesis.probability > 0.1:
-                    used.add(hypothesis.measurement)
-            mean, covariance = gm_reduce_single(StateVectors([state.state_vector for state in states]),
-                                                np.stack([state.covar for state in states], axis=2), np.array(weights, float))
-            track.append(GaussianStateUpdate(mean, covariance, hypotheses, moment))
+        now, used = moment(time), set[Any]()
+        for track, update in jpda_updates(associator.associate(tracks, detections, now), self._updater, now, used):
+            track.append(update)
         self._tracks -= self._deleter.delete_tracks(self._tracks)
-        self._tracks |= self._initiator.initiate(detections - used, moment)
+        self._tracks |= self._initiator.initiate(detections - used, now)
 
 
 class StoneSoupPhd:
@@ -202,17 +191,17 @@ class StoneSoupPhd:
         return math.nan
 
     def _step(self, updater: Any, components: Sequence[Any], detections: set[Any], time: float) -> list[Any]:
-        moment = START + timedelta(seconds=time)
-        born = [self._birth(detection, moment) for detection in detections]
-        hypotheses = self._hypothesiser.hypothesise([*components, *born], detections, moment)
+        now = moment(time)
+        born = [self._birth(detection, now) for detection in detections]
+        hypotheses = self._hypothesiser.hypothesise([*components, *born], detections, now)
         return list(self._reducer.reduce(updater.update(hypotheses).components))
 
-    def _birth(self, detection: Any, moment: datetime) -> Any:
+    def _birth(self, detection: Any, now: datetime) -> Any:
         mean, covariance = np.zeros((6, 1)), np.diag([0.0, self._tuning.rate_sigma**2] * 3)
         mean[list(PLACES), 0] = np.asarray(detection.state_vector, float).ravel()
         covariance[np.ix_(PLACES, PLACES)] = detection.measurement_model.noise_covar
         return TaggedWeightedGaussianState(StateVector(mean), covariance, weight=self._tuning.birth, tag='birth',
-                                           timestamp=moment)
+                                           timestamp=now)
 
 
 def _vector(state: Any) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from stonesoup.base import Property
 from stonesoup.dataassociator.neighbour import GlobalNearestNeighbour
 from stonesoup.dataassociator.probability import JPDAwithLBP
 from stonesoup.deleter.error import CovarianceBasedDeleter
-from stonesoup.functions import gm_reduce_single
 from stonesoup.hypothesiser.distance import DistanceHypothesiser
 from stonesoup.hypothesiser.probability import PDAHypothesiser
 from stonesoup.initiator.base import Initiator
@@ -34,9 +33,9 @@ from stonesoup.types.detection import Detection
 from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.prediction import GaussianStatePrediction
 from stonesoup.types.track import Track
-from stonesoup.types.update import GaussianStateUpdate
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
+from av_evaluation.experiments.stone_soup_jpda import jpda_updates, moment
 from av_evaluation.network.figures import Estimate
 from av_network.apparent_direction import ApparentDirections, apparent_directions
 from av_network.meeting import MOST_APART, meetings
@@ -46,7 +45,6 @@ from av_network.report_queue import ReportQueue
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.tracklets import Tracklets
 
-START = datetime(2026, 1, 1)
 PLACES, SPEEDS = [0, 2, 4], [1, 3, 5]  # of position and velocity in the state
 WIDE_M = 300.0  # standard deviation of a position before the first direction
 RECENT_S = 0.6  # for which a direction can meet that of another rig
@@ -195,24 +193,11 @@ class StoneSoupJpda:
                           self._predictor.predict(track.state, timestamp=moment(now))) for track in self._tracks]
 
     def _step(self, detections: set[Any], time: datetime) -> None:
-        used = set()
-        for track, hypotheses in self._associator.associate(self._tracks, detections, time).items():
-            states, weights = [], []
-            for hypothesis in hypotheses:
-                states.append(self._updater.update(hypothesis) if hypothesis else hypothesis.prediction)
-                weights.append(hypothesis.probability)
-                if hypothesis and hypothesis.probability > 0.1:
-                    used.add(hypothesis.measurement)
-            mean, covariance = gm_reduce_single(StateVectors([state.state_vector for state in states]),
-                                                np.stack([state.covar for state in states], axis=2), np.array(weights, float))
-            track.states = [GaussianStateUpdate(mean, covariance, hypotheses, time)]
+        used, associations = set[Any](), self._associator.associate(self._tracks, detections, time)
+        for track, update in jpda_updates(associations, self._updater, time, used):
+            track.states = [update]
         self._tracks -= self._deleter.delete_tracks(self._tracks)
         self._tracks |= self._initiator.initiate(detections - used, time)
-
-
-def moment(time: float) -> datetime:
-    """A time (s) as Stone Soup has it."""
-    return START + timedelta(seconds=time)
 
 
 def position_sigma(state: Any) -> float:
