@@ -9,7 +9,7 @@ from collections.abc import Iterable
 CONTESTED_S = 0.25  # since the newest stamp that went back
 JITTER_S = 0.01  # by which stamps of one source may go back, where its clock is corrected
 KEPT, LEAST_KEPT = 100, 10  # delays of a source that are kept, and that make it known
-EARLY_S, LATE_S = 0.01, 0.1  # by which a message may come before and after the usual delays: a machine under attack is late
+EARLY_S, LATE_S = 0.01, 0.3  # by which a message may come before and after the usual delays: queues fill under attack
 
 
 class SingleSource:

@@ -90,6 +90,7 @@ def test_tracking_is_back_after_half_a_second_of_true_bearings():
     assert check.recovered(START + 1.8) is None
     assert check.share(START, START + 5.0) == pytest.approx(24 / 40)
     assert check.faults(START, START + 5.0) == 'true 24, elsewhere 16'
+    assert check.azimuth == 0.0
 
 
 def test_an_observer_that_is_behind_keeps_the_truth_since_the_attack():

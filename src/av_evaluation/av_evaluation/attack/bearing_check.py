@@ -20,7 +20,11 @@ FARTHEST_TRUTH = 0.1      # s from a bearing to the truth that it is compared wi
 
 
 class BearingCheck:
-    """Compares bearings with the truth. Times are in s of the system's clock."""
+    """Compares bearings with the truth. Times are in s of the system's clock.
+
+    Attributes:
+        azimuth (rad): true azimuth of the target from the body, of the newest bearing with a truth; NaN before.
+    """
 
     DELAY = 0.2   # s after which a bearing is compared: the truth of its stamp has arrived by then
 
@@ -30,6 +34,7 @@ class BearingCheck:
         self._truth_from = -math.inf
         self._waiting: deque[tuple[float, float, Bearing]] = deque(maxlen=1000)
         self._verdicts: deque[tuple[float, str]] = deque(maxlen=6000)
+        self.azimuth = math.nan
 
     def on_truth(self, name: str, message: Odometry, published: float) -> None:
         """The true state of `rig` or `target`, published at a time (s)."""
@@ -90,7 +95,7 @@ class BearingCheck:
         rig, target = (min(rows, key=lambda row: abs(row[0] - stamp), default=None) for rows in self._truth.values())
         if rig is None or target is None or max(abs(rig[0] - stamp), abs(target[0] - stamp)) > FARTHEST_TRUTH:
             return 'no truth of its time' if abs(stamp - published) < FARTHEST_STAMP else 'stamp of another time'
-        azimuth = math.atan2(target[2] - rig[2], target[1] - rig[1]) - rig[3]
-        if abs(float(wrap(message.azimuth - azimuth))) >= LARGEST_ERROR:
+        self.azimuth = float(wrap(math.atan2(target[2] - rig[2], target[1] - rig[1]) - rig[3]))
+        if abs(float(wrap(message.azimuth - self.azimuth))) >= LARGEST_ERROR:
             return 'elsewhere'
         return '' if message.resolved else 'not resolved'

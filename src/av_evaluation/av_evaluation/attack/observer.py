@@ -112,6 +112,10 @@ class Observer(Node):
         """Time (s) after `since` from which on bearings are true; None where they are not yet."""
         return self.check.recovered(since)
 
+    def faces(self, angle: float) -> bool:
+        """Whether the body faces the target within an angle (rad)."""
+        return abs(self.check.azimuth) < angle
+
     def share(self, begin: float, end: float) -> float:
         """Share of true bearings between two times (s)."""
         return self.check.share(begin, end)
@@ -133,8 +137,8 @@ def main() -> None:
     def idle(seconds: float) -> None:
         observer.look()
         time.sleep(seconds)
-    functions = (observer.begin, observer.end, observer.quiet, observer.recovered, observer.share, observer.faults,
-                 observer.findings, observer.judge.forget)
+    functions = (observer.begin, observer.end, observer.quiet, observer.recovered, observer.faces, observer.share,
+                 observer.faults, observer.findings, observer.judge.forget)
     serve({function.__name__: function for function in functions}, idle)
     rclpy.try_shutdown()
 

@@ -26,12 +26,13 @@ from av_evaluation.namespaces import Host, is_inside
 PLANNED = 1.25             # times the messages that must be sent; a busy machine sends fewer than planned
 MESSAGE_ATTACKS = 3.5      # of one round, which send to every topic
 DATAGRAM_ATTACKS = 3.5     # of one round, which send to every port
-SHORTEST, LONGEST = 3.0, 40.0   # s of one attack
+SHORTEST, LONGEST = 3.0, 10.0   # s of one attack: for a longer one, in which the body stands still, the target is anywhere
 OVERHEAD = 4.0             # s between attacks
 MOST_RATE = 2000.0         # Hz for each topic and each port
 START = 90.0               # s in which the rig must track
 PATIENCE = 12.0            # s for which tracking is awaited after an attack
-SETTLE = 11.0              # s of tracking before the first attack
+SETTLE = 11.0              # s of tracking before the first attack, and at most before the others
+FACED = math.radians(10.0)    # from the body's front to the target where an attack begins: each shows its own effect
 # Cyclone DDS would choose the cable to the other host.
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
@@ -187,6 +188,7 @@ class Program:
 
     def _attack(self, kind: str, name: str) -> None:
         arena = self._arena
+        self._settle()
         result = Result(' '.join(filter(None, (kind, name))))
         deaths, begun = len(arena.rig.deaths), time.monotonic()
         before = arena.rig.measure()
@@ -209,6 +211,11 @@ class Program:
             arena.rig.restart()
             self._tracks(time.time(), START)
             arena.observer.call('forget')
+
+    def _settle(self) -> None:
+        deadline = time.monotonic() + SETTLE
+        while time.monotonic() < deadline and not self._arena.observer.call('faces', angle=FACED):
+            time.sleep(0.2)
 
     def _judge(self, result: Result, kind: str) -> None:
         """Restore what a permitted peer changed, wait for tracking, and collect what was observed."""

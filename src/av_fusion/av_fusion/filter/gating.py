@@ -9,8 +9,9 @@ from collections.abc import Iterable, Sequence
 from av_common.angles import wrap
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import birth_of, hear
+from av_fusion.filter.past_state import PastState
 from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.target_density import Image, TargetDensity
+from av_fusion.filter.target_density import Image, TargetDensity, share_in_view
 from av_fusion.measurement.measurements import (
     CameraMeasurement,
     Detection,
@@ -22,7 +23,8 @@ from av_fusion.measurement.measurements import (
 from av_fusion.measurement.rig_motion import RigMotion
 
 LEAST_EXISTENCE, LEAST_WEIGHT = 0.5, 0.3  # of a track, and of a component within it, that have a gate
-LARGEST_VARIANCE = math.radians(10.0) ** 2  # rad^2, of such a component: what is anywhere in a wide gate proves nothing
+LARGEST_VARIANCE = math.radians(20.0) ** 2  # rad^2, of such a component: what is anywhere in a wide gate proves nothing
+LEAST_IN_VIEW = 0.9  # probability that the camera shows such a component, of which a detection can be
 
 COMPARED_S = 0.3  # for which measurements in one gate must agree
 FASTEST = 0.3  # rad/s, of a direction meanwhile
@@ -61,7 +63,7 @@ def gated_doas(measurements: Sequence[DoaMeasurement], densities: Sequence[Targe
     kept = []
     for usable in filter(None, map(usable_doa, measurements)):
         time = usable.time - settings.sound_delay
-        if _is_expected(hear(time, usable, 1.0, settings, motion).births, time, densities):
+        if _is_expected(hear(time, usable, 1.0, settings, motion).births, _gates(time, densities)):
             kept.append(usable)
     return kept
 
@@ -80,21 +82,24 @@ def gated_image(measurement: CameraMeasurement, densities: Sequence[TargetDensit
     if usable is None:
         return None
     time = usable.time - settings.sight_delay
-    directions = Image.of(time, usable, motion.attitude(time), settings.assumed_visibility, 1.0).directions
-    kept = tuple(detection for detection, direction in zip(usable.detections, directions, strict=True)
-                 if _is_expected([birth_of(direction, 1.0, settings)], time, densities))
+    image = Image.of(time, usable, motion.attitude(time), settings.assumed_visibility, 1.0)
+    gates = [past for past in _gates(time, densities) if share_in_view(past, image.view, usable) >= LEAST_IN_VIEW]
+    kept = tuple(detection for detection, direction in zip(usable.detections, image.directions, strict=True)
+                 if _is_expected([birth_of(direction, 1.0, settings)], gates))
     return usable._replace(detections=kept) if kept else None
 
 
-def _is_expected(births: Sequence[BirthComponent], time: float, densities: Sequence[TargetDensity]) -> bool:
-    """Whether a track explains a measurement at `time` (s), given by the components that it would start."""
+def _gates(time: float, densities: Sequence[TargetDensity]) -> list[PastState]:
+    """The components of tracks, at `time` (s), that can explain a measurement."""
+    found = []
     for density in densities:
-        if 1.0 - density.mixture.background < LEAST_EXISTENCE:
-            continue
-        lag, moved = density.advance(time)
-        for component in density.mixture.components:
-            past = component.at(lag, moved)
-            if (component.weight >= LEAST_WEIGHT and component.across_variance <= LARGEST_VARIANCE
-                    and any(birth.gates(past) for birth in births)):
-                return True
-    return False
+        if 1.0 - density.mixture.background >= LEAST_EXISTENCE:
+            lag, moved = density.advance(time)
+            found += [component.at(lag, moved) for component in density.mixture.components
+                      if component.weight >= LEAST_WEIGHT and component.across_variance <= LARGEST_VARIANCE]
+    return found
+
+
+def _is_expected(births: Sequence[BirthComponent], gates: Sequence[PastState]) -> bool:
+    """Whether a measurement, given by the components that it would start, is in one of the gates."""
+    return any(birth.gates(past) for past in gates for birth in births)

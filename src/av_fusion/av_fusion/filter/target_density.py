@@ -203,7 +203,7 @@ class TargetDensity:
         detected, compared = self._settings.detection_probability, []
         for component in self.mixture.components:
             past = component.at(lag, moved)
-            chance = detected * _share_in_view(past, image.view, image.measurement)
+            chance = detected * share_in_view(past, image.view, image.measurement)
             missed = component.missed_detection(image.time, image.visibility, chance, image.fraction)
             deviations = [direction.deviations(past) for direction in image.directions]
             found = [detected * odds_of(d) * width * _density(parts) for d, parts in zip(detections, deviations, strict=True)]
@@ -274,8 +274,14 @@ def _density(deviations: Sequence[Deviation]) -> float:
     return gaussian(across.innovation, across.total) * math.exp(-0.5 * distance(others))
 
 
-def _share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> float:
-    """Probability that a component is in the field of view; `view` holds the camera's axes in the world."""
+def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> float:
+    """Probability that a component is in the field of view.
+
+    Parameters:
+        past: the component at the image's capture time.
+        view: axes of the camera in the world.
+        measurement: the image.
+    """
     x, y, z = (dot(axis, past.direction) for axis in view)
     azimuth, elevation = angles((x, y, z))
     across, up = tangents(azimuth, elevation)
