@@ -2,24 +2,43 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterable, Sequence
+
 from av_common.track import Source, State, Target, Targets, Track
 from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.tracker_protocol import Tracker
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 SENSORS = {DOA: Source.SOUND, DETECTIONS: Source.SIGHT}
 UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
+KEPT = 2000  # directions of an input of which a copy is recognised
 REASON = 'an input has two sources: the track is continued, and counts as a prediction'
+
+
+class Copies:
+    """Recognises directions that equal former ones: true measurements have noise, and never repeat to the last digit."""
+
+    def __init__(self) -> None:
+        self._former: deque[tuple[tuple[float, float], ...]] = deque(maxlen=KEPT)
+
+    def among(self, measured: Iterable[Sequence[Hypothesis | Detection]]) -> list[bool]:
+        """Note the directions of one message, those of each source together; returns which of them a former message had."""
+        found = [tuple([(direction.azimuth, direction.elevation) for direction in directions]) for directions in measured]
+        copies = [directions in self._former for directions in found]
+        self._former += found
+        return copies
 
 
 class ContestedInputs:
     """Chooses the measurements that a tracker gets, and states which sensors support its tracks.
 
-    Of an input with two sources those are used that lie in the gate of a track and agree with each other. A track that is
-    continued in this way counts as a prediction. It ends where it does not explain what the one source that is left measures.
+    Of an input with two sources those are used that lie in the gate of a track, agree with each other, and are no copies of
+    former ones. A track that is continued in this way counts as a prediction. It ends where it does not explain what the one
+    source that is left measures.
 
     Parameters:
         gate: knows which inputs have two sources.
@@ -28,6 +47,7 @@ class ContestedInputs:
     def __init__(self, gate: InputGate) -> None:
         self._gate = gate
         self._agreements = {DOA: Agreement(), DETECTIONS: Agreement()}
+        self._copies = {DOA: Copies(), DETECTIONS: Copies()}
         self._to_verify = 0  # measurements in a row that must contradict the continued tracks to end them
 
     def use_pose(self, tracker: Tracker, pose: Pose, arrival: float) -> bool:
@@ -46,8 +66,9 @@ class ContestedInputs:
             measurements: of the window.
             stamp, arrival (s): times of its capture and arrival.
         """
+        copied = self._copies[DOA].among(measurement.hypotheses for measurement in measurements)
         if self._is_contested(DOA, arrival):
-            measurements = tracker.expected_doas(measurements)
+            measurements = tracker.expected_doas([one for one, copy in zip(measurements, copied, strict=True) if not copy])
             directions = [hypothesis for measurement in measurements for hypothesis in measurement.hypotheses]
             if not directions or not self._agreements[DOA].add(stamp, directions):
                 return None
@@ -59,8 +80,10 @@ class ContestedInputs:
 
     def use_image(self, tracker: Tracker, measurement: CameraMeasurement, arrival: float) -> CameraMeasurement | None:
         """The image for the tracker; None for one that tells nothing. See `use_doas`."""
+        copied = self._copies[DETECTIONS].among((detection,) for detection in measurement.detections)
         if self._is_contested(DETECTIONS, arrival):
-            expected = tracker.expected_image(measurement)
+            expected = tracker.expected_image(measurement._replace(detections=tuple(
+                [one for one, copy in zip(measurement.detections, copied, strict=True) if not copy])))
             if expected is None or not self._agreements[DETECTIONS].add(expected.time, expected.detections):
                 return None
             measurement, self._to_verify = expected, UNEXPECTED

@@ -96,10 +96,10 @@ def is_true(output, azimuth):
     return bearing.state != Bearing.STATE_NONE and bearing.resolved and abs(wrap(bearing.azimuth - azimuth)) < math.radians(5.0)
 
 
-@pytest.mark.parametrize(('attack', 'share'), [(forged, 0.98), (punctual, 0.85), (ahead, 0.85)])
+@pytest.mark.parametrize(('attack', 'share'), [(forged, 0.98), (punctual, 0.9), (ahead, 0.98)])
 @pytest.mark.parametrize('start', [-28.0, -12.0, 5.0, 15.0])    # seen at the end of the attack, or only heard
 def test_falsehoods_are_not_followed_and_tracking_goes_on(start, attack, share):
-    stage, outputs = run(FORGED, start, attack=attack)
+    stage, outputs = run(FORGED, start, seed=2, attack=attack)
     contest = [(output, azimuth) for now, output, azimuth in outputs if ATTACK + 0.6 < now < END]
     assert not any(output.bearing.source for output, _ in contest)    # nothing moves: it counts as a prediction
     assert all(to_seconds(output.bearing.measured) < ATTACK + 0.6 for output, _ in contest)
