@@ -10,25 +10,35 @@ from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.measurement.vectors import IDENTITY, Rows, Vector, direction, turned_back
 from av_fusion.tracker_protocol import Tracker
 
 DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 SENSORS = {DOA: Source.SOUND, DETECTIONS: Source.SIGHT}
 UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
-KEPT = 2000  # directions of an input of which a copy is recognised
+KEPT = 2000  # measurements of an input of which a copy is recognised
+DIGITS = 9  # of a unit vector, beyond which turning it back from the body differs
 REASON = 'an input has two sources: the track is continued, and counts as a prediction'
 
 
 class Copies:
-    """Recognises directions that equal former ones: true measurements have noise, and never repeat to the last digit."""
+    """Recognises measurements that equal former ones: true ones have noise, and never repeat to the last digit."""
 
     def __init__(self) -> None:
-        self._former: deque[tuple[tuple[float, float], ...]] = deque(maxlen=KEPT)
+        self._former: deque[tuple[Vector, ...]] = deque(maxlen=KEPT)
 
-    def among(self, measured: Iterable[Sequence[Hypothesis | Detection]]) -> list[bool]:
-        """Note the directions of one message, those of each source together; returns which of them a former message had."""
-        found = [tuple([(direction.azimuth, direction.elevation) for direction in directions]) for directions in measured]
-        copies = [directions in self._former for directions in found]
+    def among(self, measured: Iterable[Sequence[Hypothesis | Detection]], sensor: Rows = IDENTITY) -> list[bool]:
+        """Note the measurements of one message; returns which of them a former message had.
+
+        Parameters:
+            measured: the directions of each measurement, in the body frame.
+            sensor: rotation of the sensor, in whose frame they are compared, on the body.
+        """
+        found = []
+        for directions in measured:
+            seen = [turned_back(sensor, direction(one.azimuth, one.elevation)) for one in directions]
+            found.append(tuple([(round(x, DIGITS), round(y, DIGITS), round(z, DIGITS)) for x, y, z in seen]))
+        copies = [one in self._former for one in found]
         self._former += found
         return copies
 
@@ -80,7 +90,7 @@ class ContestedInputs:
 
     def use_image(self, tracker: Tracker, measurement: CameraMeasurement, arrival: float) -> CameraMeasurement | None:
         """The image for the tracker; None for one that tells nothing. See `use_doas`."""
-        copied = self._copies[DETECTIONS].among((detection,) for detection in measurement.detections)
+        copied = self._copies[DETECTIONS].among(([one] for one in measurement.detections), measurement.view)
         if self._is_contested(DETECTIONS, arrival):
             expected = tracker.expected_image(measurement._replace(detections=tuple(
                 [one for one, copy in zip(measurement.detections, copied, strict=True) if not copy])))

@@ -13,9 +13,10 @@ from av_common.angles import wrap
 from av_common.single_source import CONTESTED_S, SingleSource
 from av_common.stamps import to_seconds
 from av_fusion.checkpoints import LEAST_AGE_S, Checkpoints
+from av_fusion.contested_inputs import Copies
 from av_fusion.filter.gating import Agreement
 from av_fusion.measurement.input_gate import InputGate
-from av_fusion.measurement.measurements import Hypothesis
+from av_fusion.measurement.measurements import Detection, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_interfaces.msg import Bearing
 
@@ -170,6 +171,16 @@ def test_messages_are_punctual_by_the_delays_of_the_source_that_was_alone():
         assert source.take(0.1 * k, 0.1 * k + 0.25 + 0.01 * (k % 6))    # 0.25 to 0.3 s
     assert all(source.is_punctual(5.0, 5.0 + delay) for delay in (0.245, 0.27, 0.58))
     assert not any(source.is_punctual(5.0, 5.0 + delay) for delay in (-0.1, 0.0, 0.23, 0.62))
+
+
+def test_copies_are_recognised_on_a_camera_that_turns():
+    random, copies = np.random.default_rng(3), Copies()
+    pan = [((math.cos(a), -math.sin(a), 0.0), (math.sin(a), math.cos(a), 0.0), (0.0, 0.0, 1.0)) for a in (0.1, 0.7)]
+    for _ in range(50):
+        azimuth, elevation = random.normal(0.0, 0.3, 2)
+        first, again = (Detection(azimuth + angle, 1e-4, 0.9, elevation) for angle in (0.1, 0.7))
+        assert copies.among([[first]], pan[0]) == [False]
+        assert copies.among([[again], [first]], pan[1]) == [True, False]
 
 
 def test_measurements_that_contradict_each_other_do_not_agree():
