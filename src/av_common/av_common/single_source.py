@@ -98,7 +98,3 @@ class SingleSources:
     def is_contested(self, topic: str, now: float) -> bool:
         """Whether two sources of a topic sent at `now` (s)."""
         return self._sources[topic].is_contested(now)
-
-    def any_contested(self, now: float) -> bool:
-        """Whether some topic has two sources at `now` (s)."""
-        return any(source.is_contested(now) for source in self._sources.values())

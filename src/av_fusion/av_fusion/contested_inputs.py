@@ -17,6 +17,7 @@ DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 SENSORS = {DOA: Source.SOUND, DETECTIONS: Source.SIGHT}
 UNEXPECTED = 2  # measurements in a row that are not explained by a track show that it is false
 KEPT = 2000  # measurements of an input of which a copy is recognised
+KEPT_POSES = 200  # more than arrive until two sources are noticed and the tracker has returned to its former state
 DIGITS = 9  # of a unit vector, beyond which turning it back from the body differs
 REASON = 'an input has two sources: the track is continued, and counts as a prediction'
 
@@ -59,12 +60,23 @@ class ContestedInputs:
         self._agreements = {DOA: Agreement(), DETECTIONS: Agreement()}
         self._copies = {DOA: Copies(), DETECTIONS: Copies()}
         self._to_verify = 0  # measurements in a row that must contradict the continued tracks to end them
+        self._poses: deque[Pose] = deque(maxlen=KEPT_POSES)
+
+    def resume(self, tracker: Tracker) -> None:
+        """Give a tracker that returned to a former state the poses since then that continue each other.
+
+        Without them a false pose could be taken for the next one, as more motion is possible in a longer time.
+        """
+        for pose in self._poses:
+            if tracker.motion.continues(pose):
+                tracker.add_pose(pose)
 
     def use_pose(self, tracker: Tracker, pose: Pose, arrival: float) -> bool:
         """Whether a pose that arrived at `arrival` (s) can be given to the tracker."""
         usable = not self._is_contested(ODOMETRY, arrival) or tracker.motion.continues(pose)
         if usable:
             self._gate.use(ODOMETRY, pose.time, arrival)
+            self._poses.append(pose)
         return usable
 
     def use_doas(self, tracker: Tracker, measurements: list[DoaMeasurement], stamp: float, arrival: float

@@ -202,6 +202,7 @@ class FusionStage:
         self._waiting.get(name, deque()).clear()
         if self._checkpoints is not None:
             self.tracker, self.emitters = self._checkpoints.before(now) or (self.tracker, self.emitters)
+            self._contested.resume(self.tracker)
 
     def _queue(self, name: str, message: Any, arrival: float) -> FusionOutput | None:
         if not self._accept(name, message, arrival):
@@ -261,7 +262,7 @@ class FusionStage:
         self._last_output = now
         track = self.tracker.estimate(now)
         track, targets = self._contested.supported(track, self.tracker.targets(track), now)
-        if self._checkpoints is not None and not self.gate.sources.any_contested(now):
+        if self._checkpoints is not None:
             self._checkpoints.keep((self.tracker, self.emitters), now)
         if self._observer is not None:
             self._observer.on_track(track, now)

@@ -26,6 +26,9 @@ VIEW = 0.58    # rad, half
 OFFSETS = (0.0, 0.0, -0.1, 0.09, -0.5, -0.9)    # s, of forged stamps
 DELAYS = {'doa': 0.3, 'detections': 0.1, 'odometry': 0.003}    # s, of genuine messages
 FORGED = ('doa', 'detections', 'odometry')
+PUNCTUAL, SPARSE = (0.003, 0.013, 0.023, 0.033), (0.0, 0.003, 0.01, 0.05, 0.3)    # s, delays of forged odometry
+SPINS = [(seed, rate, age, 150.0, PUNCTUAL) for seed in (1, 4) for rate in (-40.0, 20.0, 35.0) for age in (0.1, 0.4)]
+SPINS += [(seed, 20.0, 0.1, 60.0, SPARSE) for seed in (0, 2)]
 
 
 def pixel(azimuth):
@@ -122,6 +125,25 @@ def test_a_track_that_was_drawn_away_ends_with_the_attack():
                 yield now, name, (now - DELAYS[name] + random.choice((-0.03, 0.0, 0.03)), *made[name])
     _, outputs = run(('doa', 'detections'), -40.0, attack=slow)
     assert all(is_true(output, azimuth) for now, output, azimuth in outputs if now > END + 0.7)
+
+
+@pytest.mark.parametrize(('seed', 'rate', 'age', 'frequency', 'delays'), SPINS)
+def test_old_attitudes_with_new_stamps_do_not_turn_the_rig(seed, rate, age, frequency, delays):
+    """A rig that turns and stops, and copies of its attitude of some time before the attack."""
+    stage, random, rate = make_stage(), Random(seed), math.radians(rate)
+
+    def yaw(time):
+        return rate * min(time - ATTACK, 0.4)
+    messages = [(stamp + DELAYS['odometry'], (stamp, yaw(stamp), rate * (stamp < ATTACK + 0.4)))
+                for stamp in np.arange(START, END, 0.01).tolist()]
+    messages += [(now, (now - random.choice(delays), yaw(ATTACK - age), rate))
+                 for now in np.arange(ATTACK, END, 1.0 / frequency).tolist()]
+    errors = []
+    for now, message in sorted(messages):
+        stage.on_odometry(odometry(*message), now)
+        stage.on_time(now)
+        errors.append(abs(wrap(stage.tracker.motion.yaw(now) - yaw(now))) if now > ATTACK + 1.0 else 0.0)
+    assert np.mean(errors) < math.radians(1.0)
 
 
 @pytest.mark.parametrize('name', FORGED)
