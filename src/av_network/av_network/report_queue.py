@@ -8,6 +8,8 @@ from collections.abc import Iterator
 
 from av_network.report import Report
 
+AWAKE_S = 2.0  # since a rig's newest capture, for which the next one is waited for: some of its reports may be lost
+
 
 class ReportQueue:
     """Holds reports back until those that were captured before have arrived, at the longest for a given time.
@@ -35,11 +37,12 @@ class ReportQueue:
             report: of a rig.
             captured (s): its time by the reference clock.
         """
+        # A late one, too, tells that its rig is to be waited for; else all of its reports would be late from then on.
+        self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
         if captured <= self._released or any(entry[:2] == (captured, report.rig) for entry in self._heap):
             self.late[report.rig] = self.late.get(report.rig, 0) + 1
             return False
         heapq.heappush(self._heap, (captured, report.rig, report))
-        self._newest[report.rig] = max(self._newest.get(report.rig, -math.inf), captured)
         return True
 
     def ready(self, now: float) -> Iterator[Report]:
@@ -48,7 +51,7 @@ class ReportQueue:
         Parameters:
             now (s): the reference clock.
         """
-        awake = [newest for newest in self._newest.values() if now - newest < self._wait]
+        awake = [newest for newest in self._newest.values() if now - newest < AWAKE_S]
         complete = max(min(awake, default=math.inf), now - self._wait)
         while self._heap and self._heap[0][0] <= complete:
             self._released, _, report = heapq.heappop(self._heap)

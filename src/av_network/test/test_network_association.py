@@ -84,3 +84,15 @@ def test_what_is_too_late_is_counted():
     assert list(queue.ready(2.0))
     assert not queue.put(report('b', 0.9), 0.9)
     assert queue.late == {'a': 1, 'b': 1}
+
+
+def test_a_rig_that_comes_back_is_waited_for():
+    """Reports of a rig take 0.2 s, and some are lost: all are used but the first, of which nobody knew, and the first after 10 s."""
+    queue, used = ReportQueue(0.5), []
+    there = [k for k in range(100) if k not in (4, 5, *range(20, 60))]
+    events = [(0.25 * k, 'a', 0.25 * k) for k in range(100)] + [(0.25 * k + 0.3, 'b', 0.25 * k + 0.1) for k in there]
+    for now, rig, captured in [*sorted(events), (30.0, 'a', 30.0)]:
+        queue.put(report(rig, captured), captured)
+        used += [each.time for each in queue.ready(now) if each.rig == 'b']
+    assert queue.late == {'b': 2}
+    assert used == pytest.approx([0.25 * k + 0.1 for k in there if k not in (0, 60)])
