@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
+from av_network.motion_model import target_motion
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
 
@@ -43,7 +44,7 @@ class Innovations(NamedTuple):
 
 
 class HypothesisFilter:
-    """Targets of nearly constant velocity, seen from rigs whose headings and clocks are off by slowly varying amounts.
+    """Targets of slowly varying velocity, seen from rigs whose headings and clocks are off by slowly varying amounts.
 
     The state of each is (heading, clock) of each of r rigs, then (position, velocity) of the target: N = 2 r + 6. A heading
     correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and clocks, targets are
@@ -150,15 +151,11 @@ class HypothesisFilter:
         n, P = self._offset, self.covariance
         self.rig_covariance[range(n), range(n)] += step * self._drift
         P[:, range(n), range(n)] += step * self._drift
-        place, speed = slice(n, n + 3), slice(n + 3, n + 6)
-        self.mean[:, place] += step * self.mean[:, speed]
-        P[:, place] += step * P[:, speed]
-        P[:, :, place] += step * P[:, :, speed]
-        density, axes = self._settings.manoeuvre, np.arange(n, n + 3)
-        P[:, axes, axes] += density * step**3 / 3.0
-        P[:, axes, axes + 3] += density * step**2 / 2.0
-        P[:, axes + 3, axes] += density * step**2 / 2.0
-        P[:, axes + 3, axes + 3] += density * step
+        F, Q = target_motion(step, self._settings)
+        self.mean[:, n:] = self.mean[:, n:] @ F.T
+        P[:, n:] = F @ P[:, n:]
+        P[:, :, n:] = P[:, :, n:] @ F.T
+        P[:, n:, n:] += Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
         """Differences of a rig's observations of one time from what the targets would give.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from av_network import sphere
-from av_network.motion_model import nearly_constant_velocity
+from av_network.motion_model import forgotten_velocity
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings
 
@@ -41,26 +41,28 @@ def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneT
         distance (m): at which its target is supposed.
         settings: speed and manoeuvres of targets.
     """
-    rate = (settings.speed_sigma / distance) ** 2
-    P = np.array([np.diag([variance, rate]) for variance in np.diag(one.covariance)])
+    rates = (settings.speed_sigma / distance) ** 2 * _shares(one.angles[1], settings)
+    P = np.array([np.diag([variance, rate]) for variance, rate in zip(np.diag(one.covariance), rates, strict=True)])
     return LoneTrack(one.time, one.angles, np.zeros(3), P)
 
 
-def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], densities: Sequence[float]
-           ) -> tuple[list[LoneTrack], NDArray[np.float64]]:
+def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64],
+           settings: NetworkSettings) -> tuple[list[LoneTrack], NDArray[np.float64]]:
     """Use the next observation of each of k tracks; returns the tracks and the logarithms (k,) of the densities (1/sr).
 
     Parameters:
         tracks (k,): by their earlier observations.
         observations (k,): one of each.
-        densities (k,) (rad^2/s^3): of the angular acceleration.
+        distances (k,) (m): at which their targets are supposed.
+        settings: speed and manoeuvres of targets.
     """
     steps = np.array([one.time - each.time for one, each in zip(observations, tracks, strict=True)])
     angles, rates, P = (np.array([getattr(each, name) for each in tracks]) for name in ('angles', 'rates', 'covariance'))
-    parts = [nearly_constant_velocity(step, density) for step, density in zip(steps, densities, strict=True)]
+    parts = [forgotten_velocity(step, settings.manoeuvre, settings.velocity_memory) for step in steps]
     F, Q = (np.array([part[which] for part in parts])[:, None] for which in (0, 1))
-    P = F @ P @ F.transpose(0, 1, 3, 2) + Q
-    ahead = sphere.moved(angles, steps[:, None] * rates)
+    shares = _shares(angles[:, 1], settings) / distances[:, None] ** 2
+    P = F @ P @ F.transpose(0, 1, 3, 2) + shares[:, :, None, None] * Q
+    ahead, rates = sphere.moved(angles, F[:, 0, :1, 1] * rates), F[:, 0, 1:, 1] * rates
     residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)
     S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])
     gain = P[..., :, 0] / S[..., None]
@@ -83,10 +85,13 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
         density (1/sr): of targets that are not tracked yet.
         settings: speed and manoeuvres of targets.
     """
-    distances = [max(float(np.linalg.norm(place - one.position)), 1.0) for place, one in zip(places, observations, strict=True)]
-    known = [(each, one, settings.manoeuvre / distance**2)
-             for each, one, distance in zip(tracks, observations, distances, strict=True) if each is not None and not one.anew]
-    followed = iter(zip(*follow(*(list(part) for part in zip(*known, strict=True))), strict=True)) if known else iter(())
+    distances = np.maximum(np.linalg.norm(places - np.array([one.position for one in observations]), axis=1), 1.0)
+    known = [(each, one, distance) for each, one, distance in zip(tracks, observations, distances, strict=True)
+             if each is not None and not one.anew]
+    followed: Iterator[tuple[LoneTrack, float]] = iter(())
+    if known:
+        earlier, newer, away = zip(*known, strict=True)
+        followed = iter(zip(*follow(earlier, newer, np.array(away), settings), strict=True))
     found: list[tuple[LoneTrack, float]] = []
     for each, one, distance in zip(tracks, observations, distances, strict=True):
         if each is not None and not one.anew:
@@ -95,3 +100,9 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
         else:
             found.append((begin(one, distance, settings), math.log(density)))
     return found
+
+
+def _shares(elevation: NDArray[np.float64] | float, settings: NetworkSettings) -> NDArray[np.float64]:
+    """Variances (..., 2) of motion across and up at elevations (...) (rad), over those of the horizontal axes."""
+    rise = np.sin(elevation) ** 2
+    return np.stack([np.ones_like(rise), rise + settings.climb_share**2 * (1.0 - rise)], -1)

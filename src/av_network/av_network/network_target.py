@@ -17,6 +17,7 @@ SIGHT_MEMORY = 20  # sightings over which the evidence for a drone is averaged
 NIS_MEMORY = 10  # observations over which the consistency is averaged
 EXPECTED_NIS = 2.0  # of two degrees of freedom
 SUPPORT_S = 1.5  # between observations of two rigs that count as simultaneous
+PROVEN_GAIN = 3.0  # of a member that fits while other rigs observe the target, too
 MOST_GAIN = 8.0  # of one member, so that new evidence against it counts soon
 
 
@@ -44,6 +45,7 @@ class NetworkTarget:
         started (s): time of its first observation.
         measured (s): time of its newest observation.
         supported (s): time of its newest observation while another rig observed it, too.
+        proven: those of the rigs' tracks, (index of the rig, id), that fitted it while other rigs observed it, too.
         id: counted up; 0 for a candidate.
         born (s): when it was confirmed.
         odds: logarithm of the odds of the best global hypothesis with it over that without it.
@@ -59,6 +61,7 @@ class NetworkTarget:
     started: float
     measured: float
     supported: float = -math.inf
+    proven: set[tuple[int, int]] = field(default_factory=set)
     id: int = 0
     born: float = math.inf
     odds: float = 0.0
@@ -103,8 +106,10 @@ class NetworkTarget:
         before = member.gain if member is not None and member.id == sighting.id else 0.0
         self.members[rig] = Member(sighting.id, time, min(before + gain, MOST_GAIN), alone)
         self.measured = max(self.measured, time)
-        if len(self.tracks(time - SUPPORT_S)) > 1:
+        if len(present := self.tracks(time - SUPPORT_S)) > 1:
             self.supported = max(self.supported, time)
+            self.proven = {key for key in self.tracks()
+                           if key in self.proven or (key in present and self.members[key[0]].gain > PROVEN_GAIN)}
         self.nis += (min(nis, 16.0) - self.nis) / NIS_MEMORY
         if sighting.class_id:
             self.classes[sighting.class_id] += 1

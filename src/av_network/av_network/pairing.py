@@ -7,10 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from av_network.hypothesis_filter import LOG_TAU, RIG_SIZE, HypothesisFilter, largest_sigmas
 from av_network.lone_track import begin
 from av_network.meeting import MOST_APART, meetings
+from av_network.motion_model import velocity_covariance
 from av_network.network_target import Member, NetworkTarget
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings
@@ -84,7 +86,7 @@ class Pairing:
         """Candidates of pairs, whose score is the Bayes factor of one target against two; targets are uniform in space."""
         settings, begun = self._settings, states.count
         means = np.concatenate([places, np.zeros((len(pairs), 3))], 1)
-        states.add(means, np.array([np.diag([WIDE_M**2] * 3 + [settings.speed_sigma**2] * 3)] * len(pairs)))
+        states.add(means, np.array([block_diag(WIDE_M**2 * np.eye(3), velocity_covariance(settings))] * len(pairs)))
         # The prior of the update is Gaussian and wide; at its centre it is replaced by the uniform one.
         prior = math.log(3.0 / settings.most_distance**3) + 1.5 * LOG_TAU + 3.0 * math.log(WIDE_M)
         scores = np.full(len(pairs), prior - math.log(density))

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from av_network.claims import WELL_SUPPORTED
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.motion_model import nearly_constant_velocity
+from av_network.motion_model import target_motion
 from av_network.network_target import NetworkTarget, TargetState
 from av_network.settings import NetworkSettings
 
-CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported
-SUPPORTED_S = 1.5  # for which a position is reported that only one rig observes
+CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
+SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
+CONTINUED_S = 6.0  # the same, by a track that is known from when others observed the target, too
 RECENT_S = 1.0  # for which a rig's observation counts as recent
 
 
@@ -30,7 +32,7 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
     """
     means, covariances = states.targets()
     step = 0.0 if states.time is None else time - states.time
-    F, Q = (np.kron(part, np.eye(3)) for part in nearly_constant_velocity(step, settings.manoeuvre))
+    F, Q = target_motion(step, settings)
     found = []
     for index, target in enumerate(hypotheses):
         if not target.confirmed:
@@ -38,10 +40,25 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
         mean, P = F @ means[index], F @ covariances[index] @ F.T + Q
-        verified = target.odds > 0.0 and time - target.supported < SUPPORTED_S
-        positioned = target.nis < CONSISTENT and verified and is_precise(mean, P, places, settings)
+        positioned = is_credible(target, time) and is_precise(mean, P, places, settings)
         found.append(TargetState(target, existence, mean, P, rigs, positioned))
     return sorted(found, key=lambda state: state.target.id)
+
+
+def is_credible(target: NetworkTarget, time: float) -> bool:
+    """Whether a target's observations fit each other, and are those of two rigs or were so lately.
+
+    One rig alone may meanwhile have a track of another drone. A track that fitted while other rigs observed the target, too,
+    is trusted for longer. Each rig beyond three makes a chance meeting less probable.
+
+    Parameters:
+        target: the target.
+        time (s): by the reference clock.
+    """
+    present = target.tracks(time - SUPPORTED_S)
+    patience = CONTINUED_S if present & target.proven else SUPPORTED_S
+    most = CONSISTENT + max(len(present) - WELL_SUPPORTED, 0)
+    return target.odds > 0.0 and time - target.supported < patience and target.nis < most
 
 
 def is_precise(mean: NDArray[np.float64], covariance: NDArray[np.float64], places: Sequence[NDArray[np.float64]],

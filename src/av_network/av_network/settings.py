@@ -28,8 +28,10 @@ class NetworkSettings:
     """Settings of a `NetworkTracker`.
 
     Parameters:
-        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each axis.
-        speed_sigma (m/s): prior standard deviation of a target's velocity along each axis.
+        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each horizontal axis.
+        speed_sigma (m/s): prior standard deviation of a target's velocity along each horizontal axis.
+        climb_share: standard deviations of vertical velocities and accelerations over those of horizontal ones.
+        velocity_memory (s): time in which a velocity falls to 1 / e of itself, unless it is measured anew.
         most_distance (m): greatest distance of a target from a rig.
         rig_manoeuvre (rad^2/s^3), rig_rate_sigma (rad/s): spectral density of the angular acceleration and prior standard
             deviation of the angular rate in the rigs' filters, see `Tracklets`.
@@ -45,15 +47,17 @@ class NetworkSettings:
         most_candidates: number of candidates that are examined at a time.
     """
 
-    manoeuvre: float = 3.0
-    speed_sigma: float = 10.0
+    manoeuvre: float = 2.0
+    speed_sigma: float = 6.0
+    climb_share: float = 0.3
+    velocity_memory: float = 6.0
     most_distance: float = 400.0
     rig_manoeuvre: float = 0.001
     rig_rate_sigma: float = 0.3
     heading_drift: float = math.radians(0.01)
     clock_drift: float = 1e-4
     sound_speed: float = 343.2
-    target_density: float = 0.2
+    target_density: float = 0.4
     confirmed: float = 0.95
     least_age: float = 1.0
     coast: float = 8.0

@@ -87,7 +87,7 @@ def test_what_is_too_late_is_counted():
 
 
 def test_a_rig_that_comes_back_is_waited_for():
-    """Reports of a rig take 0.2 s, and some are lost: all are used but the first, of which nobody knew, and the first after 10 s."""
+    """Reports take 0.2 s, and some are lost: all are used but the first, of which nobody knew, and the first after 10 s."""
     queue, used = ReportQueue(0.5), []
     there = [k for k in range(100) if k not in (4, 5, *range(20, 60))]
     events = [(0.25 * k, 'a', 0.25 * k) for k in range(100)] + [(0.25 * k + 0.3, 'b', 0.25 * k + 0.1) for k in there]

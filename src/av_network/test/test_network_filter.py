@@ -172,8 +172,9 @@ def test_considered_headings_stay():
 
 
 def test_density_of_a_lone_track_is_that_of_its_motion():
-    """Against the joint Gaussian density of three directions to one target whose acceleration is white."""
-    settings, distance, times, sigma = NetworkSettings(speed_sigma=8.0, manoeuvre=4.0), 50.0, np.array([0.0, 0.3, 0.7]), 0.01
+    """Against the joint Gaussian density of three directions to one target whose acceleration is white, and less in height."""
+    distance, times, sigma = 50.0, np.array([0.0, 0.3, 0.7]), 0.01
+    settings = NetworkSettings(speed_sigma=8.0, manoeuvre=4.0, climb_share=0.5, velocity_memory=1e9)
     azimuths = np.array([0.1, 0.16, 0.19])
     observations = [Observation(0, np.zeros(3), time, sighting(a, 0.0), np.array([a, 0.0]), np.eye(2) * sigma**2, time == 0.0)
                     for time, a in zip(times, azimuths, strict=True)]
@@ -183,8 +184,8 @@ def test_density_of_a_lone_track_is_that_of_its_motion():
         total += density
     # Given the first angle, later ones vary by its error, by the rate, and by twice integrated white noise.
     s, t = np.minimum.outer(times[1:], times[1:]), np.maximum.outer(times[1:], times[1:])
-    cov = (sigma**2 * (1.0 + np.eye(2)) + (8.0 / distance)**2 * np.outer(times[1:], times[1:])
-           + 4.0 / distance**2 * (s**2 * t / 2.0 - s**3 / 6.0))
-    expected = math.log(0.2) + sum(multivariate_normal.logpdf(angles, [angle] * 2, cov)
-                                   for angle, angles in ((azimuths[0], azimuths[1:]), (0.0, np.zeros(2))))
+    motion = (8.0 / distance)**2 * np.outer(times[1:], times[1:]) + 4.0 / distance**2 * (s**2 * t / 2.0 - s**3 / 6.0)
+    expected = math.log(0.2) + sum(
+        multivariate_normal.logpdf(angles, [angle] * 2, sigma**2 * (1.0 + np.eye(2)) + share * motion)
+        for angle, angles, share in ((azimuths[0], azimuths[1:], 1.0), (0.0, np.zeros(2), 0.25)))
     assert total == pytest.approx(expected)

@@ -9,12 +9,13 @@ import pytest
 
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.lone_track import LoneTrack
-from av_network.network_target import NetworkTarget
+from av_network.network_target import Member, NetworkTarget
 from av_network.report import Sighting
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
 
 SETTINGS = NetworkSettings()
+ALONE = LoneTrack(0.0, np.zeros(2), np.zeros(3), np.zeros((2, 2, 2)))
 KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0)
 
 
@@ -23,14 +24,42 @@ def positioned(target, sigma=1.0, time=10.5):
     states.predict(10.0)
     states.add(np.array([[0.0, 50.0, 20.0, 1.0, 0.0, 0.0]]), np.diag([sigma**2] * 3 + [1.0] * 3)[None])
     (state,) = target_states(states, [target], [np.zeros(3)], SETTINGS, time)
-    assert np.allclose(state.mean[:3], [time - 10.0, 50.0, 20.0])
+    memory = SETTINGS.velocity_memory
+    assert np.allclose(state.mean[:3], [memory * (1.0 - np.exp((10.0 - time) / memory)), 50.0, 20.0])
     return state.positioned
 
 
-@pytest.mark.parametrize('values', [{'nis': 3.1}, {'odds': -np.inf}, {'supported': 8.9}])
+@pytest.mark.parametrize('values', [{'nis': 3.1}, {'odds': -np.inf}, {'supported': 7.4}])
 def test_a_position_that_is_not_verified_is_not_told(values):
-    """Inconsistent, not the most probable, or observed by one rig alone for more than 1.5 s."""
+    """Inconsistent, not the most probable, or observed by one rig alone for more than 3 s."""
     assert positioned(KNOWN) and not positioned(replace(KNOWN, **values))
+
+
+def test_a_track_that_others_confirmed_is_believed_for_longer():
+    """For 6 s, but not when the rig has another track of the target by now, nor when it reports none."""
+    member = Member(7, 10.0, 5.0, ALONE)
+    followed = replace(KNOWN, members={0: member}, proven={(0, 7)}, supported=5.0)
+    assert positioned(followed) and not positioned(replace(followed, supported=4.4))
+    assert not positioned(replace(followed, proven={(0, 6)}))
+    assert not positioned(replace(followed, members={0: member._replace(last=7.0)}))
+
+
+def test_a_fourth_rig_makes_a_chance_meeting_improbable():
+    """Innovations of 3.5 instead of 2 are believed of four rigs, those of 4.1 are not."""
+    members = {rig: Member(1, 10.0, 5.0, ALONE) for rig in range(4)}
+    inconsistent = replace(KNOWN, nis=3.5, members=members)
+    assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.1))
+    del members[3]
+    assert not positioned(replace(inconsistent, members=members))
+
+
+def test_tracks_prove_themselves_while_others_observe_the_target():
+    """Two rigs fit until 2 s; a third one that comes at 5 s is alone, and one that does not fit proves nothing."""
+    target = NetworkTarget(0.0, 0.0)
+    for time in np.arange(0.0, 7.0, 0.25):
+        for rig, gain in ((0, 1.0), (1, 1.0), (2, -1.0)) if time <= 2.0 else ((3, 5.0),) if time >= 5.0 else ():
+            target.note(rig, Sighting(10 + rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, gain, ALONE)
+    assert target.proven == {(0, 10), (1, 11)}
 
 
 def test_a_position_that_is_not_precise_is_not_told():
@@ -40,8 +69,8 @@ def test_a_position_that_is_not_precise_is_not_told():
 
 def test_a_target_is_supported_while_two_rigs_observe_it():
     """One rig reports until 5 s, the other one until 2 s."""
-    target, alone = NetworkTarget(0.0, 0.0), LoneTrack(0.0, np.zeros(2), np.zeros(3), np.zeros((2, 2, 2)))
+    target = NetworkTarget(0.0, 0.0)
     for time in np.arange(0.0, 5.0, 0.25):
         for rig in (0, 1) if time <= 2.0 else (0,):
-            target.note(rig, Sighting(rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, 0.0, alone)
+            target.note(rig, Sighting(rig, 0.0, 0.0, np.eye(2), time), float(time), 2.0, 0.0, ALONE)
     assert target.measured == 4.75 and target.supported == 3.5

@@ -14,8 +14,9 @@ from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound
 from av_evaluation.network.cost_chart import draw_cost
 from av_evaluation.network.figures import NetworkPeer, NetworkRun, OwnTracker, run
+from av_evaluation.network.known_association import KnownAssociation
 from av_evaluation.network.partition import partition_figures
-from av_network.settings import RigSettings
+from av_evaluation.network.simulation import NetworkSimulation
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
 GHOST_S, RATIO, CLOCK_S, HEADING, HEALED_S = 2.0, 1.3, 0.005, math.radians(0.5), 2.0
@@ -53,21 +54,26 @@ def bound(options: argparse.Namespace) -> bool:
 
 def drones(options: argparse.Namespace) -> bool:
     """Three rigs and several drones, each measured by a rig for half of the time; Stone Soup's JPDA with `--peers`."""
-    makers: dict[str, Callable[[Sequence[RigSettings]], NetworkPeer]] = {'av_network': OwnTracker}
+    makers: dict[str, Callable[[NetworkSimulation], NetworkPeer]] = {
+        'av_network': lambda simulation: OwnTracker(cases.settings_of(simulation))}
     if options.peers:
         from av_evaluation.network.stone_soup import StoneSoupJpda  # an optional dependency
 
-        makers['Stone Soup JPDA'] = StoneSoupJpda
+        makers['Stone Soup JPDA'] = lambda simulation: StoneSoupJpda(cases.settings_of(simulation))
     print(f'three rigs, {options.drones} drones, each measured for half of the time')
     print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}{"of a core":>11}')
     simulations = [cases.five_drones(seed, drones=options.drones) for seed in _seeds(options)]
     reports = [simulation.arrivals() for simulation in simulations]
     means, ghosts = [], []
     for name, make in makers.items():
-        runs = [run(make(cases.settings_of(simulation)), simulation, arrivals)
+        runs = [run(make(simulation), simulation, arrivals)
                 for simulation, arrivals in zip(simulations, reports, strict=True)]
         means.append(_print_drones(name, runs))
         ghosts.append(max(each.longest_ghost() for each in runs))
+    if options.known:
+        _print_drones('true association', [
+            run(KnownAssociation(cases.settings_of(simulation), simulation.origins), simulation, arrivals)
+            for simulation, arrivals in zip(simulations, reports, strict=True)])
     return ghosts[0] <= GHOST_S and all(means[0] <= (1.0 - BETTER) * mean for mean in means[1:])
 
 
@@ -147,6 +153,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--distance', type=float, default=60.0, help='bound: m from their midpoint to the drone (%(default)s)')
     parser.add_argument('--drones', type=int, default=5, help='drones: their number (%(default)s)')
     parser.add_argument('--peers', action='store_true', help='drones: beside JPDA of Stone Soup, which is to be installed')
+    parser.add_argument('--known', action='store_true', help='drones: beside filters that are told from which drone a track is')
     parser.add_argument('--figure', type=Path, metavar='PNG', help='cost: picture to write')
     return parser
 

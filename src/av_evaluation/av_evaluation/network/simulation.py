@@ -145,6 +145,9 @@ class NetworkSimulation:
         seed: of all draws.
         sensing: see `SensingModel`.
         link: see `LinkModel`.
+
+    Attributes:
+        origins: the drone (index) behind each track (name of the rig, id) of the reports drawn so far that is not false.
     """
 
     rigs: Sequence[RigModel]
@@ -153,6 +156,7 @@ class NetworkSimulation:
     seed: int = 1
     sensing: SensingModel = SensingModel()
     link: LinkModel = LinkModel()
+    origins: dict[tuple[str, int], int] = field(init=False, default_factory=dict)
     _random: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -179,6 +183,7 @@ class NetworkSimulation:
             self._begin_and_end(spells, names, step)
             for drone, spell in spells.items():
                 self._measure(rig, spell, self.drones[drone], float(time), step)
+                self.origins[rig.name, spell.id] = drone
             false = self._false_tracks(false, names, float(time), step)
             if time >= due:
                 due += sensing.report_period

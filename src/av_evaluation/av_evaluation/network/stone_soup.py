@@ -25,7 +25,7 @@ from stonesoup.initiator.base import Initiator
 from stonesoup.initiator.simple import MultiMeasurementInitiator
 from stonesoup.measures import Mahalanobis
 from stonesoup.models.measurement.nonlinear import CartesianToElevationBearing
-from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
+from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, OrnsteinUhlenbeck
 from stonesoup.predictor.kalman import KalmanPredictor
 from stonesoup.types.angle import Bearing, Elevation
 from stonesoup.types.array import StateVector, StateVectors
@@ -39,6 +39,7 @@ from av_evaluation.experiments.stone_soup_jpda import jpda_updates, moment
 from av_evaluation.network.figures import Estimate
 from av_network.apparent_direction import ApparentDirections, apparent_directions
 from av_network.meeting import MOST_APART, meetings
+from av_network.motion_model import axes_shares, velocity_covariance
 from av_network.observation import Observation
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
@@ -49,6 +50,8 @@ PLACES, SPEEDS = [0, 2, 4], [1, 3, 5]  # of position and velocity in the state
 WIDE_M = 300.0  # standard deviation of a position before the first direction
 RECENT_S = 0.6  # for which a direction can meet that of another rig
 
+OWN = NetworkSettings()
+
 
 @dataclass(frozen=True)
 class StoneSoupTuning:
@@ -57,16 +60,14 @@ class StoneSoupTuning:
     Nothing was searched.
 
     Parameters:
-        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each axis.
-        speed_sigma (m/s): prior standard deviation of a target's velocity along each axis.
+        motion: of which the targets' motion counts.
         detected: probability that a rig's report holds a target.
         clutter (1/sr): density of a rig's directions that belong to no track.
         points: directions until a track counts, those of the first pair excluded.
         lost_sigma (m): root mean square error of a position from which a track ends.
     """
 
-    manoeuvre: float = 3.0
-    speed_sigma: float = 10.0
+    motion: NetworkSettings = OWN
     detected: float = 0.5
     clutter: float = 0.05
     points: int = 6
@@ -125,7 +126,7 @@ class _Triangulation(Initiator):
 
     predictor: Any = Property(doc='of states')
     updater: Any = Property(doc='of states')
-    speed_sigma: float = Property(doc='m/s, prior standard deviation of the velocity')
+    motion: NetworkSettings = Property(doc='of targets')
     most_sigma: float = Property(doc='m, of a position with which a track begins')
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -146,14 +147,14 @@ class _Triangulation(Initiator):
             return []
         none = np.zeros(max(each.metadata['observation'].rig for each in [one, *others]) + 1)
         met = meetings(direction, [each.metadata['observation'] for each in others], none, none,
-                       NetworkSettings().most_distance, self.speed_sigma * RECENT_S)
+                       self.motion.most_distance, self.motion.speed_sigma * RECENT_S)
         states = [self._state(place, other, one, timestamp)
                   for place, apart, other in zip(met.places, met.apart, others, strict=True) if apart < MOST_APART]
         return [state for state in states if position_sigma(state) < self.most_sigma]
 
     def _state(self, place: NDArray[np.float64], first: Any, second: Any, timestamp: datetime) -> Any:
-        mean, covariance = np.zeros((6, 1)), np.diag([WIDE_M**2, self.speed_sigma**2] * 3)
-        mean[PLACES, 0] = place
+        mean, covariance = np.zeros((6, 1)), np.diag([WIDE_M**2, 0.0] * 3)
+        mean[PLACES, 0], covariance[np.ix_(SPEEDS, SPEEDS)] = place, velocity_covariance(self.motion)
         begun = GaussianStatePrediction(StateVector(mean), covariance, timestamp=first.timestamp)
         state = self.updater.update(SingleHypothesis(begun, first))
         return self.updater.update(SingleHypothesis(self.predictor.predict(state, timestamp=timestamp), second))
@@ -177,7 +178,7 @@ class StoneSoupJpda:
         self._deleter = CovarianceBasedDeleter(tuning.lost_sigma**2, mapping=PLACES)
         nearest = GlobalNearestNeighbour(DistanceHypothesiser(self._predictor, self._updater, Mahalanobis(),
                                                               missed_distance=3.0))
-        pairs = _Triangulation(self._predictor, self._updater, tuning.speed_sigma, 2.0 * tuning.lost_sigma)
+        pairs = _Triangulation(self._predictor, self._updater, tuning.motion, 2.0 * tuning.lost_sigma)
         self._initiator = MultiMeasurementInitiator(None, CovarianceBasedDeleter(4.0 * tuning.lost_sigma**2, mapping=PLACES),
                                                     nearest, self._updater, min_points=tuning.points + 1, initiator=pairs)
 
@@ -206,7 +207,9 @@ def position_sigma(state: Any) -> float:
 
 
 def _motion(tuning: StoneSoupTuning) -> Any:
-    return KalmanPredictor(CombinedLinearGaussianTransitionModel([ConstantVelocity(tuning.manoeuvre)] * 3))
+    motion = tuning.motion
+    return KalmanPredictor(CombinedLinearGaussianTransitionModel([
+        OrnsteinUhlenbeck(motion.manoeuvre * share, 1.0 / motion.velocity_memory) for share in axes_shares(motion)]))
 
 
 def _estimate(identifier: int, state: Any) -> Estimate:
