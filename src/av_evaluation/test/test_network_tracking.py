@@ -10,6 +10,7 @@ import pytest
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound, position_bound
 from av_evaluation.network.figures import OwnTracker, run
+from av_evaluation.network.known_association import KnownAssociation
 from av_network.report import Report, Sighting
 
 
@@ -43,3 +44,26 @@ def test_headings_and_clocks_are_found():
         mean, sigma = peer.tracker.filter.rig_state(index)
         assert abs(mean[0] - rig.heading_error) < math.radians(0.5)
         assert abs(mean[1] - rig.clock_offset) < 4.0 * sigma[1] < 0.05
+
+
+def test_origins_are_the_drones_behind_the_tracks():
+    """Tracks that see a drone point at it; a track without an origin is false."""
+    simulation = cases.five_drones(21)
+    simulation.duration = 12.0
+    for _, report in simulation.arrivals():
+        for one in report.sightings:
+            drone = simulation.origins.get((report.rig, one.id))
+            assert drone is not None or one.by_sound
+            if drone is not None and not one.by_sound:
+                x, y, z = simulation.truth(report.time)[drone] - report.position
+                assert math.hypot(math.remainder(one.azimuth - math.atan2(y, x), math.tau) * math.cos(one.elevation),
+                                  one.elevation - math.atan2(z, math.hypot(x, y))) < math.radians(6.0)
+
+
+def test_true_association_needs_no_candidates():
+    """One drone by two rigs: a position from the second report on, within the bound."""
+    simulation = cases.two_rigs(12)
+    arrivals = simulation.arrivals()
+    found = run(KnownAssociation(cases.settings_of(simulation), simulation.origins), simulation, arrivals)
+    assert [len(each) for each in found.estimates[20:]] == [1] * len(found.estimates[20:])
+    assert found.rmse(10.0) < 1.3 * mean_bound(simulation, arrivals, 10.0) and 1.0 < np.mean(found.nees(10.0)) < 5.0
