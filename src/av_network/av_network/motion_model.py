@@ -61,7 +61,8 @@ def target_motion(step: float, settings: NetworkSettings) -> tuple[NDArray[np.fl
         settings: `manoeuvre`, `climb_share` and `velocity_memory`.
     """
     F, Q = forgotten_velocity(step, settings.manoeuvre, settings.velocity_memory)
-    return np.kron(F, np.eye(3)), np.kron(Q, np.diag(axes_shares(settings)))
+    return (np.asarray(np.kron(F, np.eye(3)), np.float64),
+            np.asarray(np.kron(Q, np.diag(axes_shares(settings))), np.float64))
 
 
 def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:

@@ -48,9 +48,9 @@ class NetworkSettings:
     """
 
     manoeuvre: float = 2.0
-    speed_sigma: float = 6.0
+    speed_sigma: float = 8.0
     climb_share: float = 0.3
-    velocity_memory: float = 6.0
+    velocity_memory: float = 15.0
     most_distance: float = 400.0
     rig_manoeuvre: float = 0.001
     rig_rate_sigma: float = 0.3
