@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from av_fusion.filter.fixed_emitter import LARGEST_MOVE, Emitter
 from av_fusion.filter.gaussian_component import GaussianComponent
 from av_fusion.filter.gaussian_mixture import BirthComponent
 from av_fusion.filter.hearing import Hearing, hear
@@ -17,14 +18,11 @@ from av_fusion.filter.target_density import TargetDensity
 from av_fusion.filter.world_direction import Deviation, WorldDirection, distance
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, angles, combined, dot
+from av_fusion.measurement.vectors import ZERO, Rows, angles, combined, dot
 
 # Emitters stand on the ground or on buildings, a few degrees from the horizon.
 MODEL = BayesSettings(usual_elevation=0.0, usual_elevation_sigma=math.radians(5.0), sound_floor_sigma=math.radians(1.0))
 GATE = 9.0  # square of a distance in standard deviations, within which a direction may stem from an emitter
-# Means of the normalised innovation and of its square (0 and 1 for a source that does not move); share of a window.
-LARGEST_BIAS, LARGEST_SPREAD, SHARE = 0.75, 2.5, 0.05
-LARGEST_MOVE = math.radians(4.0)  # between where an emitter was heard first and where it is learnt; closer ones are one
 DRIFT = math.radians(0.1) ** 2  # rad^2/s, of the rig's heading
 # Usual range of an emitter, by which its direction is less certain when the rig moves, and displacement of the rig since it was
 # heard from which the direction is not known any more.
@@ -36,8 +34,6 @@ LEARNT, FORGOTTEN = 0.5, 0.05
 NO_DRONE, DRONE = 0.25, 0.4
 UNKNOWN = 0.5  # probability of a drone while a sound is not judged
 JUDGED_S = 5.0  # over which probabilities of a drone are averaged
-# A bystander was heard from one place for this share of the last seconds, with at most this mean probability of a drone.
-HEARD, BYSTANDER = 0.4, 0.15
 EMITTER_ODDS = 10.0  # by which the odds of the target are smaller in the direction of a known emitter
 SIGHTING_SCORE, SIGHTING_S, NEAR_SIGHTING = 0.3, 1.0, math.radians(5.0)
 MAX_GAP_S, LARGEST_STEP_S = 5.0, 1.0
@@ -87,59 +83,6 @@ class _Sound(NamedTuple):
     drone: float
 
 
-@dataclass(eq=False)
-class _Emitter:
-    """What may be an emitter.
-
-    Parameters:
-        component: its direction in the world; it has no rates.
-        first: unit vector to where it was heard first.
-        place (m): where the rig was when it was heard last.
-        presence: share of the recent time for which it was heard.
-        bias, spread: means of the normalised innovation of its direction, and of its square.
-        drone: mean probability of the last seconds that it is a drone.
-        heard: share of the last seconds for which it was heard.
-        since (s): when it was learnt; infinite while it is not.
-    """
-
-    component: GaussianComponent
-    first: Vector
-    place: Vector
-    presence: float = 0.0
-    bias: float = 0.0
-    spread: float = 1.0
-    drone: float = 0.0
-    heard: float = 0.0
-    since: float = math.inf
-
-    @property
-    def is_known(self) -> bool:
-        """Whether it is learnt."""
-        return math.isfinite(self.since)
-
-    @property
-    def is_bystander(self) -> bool:
-        """Whether what has just been heard there for seconds was no drone."""
-        return self.heard > HEARD and self.drone < BYSTANDER * self.heard
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether its direction has not changed, as far as its deviations show."""
-        return (abs(self.bias) < LARGEST_BIAS and self.spread < LARGEST_SPREAD
-                and _azimuth_apart(self.first, self.component.direction) < LARGEST_MOVE)
-
-    def note(self, deviation: Deviation) -> None:
-        """Note how a direction of arrival deviates."""
-        normalised = deviation.innovation / math.sqrt(deviation.total)
-        self.bias += SHARE * (normalised - self.bias)
-        self.spread += SHARE * (normalised**2 - self.spread)
-
-    def distrust(self) -> None:
-        """Begin anew: it may be a drone, or moves."""
-        self.presence, self.bias, self.spread = 0.0, 0.0, 1.0
-        self.since, self.first = math.inf, self.component.direction
-
-
 class FixedEmitters:
     """Learns the directions of steady sources in the world, and lowers the probability of a drone of what is heard from there.
 
@@ -154,7 +97,7 @@ class FixedEmitters:
 
     def __init__(self, settings: FixedEmitterSettings, motion: RigMotion) -> None:
         self._settings, self._motion = settings, motion
-        self._emitters: list[_Emitter] = []
+        self._emitters: list[Emitter] = []
         self._sightings: list[_Sighting] = []
         self._time = -math.inf
         self._place, self._step = ZERO, 0.0  # m, where the rig is from where it began, and its displacement in this window
@@ -248,7 +191,7 @@ class FixedEmitters:
         unknown = math.isnan(measurement.drone_probability)
         return _Sound(measurement, hearing, seen, 1.0 if seen else UNKNOWN if unknown else measurement.drone_probability)
 
-    def _explain(self, emitter: _Emitter, sounds: Sequence[_Sound], time: float, dt: float) -> int | None:
+    def _explain(self, emitter: Emitter, sounds: Sequence[_Sound], time: float, dt: float) -> int | None:
         """Update an emitter by the likeliest direction of a window; returns the number of that, None where none is near."""
         emitter.component.covariance[0, 0] += DRIFT * dt + self._step**2 / USUAL_RANGE_M**2
         memory, recent = math.exp(-dt * math.log(2.0) / self._settings.learn_after), math.exp(-dt / JUDGED_S)
@@ -271,7 +214,7 @@ class FixedEmitters:
         return number
 
     @staticmethod
-    def _decide(emitter: _Emitter, sound: _Sound, time: float) -> None:
+    def _decide(emitter: Emitter, sound: _Sound, time: float) -> None:
         """Whether a source that is heard becomes known, or is trusted no more."""
         if emitter.is_known:
             if emitter.drone > DRONE:
@@ -288,11 +231,11 @@ class FixedEmitters:
             covariance[:2, :2] = [[birth.hh, birth.hv], [birth.hv, birth.vv]]
             component = GaussianComponent(1.0, birth.azimuth, birth.elevation, covariance,
                                           elevation_measured=birth.elevation_measured)
-            self._emitters.append(_Emitter(component, component.direction, self._place))
+            self._emitters.append(Emitter(component, component.direction, self._place))
 
     def _reduce(self) -> None:
         """Remove emitters that are gone or the same as another one, and the least present ones where there are too many."""
-        kept: list[_Emitter] = []
+        kept: list[Emitter] = []
         for emitter in sorted(self._emitters, key=lambda emitter: (not emitter.is_known, -emitter.presence)):
             direction = emitter.component.direction
             if not self._is_gone(emitter) and all(dot(direction, other.component.direction) < math.cos(LARGEST_MOVE)
@@ -300,7 +243,7 @@ class FixedEmitters:
                 kept.append(emitter)
         self._emitters = kept[:MOST_EMITTERS]
 
-    def _is_gone(self, emitter: _Emitter) -> bool:
+    def _is_gone(self, emitter: Emitter) -> bool:
         """Whether an emitter is not heard any more, or its direction is lost as the rig moved."""
         way = combined(1.0, self._place, -1.0, emitter.place)
         return dot(way, way) > FAR_M**2 or (emitter.is_known and emitter.presence < FORGOTTEN)
@@ -314,8 +257,3 @@ def _lowered(sound: _Sound) -> DoaMeasurement:
 def _log_density(deviations: Sequence[Deviation]) -> float:
     """Of a direction of arrival at an emitter: a wide one is near to all, and likely at none."""
     return -0.5 * (distance(deviations) + math.log(deviations[0].total))
-
-
-def _azimuth_apart(one: Vector, other: Vector) -> float:
-    """Angle (rad) between two directions as seen from above."""
-    return abs(math.remainder(angles(one)[0] - angles(other)[0], math.tau))
