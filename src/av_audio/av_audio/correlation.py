@@ -50,12 +50,31 @@ class Correlation(SteeredResponse):
         peak, drift = self.at_rest(spectra)
         return at_centre(peak, drift)
 
+    def highest_with(self, spectra: NDArray, weighting: Weighting) -> Peak:
+        """The highest peak of the whole window with other weights, without a model of motion.
+
+        Parameters:
+            spectra (m, k): spectra of the microphones.
+            weighting: gives the weights.
+        """
+        cross, power, _ = self._cross(spectra)
+        return self.highest_peak(spectra, cross * weighting(cross, power, self._band))
+
     def at_rest(self, spectra: NDArray) -> tuple[Peak, Drift | None]:
         """The highest peak of the whole window, and the motion within it; None where there is no model of it.
 
         Parameters:
             spectra (m, k): spectra of the microphones.
         """
+        cross, power, ego_noise = self._cross(spectra)
+        weights = self._weighting(cross, power, self._band)
+        peak = self.highest_peak(spectra, cross * weights)
+        if not (self.FOLLOWS_MOTION and self._drift.usable) or peak.significance <= 0.0:
+            return peak, None
+        return peak, self._drift.estimate(spectra, weights, ego_noise, peak.q)
+
+    def _cross(self, spectra: NDArray) -> tuple[NDArray, NDArray, NDArray | None]:
+        """Cross-spectra (p, k) without the rig's own noise, sqrt(P_i P_j) of the same pairs, and what was subtracted."""
         pairs = self._array.pairs
         cross = cross_spectra(spectra, pairs)
         ego_noise = None
@@ -63,12 +82,7 @@ class Correlation(SteeredResponse):
             ego_noise = self.ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
             cross = cross - ego_noise
         magnitude = np.abs(spectra)
-        power = magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
-        weights = self._weighting(cross, power, self._band)
-        peak = self.highest_peak(spectra, cross * weights)
-        if not (self.FOLLOWS_MOTION and self._drift.usable) or peak.significance <= 0.0:
-            return peak, None
-        return peak, self._drift.estimate(spectra, weights, ego_noise, peak.q)
+        return cross, magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]], ego_noise
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         return _reflection_variance(clusters) * height * inverse

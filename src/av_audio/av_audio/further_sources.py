@@ -27,6 +27,7 @@ SEPARATION, RESOLVED = 0.36, 1.3
 # Concentration of the phases about those of their source (von Mises), how many of the bins are independent, and steps by which
 # the shares of the sources in each cluster are estimated (expectation maximisation).
 CONCENTRATION, INDEPENDENT, SHARE_STEPS = 8.0, 0.1, 4
+LOG_NORMAL = np.log(np.i0(CONCENTRATION))
 # Significance of a further source that chance hardly reaches. To an array, bins that two sources share look like a source at
 # another place, alike in many clusters: significance counts by this factor, and sigma by its inverse.
 LEAST_SIGNIFICANCE = 2.8
@@ -95,26 +96,38 @@ class FurtherSources(SteeredResponse):
         if len(phases) > 1 or np.linalg.norm(peak.q - near) > self._resolved:
             return peak
         places = self._grid[np.linalg.norm(self._grid - near, axis=1) < 1.2 * self._resolved]
-        likelihood = np.array([self._mixture_likelihood(phases, near, place) for place in places])
+        likelihood = self._mixture_likelihoods(phases, near, places)
         weights = np.exp(INDEPENDENT * (likelihood - likelihood.max()))
         weights /= weights.sum()
         mean = weights @ places
         return replace(peak, q=mean, covariance=peak.covariance + (weights * (places - mean).T) @ (places - mean))
 
-    def _mixture_likelihood(self, phases: NDArray, first: NDArray, second: NDArray) -> float:
-        """Logarithm of the likelihood of phases (p, j, n) that stem from two directions or from noise, which has any phase."""
-        normal = np.log(np.i0(CONCENTRATION))
-        parts = [np.ones(phases.shape[1:], np.float32)]
-        for q in (first, second):
-            steering = np.exp(-1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None]
-            parts.append(np.exp((CONCENTRATION * (phases * steering).real - normal).mean(axis=0)))
-        density = np.stack(parts)  # (3, j, n)
+    def _mixture_likelihoods(self, phases: NDArray, first: NDArray, places: NDArray) -> NDArray:
+        """Logarithms (q,) of the likelihoods of phases that stem from two directions or from noise, which has any phase.
+
+        Parameters:
+            phases (p, j, n): unit phases of the cross-spectra.
+            first (rank,): one direction.
+            places (q, rank): the other, of each likelihood.
+        """
+        known = [np.ones(phases.shape[1:], np.float32), self._density(phases, first)]
+        return np.array([self._log_mixture(np.stack([*known, self._density(phases, place)])) for place in places])
+
+    def _density(self, phases: NDArray, q: NDArray) -> NDArray:
+        """Probability density (j, n) of phases (p, j, n) of a source at q (rank,), relative to that of any phase."""
+        steering = np.exp(-1j * (self._slowness @ q).astype(np.float32)[:, None] * self._omega)[..., None]
+        return np.exp((CONCENTRATION * (phases * steering).real - LOG_NORMAL).mean(axis=0))
+
+    def _log_mixture(self, density: NDArray) -> float:
+        """Logarithm of the likelihood of a mixture of densities (3, j, n), whose shares in each cluster are estimated."""
         sizes = self._cluster_sizes * self._group
-        shares = np.full((3, len(sizes)), 1.0 / 3.0)
-        for _ in range(SHARE_STEPS):
-            joint = np.repeat(shares, self._cluster_sizes, axis=1)[..., None] * density
-            total = joint.sum(axis=0)
-            shares = np.add.reduceat((joint / total).sum(axis=-1), self._clusters, axis=1) / sizes
+        shares = np.full((len(density), len(sizes)), 1.0 / len(density))
+        for step in range(SHARE_STEPS):
+            of_groups = np.repeat(shares, self._cluster_sizes, axis=1)
+            total = np.einsum('sj,sjn->jn', of_groups, density)
+            if step < SHARE_STEPS - 1:
+                expected = of_groups * np.einsum('sjn,jn->sj', density, 1.0 / total)
+                shares = np.add.reduceat(expected, self._clusters, axis=1) / sizes
         return float(np.log(total).sum())
 
     @staticmethod
