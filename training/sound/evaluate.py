@@ -81,12 +81,12 @@ def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('model', type=Path)
-    parser.add_argument('--data', type=Path, required=True, help='folder drone_detection of the shared data')
+    parser.add_argument('--clips', type=Path, required=True, help="folder of Svanstrom's clips of sound")
     parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
     parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
     arguments = parser.parse_args()
     model = DroneModel.load(arguments.model)
-    items = list(recordings(arguments.data / 'audio', arguments.packages, arguments.repository))
+    items = list(recordings(arguments.clips, arguments.packages, arguments.repository))
     drawn = list(rendered.recordings(np.random.default_rng(SEED), 60, 60))
     for snr_db in (AS_RECORDED_DB, *SNRS_DB):
         scene = 'as recorded' if snr_db == AS_RECORDED_DB else f'in scenes at {snr_db:g} dB'

@@ -65,7 +65,8 @@ DEBIAN = (
 PACKAGES = tuple(dict.fromkeys(name for name, _, _ in DEBIAN))
 MOST_OF_A_RULE = 60  # recordings
 
-# Svanstrom's clips (CC0 1.0), every other one of each kind is judged on.
+# Svanstrom's clips (CC0 1.0). Of each kind three numbers in a row, which may be of one place, are judged on, the next three
+# are not.
 CLIPS = {'DRONE': 'drone', 'HELICOPTER': 'helicopter', 'BACKGROUND': 'background'}
 
 # Seconds of ESC-50's clips at 16 kHz, and two drones in a room. ESC-10, a part of ESC-50, is CC BY 3.0 (K. J. Piczak, "ESC:
@@ -95,14 +96,14 @@ def recordings(clips: Path, packages: Path, repository: Path | None = None) -> I
     """All recordings.
 
     Parameters:
-        clips: folder `drone_detection/audio` of the shared data.
+        clips: folder of Svanstrom's clips, all of them or a part (`../shared/data/drone_detection/audio`).
         packages: folder into which Debian's packages are fetched and unpacked, once.
         repository: git directory of REPOSITORY; None leaves it out.
     """
-    for path in sorted(clips.glob('*.flac')):
+    for path in sorted(path for path in clips.iterdir() if path.suffix in ('.flac', '.wav')):
         kind, number = path.stem.split('_')
-        split = 'train' if (int(number) // 3) % 2 else 'test'
-        yield Recording(CLIPS[kind], path.name, path.stem, split, read(path))
+        block = int(number) // 3
+        yield Recording(CLIPS[kind], path.name, f'{kind}_{block}', 'train' if block % 2 else 'test', read(path))
     for name in PACKAGES:
         yield from _of_package(name, unpacked(name, packages))
     if repository is not None:

@@ -31,7 +31,8 @@ class Scenes:
         square = MicrophoneArray(np.array([[x, y, 0.0] for x in (-0.033, 0.033) for y in (-0.033, 0.033)]), 'square')
         self._arrays = [(array, SourceSpectra(array, RATE, SPEED_OF_SOUND)) for array in (*pairs, square)]
 
-    def example(self, source: NDArray, other: NDArray | None, snr_db: float, other_db: float) -> NDArray[np.float32]:
+    def example(self, source: NDArray, other: NDArray | None, snr_db: float, other_db: float,
+                separated: bool = False) -> NDArray[np.float32]:
         """Features of a source in a random scene.
 
         Parameters:
@@ -39,23 +40,27 @@ class Scenes:
             other (SAMPLES,): sound from another direction; None without.
             snr_db (dB): source over noise at a microphone.
             other_db (dB): the other sound over the source.
+            separated: whether the direction of the other is known, so that its sound is removed.
         """
         rng = self._rng
         array, spectra = self._arrays[int(rng.integers(len(self._arrays)))]
         q = self._direction(array.rank)
         heard = self._arriving(source, array, q)
         scale = np.std(heard) + 1e-12
+        known = []
         if other is not None:
             apart = self._direction(array.rank)
             while np.linalg.norm(apart - q) < 0.25:
                 apart = self._direction(array.rank)
             added = self._arriving(other, array, apart)
             heard = heard + added * scale / (np.std(added) + 1e-12) * 10.0 ** (other_db / 20.0)
+            if separated:
+                known = [apart + 0.02 * rng.standard_normal(array.rank)]
         noise = self._noise(heard.shape)
         heard = heard + noise * scale / np.std(noise) * 10.0 ** (-snr_db / 20.0)
         spectra.clear()
         spectra.add((heard / np.abs(heard).max() * 10.0 ** rng.uniform(-2.5, 0.0)).T.astype(np.float32))
-        return self._features(spectra.steered(q + 0.02 * rng.standard_normal(array.rank)))
+        return self._features(spectra.steered(q + 0.02 * rng.standard_normal(array.rank), others=known))
 
     def _direction(self, rank: int) -> NDArray:
         vector = self._rng.standard_normal(3)

@@ -17,15 +17,20 @@ from sklearn.neural_network import MLPClassifier
 from av_audio.drone_model import LARGEST_FEATURE, DroneModel
 
 RENDERED_DRONES, RENDERED_OTHERS = 0.5, 0.25  # shares of all examples of their side
+LOUD, OFTEN = ('alarm', 'rendered alarm', 'rendered bystander'), 3  # kinds that are drawn as many times as often as others
 HIDDEN = (32, 16)
 RENDERED = (500, 500)  # sounds of drones and of others
 SNRS_DB, AS_RECORDED = (-3.0, 35.0), 0.4  # of the examples
+# Share of the scenes with a second source; of those, share in which its direction is known; and how much louder than what is
+# judged it is at most: beside something else, beside a drone.
+BESIDE, SEPARATED = 0.35, 0.6
+QUIETER_DB, LOUDER_DB, LOUDER_SEPARATED_DB = -25.0, (-3.0, 3.0), (3.0, 14.0)
 EPOCHS = 15
 FOLDS = 4  # of recordings, for the calibration
 
 
 class Material:
-    """Draws sounds: a drone, or one of the other kinds, all alike often.
+    """Draws sounds: a drone, or one of the other kinds, alike often but for loud ones.
 
     Parameters:
         items: recordings of one side of the split.
@@ -47,6 +52,7 @@ class Material:
         """Sound of something else, and its group."""
         is_rendered = self._rng.random() < RENDERED_OTHERS
         kinds = [kind for kind in self._kinds if kind.startswith('rendered') == is_rendered]
+        kinds += (OFTEN - 1) * [kind for kind in kinds if kind in LOUD]
         return self._of_kind(str(self._rng.choice(kinds)), 0.8, 1.25)
 
     def _of_kind(self, kind: str, slowest: float, fastest: float) -> tuple[NDArray, str]:
@@ -72,11 +78,11 @@ def examples(material: Material, scenes: Scenes, count: int, rng: np.random.Gene
     for number in range(count):
         is_drone = number % 2 == 0
         source, group = material.drone() if is_drone else material.other()
-        beside = rng.random() < 0.25
-        other = None
-        if beside:
+        other, separated = None, bool(rng.random() < SEPARATED)
+        if rng.random() < BESIDE:
             other = material.drone()[0] if not is_drone and rng.random() < 0.5 else material.other()[0]
-        features.append(scenes.example(source, other, rng.uniform(*SNRS_DB), rng.uniform(-25.0, 3.0 if is_drone else -3.0)))
+        louder_db = (LOUDER_SEPARATED_DB if separated else LOUDER_DB)[is_drone]
+        features.append(scenes.example(source, other, rng.uniform(*SNRS_DB), rng.uniform(QUIETER_DB, louder_db), separated))
         labels.append(is_drone)
         groups.append(group)
     return np.array(features), np.array(labels), np.array(groups)
@@ -127,7 +133,7 @@ def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('out', type=Path, help='the model, such as ../../src/av_audio/models/drone_sound.npz')
-    parser.add_argument('--data', type=Path, required=True, help='folder drone_detection of the shared data')
+    parser.add_argument('--clips', type=Path, required=True, help="folder of Svanstrom's clips of sound")
     parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
     parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
     parser.add_argument('--count', type=int, default=35_000, help='number of examples')
@@ -140,7 +146,7 @@ def main() -> None:
             features, labels, groups = file['features'], file['labels'], file['groups']
     else:
         rng = np.random.default_rng(arguments.seed)
-        train = [item for item in recordings(arguments.data / 'audio', arguments.packages, arguments.repository)
+        train = [item for item in recordings(arguments.clips, arguments.packages, arguments.repository)
                  if item.split == 'train']
         train.extend(rendered.recordings(rng, *RENDERED))
         features, labels, groups = examples(Material(train, rng), Scenes(rng, AS_RECORDED), arguments.count, rng)
