@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from av_fusion.filter.process_noise import LARGEST, LEAST, ONE_OF_SEVERAL, AdaptiveProcessNoise
+from av_fusion.filter.process_noise import LEAST, ONE_OF_SEVERAL, ONLY, AdaptiveProcessNoise
 
 
 def after(measurements, nis, rate, noise=None):
@@ -21,7 +21,7 @@ def after(measurements, nis, rate, noise=None):
 def test_large_innovations_raise_it_at_once_and_small_ones_lower_it():
     """Three sigma once is enough; it falls to 1 within ten small innovations."""
     manoeuvring = after(1, 9.0, 0.2)
-    assert manoeuvring.value == LARGEST
+    assert manoeuvring.value == ONLY.largest
     assert after(10, 0.5, 0.0, manoeuvring).value == pytest.approx(1.0)
 
 
@@ -31,7 +31,7 @@ def test_only_long_steady_motion_lowers_it_below_one():
     steady = after(100, 0.5, 0.2)
     assert steady.value == LEAST
     assert after(100, 0.5, 0.0).value == 1.0
-    assert after(1, 9.0, 0.2, steady).value == LARGEST
+    assert after(1, 9.0, 0.2, steady).value == ONLY.largest
 
 
 def test_among_several_slow_motion_is_steady_too_and_a_manoeuvre_is_noticed_sooner():

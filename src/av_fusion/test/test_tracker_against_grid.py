@@ -14,6 +14,7 @@ from av_fusion.filter import consistency, process_noise
 from av_fusion.filter.gaussian_component import PASSING_S
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.multi_target import bernoulli_track
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.tracker import MultiTargetTracker
 
@@ -63,7 +64,8 @@ class Histogram:
 @pytest.mark.parametrize('start_deg', [20.0, 150.0, -130.0, -40.0])
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
-    monkeypatch.setattr(process_noise, 'LARGEST', 1.0)  # the histogram knows one acceleration only
+    for module in (process_noise, bernoulli_track):  # the histogram knows one acceleration only
+        monkeypatch.setattr(module, 'ONLY', process_noise.ONLY._replace(largest=1.0))
     monkeypatch.setattr(consistency, 'LEAST', 1.0)  # and expects the innovations that its models state
     tracker = MultiTargetTracker(MultiTargetSettings(SETTINGS))
     histogram, sensors = Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))

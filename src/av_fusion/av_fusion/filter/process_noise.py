@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 EXPECTED_NIS, LARGEST_NIS = 1.0, 9.0  # normalised innovation squared: mean of a consistent filter, and bound
 FALL = 1.0  # gain of the logarithm of the scale where innovations are small
-LEAST, LARGEST = 0.03, 10.0  # bounds of the scale
+LEAST = 0.03  # lower bound of the scale
 LEAST_IN_VIEW = 0.1  # lower bound while the camera sees the target
 STEADY_COUNT = 7.0  # independent measurements of steady motion that halve the upper bound of 1
 MANOEUVRE_SCALE = 2.0  # a scale above this is a manoeuvre, after which steadiness is counted from zero
@@ -19,15 +19,17 @@ class Adaptation(NamedTuple):
     Parameters:
         rise: gain of the logarithm of the scale where innovations are large.
         slow (rad/s): slower motion is not evidence of steadiness.
+        largest: upper bound of the scale.
     """
 
     rise: float
     slow: float
+    largest: float
 
 
-ONLY = Adaptation(rise=3.0, slow=math.radians(5.0))
+ONLY = Adaptation(rise=3.0, slow=math.radians(5.0), largest=10.0)
 # Several targets are told apart by steady motion, also by slow one, if a manoeuvre is noticed all the sooner.
-ONE_OF_SEVERAL = Adaptation(rise=8.0, slow=math.radians(2.0))
+ONE_OF_SEVERAL = Adaptation(rise=8.0, slow=math.radians(2.0), largest=33.0)
 
 
 class AdaptiveProcessNoise:
@@ -65,5 +67,5 @@ class AdaptiveProcessNoise:
         excess = self._nis - EXPECTED_NIS * self._weight
         value = self.value * math.exp((self.adaptation.rise if excess > 0.0 else FALL) * fraction * excess)
         self._steady = 0.0 if value > MANOEUVRE_SCALE else self._steady + fraction * self._moving
-        self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._steady / STEADY_COUNT) ** 2)), LARGEST)
+        self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._steady / STEADY_COUNT) ** 2)), self.adaptation.largest)
         self._nis = self._weight = self._moving = 0.0

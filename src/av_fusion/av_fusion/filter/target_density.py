@@ -224,7 +224,7 @@ class TargetDensity:
             found = [ratio * factor for ratio, factor in zip(found, free, strict=True)]
             missed, likelihood = likelihood, likelihood + sum(found)
             shares = [ratio / likelihood for ratio in found]
-            self._note_nearest(component, deviations, free)
+            self._note_nearest(component, deviations, shares)
             _associate(component, past, image.directions, deviations, shares)
             score = max((d.score for d, share in zip(image.measurement.detections, shares, strict=True) if share > ASSOCIATED),
                         default=0.0)
@@ -234,12 +234,12 @@ class TargetDensity:
         component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
         return score
 
-    def _note_nearest(self, component: GaussianComponent, deviations: Sequence[Sequence[Deviation]], free: Sequence[float]
+    def _note_nearest(self, component: GaussianComponent, deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]
                       ) -> None:
-        """Note the nearest detection even if it is not associated: the target may be turning away."""
+        """Note the nearest detection by its association probability: false ones are no manoeuvres."""
         nearest = min(range(len(deviations)), key=lambda k: distance(deviations[k]))
         across, *others = deviations[nearest]
-        weight, level = component.weight * min(free[nearest], 1.0), math.cos(component.elevation) ** 2
+        weight, level = component.weight * shares[nearest], math.cos(component.elevation) ** 2
         if across.distance < self.manoeuvre_gate:
             self.process_noise.note(weight, component.across_rate, across.innovation, across.total)
             self.consistency.sight.note(weight, across.innovation, across.total)

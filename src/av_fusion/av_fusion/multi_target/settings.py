@@ -33,7 +33,7 @@ class MultiTargetSettings:
     """
 
     target: BayesSettings = field(default_factory=BayesSettings)
-    acceleration_density: float = 0.001
+    acceleration_density: float = 0.0003
     elevation_density: float = 0.0003
     rate_sigma: float = 0.15
     undetected_first: float = 1.0
