@@ -10,6 +10,7 @@ from av_fusion.filter.gaussian_component import GaussianComponent
 from av_fusion.measurement.vectors import dot, offset, tangents
 
 STATES = 4  # directions across and up, and their rates
+TURNED = np.diag([0.0, 0.0, 1.0, 1.0]) * math.radians(4.0) ** 2  # (rad/s)^2, of manoeuvres unseen
 NEAR = math.cos(math.radians(40.0))  # of directions that may be confused
 
 
@@ -23,7 +24,7 @@ def overlap(one: GaussianComponent, other: GaussianComponent) -> float:
         return 0.0
     across, up = offset(one.direction, *tangents(one.azimuth, one.elevation), other.direction)
     difference = np.array([across, up, other.across_rate - one.across_rate, other.up_rate - one.up_rate])
-    first, second = (component.covariance[:STATES, :STATES] for component in (one, other))
+    first, second = (component.covariance[:STATES, :STATES] + TURNED for component in (one, other))
     mean = 0.5 * (first + second)
     distance = 0.125 * float(difference @ np.linalg.solve(mean, difference))
     volumes = [np.linalg.slogdet(matrix)[1] for matrix in (mean, first, second)]
