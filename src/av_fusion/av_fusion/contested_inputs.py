@@ -26,7 +26,7 @@ class Copies:
     """Recognises measurements that equal former ones: true ones have noise, and never repeat to the last digit."""
 
     def __init__(self) -> None:
-        self._former: deque[tuple[Vector, ...]] = deque(maxlen=KEPT)
+        self._former: dict[tuple[Vector, ...], None] = {}  # in order of their newest occurrence; a set has no order
 
     def among(self, measured: Iterable[Sequence[Hypothesis | Detection]], sensor: Rows = IDENTITY) -> list[bool]:
         """Note the measurements of one message; returns which of them a former message had.
@@ -40,7 +40,11 @@ class Copies:
             seen = [turned_back(sensor, direction(one.azimuth, one.elevation)) for one in directions]
             found.append(tuple([(round(x, DIGITS), round(y, DIGITS), round(z, DIGITS)) for x, y, z in seen]))
         copies = [one in self._former for one in found]
-        self._former += found
+        for one in found:
+            self._former.pop(one, None)
+            self._former[one] = None
+        while len(self._former) > KEPT:
+            del self._former[next(iter(self._former))]
         return copies
 
 
