@@ -69,6 +69,17 @@ def test_motion_is_wrong_while_it_is_forbidden():
     assert judged(START + 5.0, still_from=START + 0.5, ended=START + 0.7) == 10
 
 
+def test_a_wrong_motion_is_told_with_the_bearing_that_it_rests_on():
+    judge = CommandJudge(PointingSettings())
+    judge.on_input('measurement', START, START - 0.05)
+    for late in (0.1, 0.2, 0.3):    # repeated twice
+        judge.on_bearing(START + late, START - 0.05)
+    judge.on_command(PointingCommand(move_body=True, yaw_rate=0.1), START + 0.45, START + 0.45)
+    judge.judge(START + 10.0)
+    assert judge.findings.moves[0].endswith('0.45 s after the newest measurement; '
+                                            'a bearing stated 0.35 s before that it was captured 0.15 s before')
+
+
 def odometry(time: float, x: float) -> Odometry:
     message = Odometry()
     message.header.stamp, message.pose.pose.position.x = to_stamp(time), x

@@ -50,6 +50,7 @@ class CommandJudge:
         self._limits = CommandLimits(settings, ROUNDING, JITTER)
         self._waiting: deque[tuple[float, float, PointingCommand]] = deque()
         self._arrivals: dict[str, deque[float]] = {'measurement': deque(maxlen=2000), 'odometry': deque(maxlen=2000)}
+        self._bearings: deque[tuple[float, float]] = deque(maxlen=2000)
         self._still_from = self._still_until = math.inf
         self._stamp = math.nan
         self.findings = Findings()
@@ -80,6 +81,15 @@ class CommandJudge:
         """
         if -0.1 <= published - stamp <= 1.0:
             self._arrivals[kind].append(published)
+
+    def on_bearing(self, published: float, measured: float) -> None:
+        """A bearing of the rig, which explains a command that follows it.
+
+        Parameters:
+            published (s): time of its publication.
+            measured (s): capture time of its newest measurement.
+        """
+        self._bearings.append((published, measured))
 
     def on_command(self, command: PointingCommand, stamp: float, now: float) -> None:
         """A command of the rig.
@@ -119,5 +129,12 @@ class CommandJudge:
         for kind, arrivals in self._arrivals.items():
             age = stamp - max((time for time in arrivals if time <= stamp), default=-math.inf)
             if age > MOTION_LIFETIME + SLACK:
-                return f'{age:.2f} s after the newest {kind}'
+                return f'{age:.2f} s after the newest {kind}{self._newest_bearing(stamp)}'
         return ''
+
+    def _newest_bearing(self, stamp: float) -> str:
+        """When the newest measurement was stated that the bearings before `stamp` (s) rest on."""
+        before = [bearing for bearing in self._bearings if bearing[0] <= stamp]
+        measured = max((measured for _, measured in before), default=math.nan)
+        stated = min((published for published, captured in before if captured == measured), default=math.nan)
+        return f'; a bearing stated {stamp - stated:.2f} s before that it was captured {stated - measured:.2f} s before'

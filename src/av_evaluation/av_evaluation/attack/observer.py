@@ -82,6 +82,7 @@ class Observer(Node):
 
     def _on_bearing(self, message: Bearing, published: float) -> None:
         self.check.on_bearing(message, published)
+        self.judge.on_bearing(published, to_seconds(message.measured))
 
     def _on_measurement(self, field: str, message: Any, published: float) -> None:
         if len(getattr(message, field)) > 0:
