@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
-from av_network.motion_model import target_motion
+from av_network.motion_model import acceleration_covariance, target_motion
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
 
 LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 HEADING, CLOCK = 0, 1  # in the part of the state of one rig
-RIG_SIZE, TARGET_SIZE = 2, 6
+RIG_SIZE, MEASURED_SIZE, TARGET_SIZE = 2, 6, 9
 LOG_TAU = math.log(math.tau)
 
 
@@ -46,9 +46,9 @@ class Innovations(NamedTuple):
 class HypothesisFilter:
     """Targets of slowly varying velocity, seen from rigs whose headings and clocks are off by slowly varying amounts.
 
-    The state of each is (heading, clock) of each of r rigs, then (position, velocity) of the target: N = 2 r + 6. A heading
-    correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and clocks, targets are
-    independent of each other, so no covariance between them is kept.
+    The state of each is (heading, clock) of each of r rigs, then (position, velocity, acceleration) of the target:
+    N = 2 r + 9. A heading correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and
+    clocks, targets are independent of each other, so no covariance between them is kept.
 
     Attributes:
         time (s): for which the states hold, by the reference clock; None before the first prediction.
@@ -93,16 +93,16 @@ class HypothesisFilter:
         return time + float(self.rig_mean[RIG_SIZE * rig + CLOCK])
 
     def targets(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Means (n, 6) and covariances (n, 6, 6) of position and velocity."""
+        """Means (n, 9) and covariances (n, 9, 9) of position, velocity and acceleration."""
         n = self._offset
         return self.mean[:, n:], self.covariance[:, n:, n:]
 
     def conditional_covariances(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Covariances (k, 6, 6) of some targets (k,) if headings and clocks were known."""
+        """Covariances (k, 9, 9) of some targets (k,) if headings and clocks were known."""
         return self._given_rigs(self.covariance[rows])[1]
 
     def difference(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean (6,) and covariance (6, 6) of the difference of two targets."""
+        """Mean (9,) and covariance (9, 9) of the difference of two targets."""
         n = self._offset
         a, b = self.mean[first, n:], self.mean[second, n:]
         P, Q = self.covariance[first], self.covariance[second]
@@ -117,8 +117,10 @@ class HypothesisFilter:
         """
         k, n = len(means), self._offset
         mean, P = np.zeros((k, n + TARGET_SIZE)), np.zeros((k, n + TARGET_SIZE, n + TARGET_SIZE))
-        mean[:, :n], mean[:, n:] = self.rig_mean, means
-        P[:, :n, :n], P[:, n:, n:] = self.rig_covariance, covariances
+        known = slice(n, n + MEASURED_SIZE)
+        mean[:, :n], mean[:, known] = self.rig_mean, means
+        P[:, :n, :n], P[:, known, known] = self.rig_covariance, covariances
+        P[:, known.stop:, known.stop:] = acceleration_covariance(self._settings)
         self.mean, self.covariance = np.concatenate([self.mean, mean]), np.concatenate([self.covariance, P])
 
     def keep(self, indices: Sequence[int]) -> None:
@@ -151,10 +153,10 @@ class HypothesisFilter:
         n, P = self._offset, self.covariance
         self.rig_covariance[range(n), range(n)] += step * self._drift
         P[:, range(n), range(n)] += step * self._drift
-        F, Q = target_motion(step, self._settings)
-        self.mean[:, n:] = self.mean[:, n:] @ F.T
+        F, Q = target_motion(step, self.mean[:, n + 3:n + MEASURED_SIZE], self._settings)
+        self.mean[:, n:] = np.einsum('nij,nj->ni', F, self.mean[:, n:])
         P[:, n:] = F @ P[:, n:]
-        P[:, :, n:] = P[:, :, n:] @ F.T
+        P[:, :, n:] = P[:, :, n:] @ F.transpose(0, 2, 1)
         P[:, n:, n:] += Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
@@ -176,7 +178,7 @@ class HypothesisFilter:
         for by_sound in set(sounds.tolist()):
             chosen = np.flatnonzero(sounds == by_sound)
             speed = np.full(count, self._settings.sound_speed if by_sound else math.inf)
-            expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:], first.position, ahead, speed)
+            expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:n + MEASURED_SIZE], first.position, ahead, speed)
             level = np.cos(expected.elevation)
             measured = angles[chosen] + np.stack([heading, 0.0 * heading], 1)[:, None]
             residuals[:, chosen] = sphere.offsets(measured, np.stack([expected.azimuth, expected.elevation], 1)[:, None])
@@ -211,7 +213,7 @@ class HypothesisFilter:
         self.covariance[rows] = P + half + half.transpose(0, 2, 1)
 
     def _given_rigs(self, P: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Dependence (n, 6, 2 r) of targets on headings and clocks, and covariances (n, 6, 6) if those were known."""
+        """Dependence (n, 9, 2 r) of targets on headings and clocks, and covariances (n, 9, 9) if those were known."""
         n = self._offset
         gain = np.linalg.solve(P[:, :n, :n], P[:, :n, n:]).transpose(0, 2, 1)
         return gain, P[:, n:, n:] - gain @ P[:, :n, n:]
@@ -219,13 +221,13 @@ class HypothesisFilter:
     def _columns(self, rig: int) -> NDArray[np.intp]:
         """Indices (8,) of a rig's part of the state and of that of the target."""
         n = self._offset
-        return np.concatenate([np.arange(RIG_SIZE * rig, RIG_SIZE * (rig + 1)), np.arange(n, n + TARGET_SIZE)])
+        return np.concatenate([np.arange(RIG_SIZE * rig, RIG_SIZE * (rig + 1)), np.arange(n, n + MEASURED_SIZE)])
 
 
 def largest_sigmas(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     """Largest standard deviations (n,) (m) of positions along any axis.
 
     Parameters:
-        covariances (n, 6, 6): of position and velocity.
+        covariances (n, 9, 9): of the targets.
     """
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[:, :3, :3])[:, -1], 0.0)))

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_network import sphere
-from av_network.motion_model import forgotten_velocity
+from av_network.motion_model import acceleration_variance, axis_motion
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings
 
 
 class LoneTrack(NamedTuple):
-    """Nearly constant angular velocity, with the speed and the manoeuvres that the network's targets have at a distance.
+    """A direction that moves with the speed and the manoeuvres that the network's targets have at a distance.
 
     Models of different manoeuvres would by themselves speak for one hypothesis, and that the longer, the more.
 
@@ -24,12 +24,14 @@ class LoneTrack(NamedTuple):
         time (s): by the rig's clock.
         angles (2,) (rad): azimuth and elevation.
         rates (3,) (rad/s): of the direction, a vector in the world.
-        covariance (2, 2, 2): of the arc and its rate, across and up.
+        changes (3,) (rad/s^2): of the rates.
+        covariance (2, 3, 3): of the arc, its rate and the change of that, across and up.
     """
 
     time: float
     angles: NDArray[np.float64]
     rates: NDArray[np.float64]
+    changes: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
 
@@ -41,9 +43,9 @@ def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneT
         distance (m): at which its target is supposed.
         settings: speed and manoeuvres of targets.
     """
-    rates = (settings.speed_sigma / distance) ** 2 * _shares(one.angles[1], settings)
-    P = np.array([np.diag([variance, rate]) for variance, rate in zip(np.diag(one.covariance), rates, strict=True)])
-    return LoneTrack(one.time, one.angles, np.zeros(3), P)
+    variances = np.stack([np.diag(one.covariance), *np.outer(
+        [settings.speed_sigma**2, acceleration_variance(settings)], _shares(one.angles[1], settings) / distance**2)])
+    return LoneTrack(one.time, one.angles, np.zeros(3), np.zeros(3), np.array([np.diag(each) for each in variances.T]))
 
 
 def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64],
@@ -57,21 +59,22 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
         settings: speed and manoeuvres of targets.
     """
     steps = np.array([one.time - each.time for one, each in zip(observations, tracks, strict=True)])
-    angles, rates, P = (np.array([getattr(each, name) for each in tracks]) for name in ('angles', 'rates', 'covariance'))
-    parts = [forgotten_velocity(step, settings.manoeuvre, settings.velocity_memory) for step in steps]
-    F, Q = (np.array([part[which] for part in parts])[:, None] for which in (0, 1))
+    angles, rates, changes, P = (np.array(part) for part in list(zip(*tracks, strict=True))[1:])
+    F, Q = (part[:, None] for part in axis_motion(steps, distances * np.linalg.norm(rates, axis=1), settings))
     shares = _shares(angles[:, 1], settings) / distances[:, None] ** 2
     P = F @ P @ F.transpose(0, 1, 3, 2) + shares[:, :, None, None] * Q
-    ahead, rates = sphere.moved(angles, F[:, 0, :1, 1] * rates), F[:, 0, 1:, 1] * rates
+    motion = np.stack([rates, changes], 1)
+    moved, rates, changes = (np.einsum('kj,kji->ki', F[:, 0, row, 1:], motion) for row in range(3))
+    ahead = sphere.moved(angles, moved)
     residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)
     S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])
     gain = P[..., :, 0] / S[..., None]
     found = sphere.moved(ahead, sphere.vectors(gain[..., 0] * residuals, ahead))
-    rates = sphere.carried(rates, angles, ahead) + sphere.vectors(gain[..., 1] * residuals, ahead)
-    rates = sphere.carried(rates, ahead, found)
+    rates, changes = (sphere.carried(sphere.carried(each, angles, ahead) + sphere.vectors(gain[..., row] * residuals, ahead),
+                                     ahead, found) for row, each in ((1, rates), (2, changes)))
     P = P - gain[..., :, None] * gain[..., None, :] * S[..., None, None]
     density = -0.5 * np.sum(residuals**2 / S + np.log(S), axis=1) - math.log(math.tau)
-    return [LoneTrack(one.time, found[k], rates[k], P[k]) for k, one in enumerate(observations)], density
+    return [LoneTrack(one.time, found[k], rates[k], changes[k], P[k]) for k, one in enumerate(observations)], density
 
 
 def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observation], places: NDArray[np.float64],

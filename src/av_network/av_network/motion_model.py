@@ -1,4 +1,4 @@
-"""Motion with nearly constant, or with slowly forgotten, velocity."""
+"""Motion of targets: accelerations of some duration, and velocities that are slowly forgotten."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_network.settings import NetworkSettings
+
+LONGEST_STEP_S = 0.5  # short beside the memory of velocities
+SHORT = 0.01  # of a step over the duration of accelerations
 
 
 def nearly_constant_velocity(step: float, density: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -25,27 +28,60 @@ def nearly_constant_velocity(step: float, density: float) -> tuple[NDArray[np.fl
             density * np.array([[amount**3 / 3.0, amount**2 / 2.0], [amount**2 / 2.0, amount]]))
 
 
-def forgotten_velocity(step: float, density: float, memory: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same for a velocity that returns to zero: an integrated Ornstein-Uhlenbeck process.
+def singer(steps: NDArray[np.float64], variance: float, duration: float
+           ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (k, 3, 3) and covariances (k, 3, 3) of the noise of (position, velocity, acceleration) along one axis.
 
-    Its uncertainty stays finite while nothing is measured: the variance of the velocity tends to density * memory / 2. A
-    stationary process is the same back in time (Uhlenbeck and Ornstein, On the theory of the Brownian motion, Physical Review
-    36, 1930).
+    The acceleration is exponentially correlated (Singer, Estimating optimal tracking filter performance for manned maneuvering
+    targets, IEEE Trans. AES 6(4), 1970).
 
     Parameters:
-        step (s): of time, of any sign.
-        density: see `nearly_constant_velocity`.
-        memory (s): time in which the velocity falls to 1 / e of itself.
+        steps (k,) (s): of time; back in time, the velocity changes its sign.
+        variance ((m/s^2)^2): of the acceleration.
+        duration (s): time in which the acceleration falls to 1 / e of itself.
     """
-    amount = abs(step) / memory
-    if amount < 1e-3:  # differences of nearly equal numbers; the relative error of the series is of this order
-        F, Q = nearly_constant_velocity(step, density)
-        return F * np.array([[1.0, 1.0 - 0.5 * amount], [1.0, 1.0 - amount]]), Q
-    lost, lost_twice = -math.expm1(-amount), -math.expm1(-2.0 * amount)
-    F = np.array([[1.0, math.copysign(memory * lost, step)], [0.0, 1.0 - lost]])
-    cross = 0.5 * memory**2 * lost**2
-    return F, density * np.array([[memory**3 * (amount - 2.0 * lost + 0.5 * lost_twice), cross],
-                                  [cross, 0.5 * memory * lost_twice]])
+    t, x = np.abs(steps), np.abs(steps) / duration
+    once, twice, one = np.exp(-x), np.exp(-2.0 * x), np.ones_like(x)
+    F = np.array([[one, t, duration**2 * (x - 1.0 + once)], [0.0 * x, one, duration * (1.0 - once)], [0.0 * x, 0.0 * x, once]])
+    places, cross, speeds = (1.0 - twice + 2.0 * x + 2.0 / 3.0 * x**3 - 2.0 * x**2 - 4.0 * x * once,
+                             1.0 + twice - 2.0 * once + 2.0 * x * once - 2.0 * x + x**2, 4.0 * once - 3.0 - twice + 2.0 * x)
+    reach, change, rest = 1.0 - twice - 2.0 * x * once, (1.0 - once)**2, 1.0 - twice
+    Q = np.array([[places, cross, reach], [cross, speeds, change], [reach, change, rest]])
+    # Of short steps, these are differences of nearly equal numbers.
+    short = np.array([[x**5 / 10.0, x**4 / 4.0, x**3 / 3.0], [x**4 / 4.0, 2.0 / 3.0 * x**3, x**2], [x**3 / 3.0, x**2, 2.0 * x]])
+    units = np.array([duration**2, duration, 1.0])
+    signs = np.stack([one, np.copysign(one, steps), one])
+    turned = signs[:, None] * signs
+    Q = variance * np.multiply.outer(units, units)[..., None] * np.where(x < SHORT, short, Q)
+    return np.moveaxis(F * turned, -1, 0), np.moveaxis(Q * turned, -1, 0)
+
+
+def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], settings: NetworkSettings
+                ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (k, 3, 3) and covariances (k, 3, 3) of the process noise of k targets along one horizontal axis.
+
+    Singer's model with a velocity that is forgotten, so that its uncertainty stays finite while nothing is measured. Slow
+    drones stay where they are, fast ones fly on: the memory grows with the square of the speed.
+
+    Parameters:
+        steps (k,) (s): of time, of any sign.
+        speeds (k,) (m/s): of the targets.
+        settings: see `NetworkSettings`.
+    """
+    parts = max(math.ceil(float(np.max(np.abs(steps), initial=0.0)) / LONGEST_STEP_S), 1)
+    F, Q = singer(steps / parts, acceleration_variance(settings), settings.manoeuvre_time)
+    memory = settings.velocity_memory * (1.0 + (speeds / settings.memory_speed) ** 2)
+    half = np.stack([np.ones_like(memory), np.exp(-0.5 * np.abs(steps) / parts / memory), np.ones_like(memory)], 1)
+    F, Q = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
+    first, noise = F, Q
+    for _ in range(parts - 1):
+        F, Q = first @ F, first @ Q @ first.transpose(0, 2, 1) + noise
+    return F, Q
+
+
+def acceleration_variance(settings: NetworkSettings) -> float:
+    """Variance ((m/s^2)^2) of the acceleration along a horizontal axis, of which `manoeuvre` is the density at frequency 0."""
+    return 0.5 * settings.manoeuvre / settings.manoeuvre_time
 
 
 def axes_shares(settings: NetworkSettings) -> NDArray[np.float64]:
@@ -53,18 +89,25 @@ def axes_shares(settings: NetworkSettings) -> NDArray[np.float64]:
     return np.array([1.0, 1.0, settings.climb_share**2])
 
 
-def target_motion(step: float, settings: NetworkSettings) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transition (6, 6) and covariance (6, 6) of the process noise of a target's position and velocity (ENU).
+def target_motion(step: float, velocities: NDArray[np.float64], settings: NetworkSettings
+                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Transitions (n, 9, 9) and covariances (n, 9, 9) of the noise of targets' position, velocity and acceleration (ENU).
 
     Parameters:
         step (s): of time, of any sign.
-        settings: `manoeuvre`, `climb_share` and `velocity_memory`.
+        velocities (n, 3) (m/s): of the targets.
+        settings: see `axis_motion`.
     """
-    F, Q = forgotten_velocity(step, settings.manoeuvre, settings.velocity_memory)
-    return (np.asarray(np.kron(F, np.eye(3)), np.float64),
-            np.asarray(np.kron(Q, np.diag(axes_shares(settings))), np.float64))
+    speeds = np.linalg.norm(velocities, axis=1)
+    F, Q = axis_motion(np.full(len(speeds), step), speeds, settings)
+    return np.kron(F, np.eye(3)), np.kron(Q, np.diag(axes_shares(settings)))
 
 
 def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
     """Prior covariance (3, 3) of a target's velocity (m^2/s^2), ENU."""
     return settings.speed_sigma**2 * np.diag(axes_shares(settings))
+
+
+def acceleration_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
+    """Prior covariance (3, 3) of a target's acceleration ((m/s^2)^2), ENU."""
+    return acceleration_variance(settings) * np.diag(axes_shares(settings))

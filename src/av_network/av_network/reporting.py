@@ -32,16 +32,16 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
     """
     means, covariances = states.targets()
     step = 0.0 if states.time is None else time - states.time
-    F, Q = target_motion(step, settings)
+    F, Q = target_motion(step, means[:, 3:6], settings)
     found = []
     for index, target in enumerate(hypotheses):
         if not target.confirmed:
             continue
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
-        mean, P = F @ means[index], F @ covariances[index] @ F.T + Q
+        mean, P = F[index] @ means[index], F[index] @ covariances[index] @ F[index].T + Q[index]
         positioned = is_credible(target, time) and is_precise(mean, P, places, settings)
-        found.append(TargetState(target, existence, mean, P, rigs, positioned))
+        found.append(TargetState(target, existence, mean[:6], P[:6, :6], rigs, positioned))
     return sorted(found, key=lambda state: state.target.id)
 
 

@@ -28,10 +28,12 @@ class NetworkSettings:
     """Settings of a `NetworkTracker`.
 
     Parameters:
-        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each horizontal axis.
+        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each horizontal axis, at frequency 0.
+        manoeuvre_time (s): time in which an acceleration falls to 1 / e of itself.
         speed_sigma (m/s): prior standard deviation of a target's velocity along each horizontal axis.
         climb_share: standard deviations of vertical velocities and accelerations over those of horizontal ones.
-        velocity_memory (s): time in which a velocity falls to 1 / e of itself, unless it is measured anew.
+        velocity_memory (s): time in which a small velocity falls to 1 / e of itself, unless it is measured anew.
+        memory_speed (m/s): speed from which on that time grows, with the square of the speed.
         most_distance (m): greatest distance of a target from a rig.
         rig_manoeuvre (rad^2/s^3), rig_rate_sigma (rad/s): spectral density of the angular acceleration and prior standard
             deviation of the angular rate in the rigs' filters, see `Tracklets`.
@@ -50,7 +52,9 @@ class NetworkSettings:
     manoeuvre: float = 2.0
     speed_sigma: float = 8.0
     climb_share: float = 0.3
-    velocity_memory: float = 15.0
+    velocity_memory: float = 8.0
+    memory_speed: float = 10.0
+    manoeuvre_time: float = 1.5
     most_distance: float = 400.0
     rig_manoeuvre: float = 0.001
     rig_rate_sigma: float = 0.3

@@ -187,7 +187,7 @@ class NetworkTracker:
             return
         rows = np.array(list(mature.values()))
         sigmas = largest_sigmas(self.filter.conditional_covariances(rows))
-        means = self.filter.targets()[0][rows].copy()
+        means = self.filter.targets()[0][rows, :6].copy()
         for sigma, mean, (column, row) in zip(sigmas, means, mature.items(), strict=True):
             one = observations[column]
             if (sigma < TEACHING_SIGMA * float(np.linalg.norm(mean[:3] - one.position))

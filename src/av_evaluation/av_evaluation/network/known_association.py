@@ -55,9 +55,10 @@ class KnownAssociation:
         """See `NetworkPeer`."""
         for report in self._queue.ready(now):
             self._use(report)
-        F, Q = target_motion(now - (self._filter.time or now), self._settings)
-        found = [Estimate(drone + 1, F @ mean, F @ P @ F.T + Q)
-                 for drone, mean, P in zip(self._drones, *self._filter.targets(), strict=True)]
+        means, covariances = self._filter.targets()
+        F, Q = target_motion(now - (self._filter.time or now), means[:, 3:6], self._settings)
+        found = [Estimate(drone + 1, (F[row] @ means[row])[:6], (F[row] @ covariances[row] @ F[row].T + Q[row])[:6, :6])
+                 for row, drone in enumerate(self._drones)]
         places = list(self._places.values())
         return [one for one in found if is_precise(one.mean, one.covariance, places, self._settings)]
 

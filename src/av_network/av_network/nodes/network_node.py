@@ -46,8 +46,9 @@ class NetworkNode(RigNode):
                 for index, name in enumerate(names)]
         self._stage = NetworkStage(
             rigs, places, NetworkStageSettings(p.frame, datum, p.report_period, p.wait),
-            NetworkSettings(manoeuvre=p.manoeuvre, climb_share=p.climb_share, velocity_memory=p.velocity_memory,
-                            rig_manoeuvre=p.rig_manoeuvre, most_distance=p.most_distance))
+            NetworkSettings(manoeuvre=p.manoeuvre, manoeuvre_time=p.manoeuvre_time, climb_share=p.climb_share,
+                            velocity_memory=p.velocity_memory, memory_speed=p.memory_speed, rig_manoeuvre=p.rig_manoeuvre,
+                            most_distance=p.most_distance))
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
