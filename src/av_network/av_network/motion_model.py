@@ -72,8 +72,8 @@ def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], setting
     F, Q = singer(steps / parts, acceleration_variance(settings), settings.manoeuvre_time)
     memory = settings.velocity_memory * (1.0 + (speeds / settings.memory_speed) ** 2)
     half = np.stack([np.ones_like(memory), np.exp(-0.5 * np.abs(steps) / parts / memory), np.ones_like(memory)], 1)
-    F, Q = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
-    first, noise = F, Q
+    first, noise = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
+    F, Q = first, noise
     for _ in range(parts - 1):
         F, Q = first @ F, first @ Q @ first.transpose(0, 2, 1) + noise
     return F, Q
@@ -100,7 +100,8 @@ def target_motion(step: float, velocities: NDArray[np.float64], settings: Networ
     """
     speeds = np.linalg.norm(velocities, axis=1)
     F, Q = axis_motion(np.full(len(speeds), step), speeds, settings)
-    return np.kron(F, np.eye(3)), np.kron(Q, np.diag(axes_shares(settings)))
+    return (np.asarray(np.kron(F, np.eye(3)), np.float64),
+            np.asarray(np.kron(Q, np.diag(axes_shares(settings))), np.float64))
 
 
 def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:

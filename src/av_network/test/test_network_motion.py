@@ -53,7 +53,7 @@ def test_velocities_are_forgotten_the_slower_the_faster_they_are(step, speed):
     A = np.array([[0.0, 1.0, 0.0], [0.0, -1.0 / memory, 1.0], [0.0, 0.0, -1.0 / 1.5]])
     found = axis_motion(np.array([step]), np.array([speed]), settings)
     F, Q = integrated(A, 2.0 / 1.5**2, step)
-    assert np.allclose(found[0][0], F, rtol=0.01, atol=1e-9) and np.allclose(found[1][0], Q, rtol=0.01, atol=1e-9)
+    assert np.allclose(found[0][0], F, rtol=0.02, atol=1e-9) and np.allclose(found[1][0], Q, rtol=0.02, atol=1e-9)
 
 
 def test_uncertainty_stays_finite():

@@ -16,7 +16,7 @@ from av_network.settings import NetworkSettings, RigSettings
 
 SETTINGS = NetworkSettings()
 ALONE = LoneTrack(0.0, np.zeros(2), np.zeros(3), np.zeros(3), np.zeros((2, 3, 3)))
-KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0)
+KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0, born=-5.0)
 
 
 def positioned(target, sigma=1.0, time=10.5):
@@ -41,6 +41,12 @@ def test_a_track_that_others_confirmed_is_believed_for_longer():
     assert positioned(followed) and not positioned(replace(followed, supported=4.4))
     assert not positioned(replace(followed, proven={(0, 6)}))
     assert not positioned(replace(followed, members={0: member._replace(last=7.0)}))
+
+
+def test_a_young_target_is_believed_hardly_longer_than_several_rigs_observed_it():
+    """Until 1.9 s ago, and since its confirmation for 1 s in one case and for 0.8 s in the other."""
+    young = replace(KNOWN, supported=8.6)
+    assert positioned(replace(young, born=7.6)) and not positioned(replace(young, born=7.8))
 
 
 def test_a_fourth_rig_makes_a_chance_meeting_improbable():
