@@ -116,6 +116,22 @@ def test_the_room_does_not_answer_from_one_direction_for_ever():
     assert abs(alike - np.sin(distance) / distance) < 0.2  # one answer alone: 1
 
 
+def test_no_direction_lasts_as_the_source_moves():
+    """Over many places the answers of a room are as alike at two microphones as a diffuse field, sin(kd) / (kd)."""
+    answer = Answer.of(ReverbZone(**HALL, decay_s=0.5), RATE, Medium(), PAIR, 160, [1])
+    places = np.random.default_rng(2).uniform(-5.0, 5.0, (200, 9))
+    cross, power = 0.0, 0.0
+    for place in places:
+        mixed = answer.shares(place)[..., None] * answer.spectra  # (m, pairs, 2, frequencies)
+        left, right = np.stack([mixed[:, answer.parts == part].sum(axis=(1, 2)) for part in range(answer.parts.max() + 1)], 1)
+        cross = cross + np.sum(left * right.conj(), axis=0)
+        power = power + np.sum(np.abs(left) ** 2 + np.abs(right) ** 2, axis=0)
+    frequencies = np.fft.rfftfreq(640, 1.0 / RATE)
+    heard = (frequencies > 500.0) & (frequencies < 6000.0)
+    unlike = (2.0 * cross / power - np.sinc(2.0 * 0.2 * frequencies / 343.2))[heard]
+    assert np.sqrt(np.mean(np.abs(unlike) ** 2)) < 0.15
+
+
 def test_impossible_zones_are_named():
     with pytest.raises(ValueError, match='zone decay_s is 0.0'):
         ReverbZone(**HALL, decay_s=0.0)
