@@ -60,7 +60,7 @@ class FurtherSources(SteeredResponse):
         self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
         self._ego_noise = ego_noise
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
-        _, neighbours = cKDTree(self._grid).query(self._grid, 3**array.rank)
+        _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
         self._neighbours = neighbours[:, 1:]
         wavelength = speed_of_sound / (float(frequencies.mean()) * array.aperture)
         self._apart, self._resolved = SEPARATION * wavelength, RESOLVED * wavelength
@@ -95,7 +95,7 @@ class FurtherSources(SteeredResponse):
         near = min(others, key=lambda other: float(np.linalg.norm(peak.q - other.q))).q
         if len(phases) > 1 or np.linalg.norm(peak.q - near) > self._resolved:
             return peak
-        places = self._grid[np.linalg.norm(self._grid - near, axis=1) < 1.2 * self._resolved]
+        places = self.grid[np.linalg.norm(self.grid - near, axis=1) < 1.2 * self._resolved]
         likelihood = self._mixture_likelihoods(phases, near, places)
         weights = np.exp(INDEPENDENT * (likelihood - likelihood.max()))
         weights /= weights.sum()
@@ -195,7 +195,7 @@ class FurtherSources(SteeredResponse):
 
     def _are_apart(self, found: Sequence[NDArray]) -> NDArray:
         """Which points of the grid (g,) are other directions than those found."""
-        return np.all([np.linalg.norm(self._grid - q, axis=1) > self._apart for q in found], axis=0)
+        return np.all([np.linalg.norm(self.grid - q, axis=1) > self._apart for q in found], axis=0)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         return np.zeros_like(inverse)

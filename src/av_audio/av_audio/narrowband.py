@@ -36,7 +36,7 @@ class NarrowbandSearch(Correlation):
         self._weights = response[:self._used].reshape(self._bands, bins).mean(axis=1)[:, None]
         # phase per unit of q (bands, m, rank): nearer microphones are ahead
         self._phase = 2.0 * np.pi * centres[:, None, None] * (array.positions @ array.basis) / speed_of_sound
-        self._grid_steering = self._steering(self._grid)
+        self._grid_steering = self._steering(self.grid)
 
     def _search(self, spectra: NDArray, weighted: NDArray, curve: NDArray) -> NDArray:
         bands = spectra[:, :self._used].reshape(len(spectra), self._bands, -1).transpose(1, 0, 2)
@@ -46,8 +46,8 @@ class NarrowbandSearch(Correlation):
         trace = np.trace(covariances, axis1=1, axis2=2).real
         covariances = covariances / np.maximum(trace, np.finfo(np.float32).tiny)[:, None, None]
         matrices = self._matrices(covariances)
-        q = self._grid[np.argmin(self._cost(matrices, self._grid_steering))]
-        step = 1.0 / np.sqrt(len(self._grid))
+        q = self.grid[np.argmin(self._cost(matrices, self._grid_steering))]
+        step = 1.0 / np.sqrt(len(self.grid))
         around = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * len(q), indexing='ij'), -1).reshape(-1, len(q))
         for _ in range(ZOOM_ROUNDS):
             candidates = q + step * around

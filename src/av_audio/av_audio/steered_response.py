@@ -35,6 +35,7 @@ class Peak:
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
         agreement: height over that which every cluster of bins would have at a maximum of its own, 0..1.
+        log_likelihood (g,): of each direction of the grid, relative to the peak; None without a peak.
     """
 
     q: NDArray
@@ -44,6 +45,7 @@ class Peak:
     main_share: float
     height: float = 0.0
     agreement: float = 0.0
+    log_likelihood: NDArray | None = None
 
 
 class SteeredResponse:
@@ -73,8 +75,8 @@ class SteeredResponse:
         # for delays >= 0: those of negative delays differ in the sign of the sines only
         angles = np.outer(delays, 2.0 * np.pi * frequencies)
         self._cosines, self._sines = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
-        self._grid = _grid(array.rank, array.aperture / speed_of_sound / step)
-        self._grid_delays = self._grid @ self._slowness.T  # (g, p)
+        self.grid = _grid(array.rank, array.aperture / speed_of_sound / step)
+        self._grid_delays = self.grid @ self._slowness.T  # (g, p)
 
     def highest_peak(self, spectra: NDArray, weighted: NDArray) -> Peak:
         """The highest peak of weighted cross-spectra (p, k), which stem from spectra (m, k)."""
@@ -103,7 +105,7 @@ class SteeredResponse:
             weighted (p, k): weighted cross-spectra.
             curve (g,): J on the grid of directions.
         """
-        start = q = self._grid[np.argmax(curve)]
+        start = q = self.grid[np.argmax(curve)]
         reach = 2.0 / (GRID_POINTS_PER_PERIOD * self._omega[-1] / (2.0 * np.pi)) / np.abs(self._slowness).max()
         for _ in range(NEWTON_STEPS):
             gradient, hessian = self._derivatives(self._steer(weighted, q))
@@ -132,8 +134,9 @@ class SteeredResponse:
         covariance = inverse @ (scores @ scores.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
         bias = self._reflections(clusters, height, inverse)
         agreement = height / float(np.abs(clusters).sum())
-        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, curve),
-                    height, agreement)
+        log_likelihood = _log_likelihood(curve - height, covariance, hessian)
+        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, log_likelihood),
+                    height, agreement, log_likelihood)
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections.
@@ -145,20 +148,22 @@ class SteeredResponse:
         """
         raise NotImplementedError
 
-    def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, curve: NDArray) -> float:
-        """Posterior probability of the peak's lobe. The curve is a log-likelihood up to a scale, which the covariance gives."""
+    def _main_share(self, q: NDArray, covariance: NDArray, hessian: NDArray, height: float, log_likelihood: NDArray) -> float:
+        """Posterior probability of the peak's lobe."""
         rank = len(q)
-        trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
-        if trace <= 0.0:
-            return 1.0
-        log_likelihood = (curve - height) * rank / trace
         # half-width of a lobe: a quarter period of the mean frequency of the peak
         lobe = 0.5 * np.pi * np.sqrt(height * rank / np.trace(hessian))
-        outside = np.abs(self._grid - q).max(axis=1) > lobe
-        cell = (2.0 * MARGIN) ** rank / len(self._grid)
+        outside = np.abs(self.grid - q).max(axis=1) > lobe
+        cell = (2.0 * MARGIN) ** rank / len(self.grid)
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
-        return main / (main + others)
+        return main / (main + others) if main > 0.0 else 1.0
+
+
+def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> NDArray:
+    """Log-likelihood (g,) of a curve less its height: it is one up to a scale, which the covariance at the peak gives."""
+    trace = float(np.sum(covariance * hessian))  # of their product, as both are symmetric
+    return curve * len(hessian) / max(trace, np.finfo(np.float32).tiny)
 
 
 def _grid(rank: int, points_per_unit: float) -> NDArray:
