@@ -250,7 +250,8 @@ class Localizer:
             return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
                                np.zeros(0, int), np.zeros(0, bool), level, empty)
         spectra = self._without_ego_rotors(spectra)
-        peak = self._estimator.estimate(spectra) if self._memory is None else self._estimator.estimate(spectra, self._memory)
+        peak = (self._estimator.estimate(spectra, self._memory) if isinstance(self._estimator, Adaptive)
+                else self._estimator.estimate(spectra))
         peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
         if peaks:
             apart = peak.q - peaks[0].q  # of two estimates whose errors are alike

@@ -175,8 +175,9 @@ class Answer:
                 pairs = 1 + np.round(_FURTHER_PAIRS * energy / energy.sum()).astype(int)
             answers.append(answer.reduced(pairs > len(answers), pairs))
         return cls(np.concatenate([answer.spectra for answer in answers], axis=1),
-                   *(np.concatenate([getattr(answer, name) for answer in answers]) for name in ('parts', 'turns', 'phases')),
-                   block)
+                   np.concatenate([answer.parts for answer in answers]),
+                   np.concatenate([answer.turns for answer in answers]),
+                   np.concatenate([answer.phases for answer in answers]), block)
 
     @classmethod
     def cut(cls, both: NDArray, block: int, turns: NDArray, phases: NDArray) -> Answer:
