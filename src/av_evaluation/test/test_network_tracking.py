@@ -9,7 +9,7 @@ import pytest
 
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound, position_bound
-from av_evaluation.network.figures import OwnTracker, run
+from av_evaluation.network.figures import OwnTracker, nees_bounds, run
 from av_evaluation.network.known_association import KnownAssociation
 from av_network.report import Report, Sighting
 
@@ -33,6 +33,15 @@ def test_error_is_close_to_the_bound(seen):
         errors.append(found.rmse(10.0))
         bounds.append(mean_bound(simulation, arrivals, 10.0))
     assert np.linalg.norm(errors) < 1.3 * np.linalg.norm(bounds)
+
+
+def test_bounds_of_the_nees_hold_in_95_percent():
+    """Runs of a consistent filter, whose errors are those of some four independent samples each."""
+    random = np.random.default_rng(5)
+    means = random.chisquare(3 * 4, (4000, 8)) / 4
+    inside = [low <= np.mean(each) <= high for each in means for low, high in [nees_bounds(each)]]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+    assert nees_bounds([2.0]) == (0.0, math.inf)
 
 
 def test_headings_and_clocks_are_found():

@@ -13,7 +13,7 @@ import numpy as np
 from av_evaluation.network import cases
 from av_evaluation.network.bound import mean_bound
 from av_evaluation.network.cost_chart import draw_cost
-from av_evaluation.network.figures import NetworkPeer, NetworkRun, OwnTracker, run
+from av_evaluation.network.figures import NetworkPeer, NetworkRun, OwnTracker, nees_bounds, run
 from av_evaluation.network.known_association import KnownAssociation
 from av_evaluation.network.partition import partition_figures
 from av_evaluation.network.simulation import NetworkSimulation
@@ -34,10 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def bound(options: argparse.Namespace) -> bool:
-    """Two rigs and one drone: position error over the Cramer-Rao bound of the geometry, and NEES."""
+    """Two rigs and one drone: position error over the Cramer-Rao bound of the geometry, and NEES with its 95 % bounds."""
     print(f'two rigs {options.baseline:g} m apart, drone at {options.distance:g} m')
-    print(f'{"":<12}{"bound":>9}{"RMSE":>9}{"ratio":>8}{"NEES (3)":>10}')
-    ratios = []
+    print(f'{"":<12}{"bound":>9}{"RMSE":>9}{"ratio":>8}{"NEES (3)":>10}{"95 % bounds":>14}')
+    ratios, consistent = [], []
     for name, seen in (('seen', 1.0), ('heard', 0.0)):
         rows = []
         for seed in _seeds(options):
@@ -48,8 +48,10 @@ def bound(options: argparse.Namespace) -> bool:
                          float(np.mean(found.nees(SETTLED_S)))))
         least, error = np.sqrt(np.mean(np.square(rows), axis=0))[:2]
         ratios.append(error / least)
-        print(f'{name:<12}{least:>7.2f} m{error:>7.2f} m{error / least:>8.2f}{np.mean(rows, axis=0)[2]:>10.2f}')
-    return max(ratios) <= RATIO
+        nees, (low, high) = float(np.mean(rows, axis=0)[2]), nees_bounds([row[2] for row in rows])
+        consistent.append(low <= nees <= high)
+        print(f'{name:<12}{least:>7.2f} m{error:>7.2f} m{error / least:>8.2f}{nees:>10.2f}{low:>7.2f} {high:>6.2f}')
+    return max(ratios) <= RATIO and all(consistent)
 
 
 def drones(options: argparse.Namespace) -> bool:
@@ -61,7 +63,8 @@ def drones(options: argparse.Namespace) -> bool:
 
         makers['Stone Soup JPDA'] = lambda simulation: StoneSoupJpda(cases.settings_of(simulation))
     print(f'three rigs, {options.drones} drones, each measured for half of the time')
-    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"longest ghost":>15}{"of a core":>11}')
+    print(f'{"":<20}{"GOSPA":>9}{"missed":>8}{"false":>7}{"error":>9}{"NEES (3)":>10}{"95 % bounds":>14}'
+          f'{"longest ghost":>15}{"of a core":>11}')
     simulations = [cases.five_drones(seed, drones=options.drones) for seed in _seeds(options)]
     reports = [simulation.arrivals() for simulation in simulations]
     means, ghosts = [], []
@@ -132,11 +135,12 @@ def _print_drones(name: str, runs: Sequence[NetworkRun]) -> float:
     """Print the means of the runs; returns that of GOSPA (m)."""
     distance, missed, false = np.mean([each.gospa(SETTLED_S) for each in runs], axis=0)
     error = np.mean([each.rmse(SETTLED_S) for each in runs])
-    nees = np.mean([np.mean(each.nees(SETTLED_S)) for each in runs])
+    means = [float(np.mean(each.nees(SETTLED_S))) for each in runs]
+    nees, (low, high) = np.mean(means), nees_bounds(means)
     ghost = max(each.longest_ghost() for each in runs)
     share = 100.0 * np.mean([each.cost / each.times[-1] for each in runs])
-    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{nees:>10.2f}{ghost:>13.1f} s{share:>9.1f} %',
-          flush=True)
+    print(f'{name:<20}{distance:>7.2f} m{missed:>8.2f}{false:>7.2f}{error:>7.2f} m{nees:>10.2f}'
+          f'{low:>7.2f} {high:>6.2f}{ghost:>13.1f} s{share:>9.1f} %', flush=True)
     return float(distance)
 
 

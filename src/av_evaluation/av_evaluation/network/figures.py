@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from av_evaluation.metrics.gospa import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
@@ -20,6 +21,7 @@ from av_network.tracker import NetworkTracker
 
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
 STEP_S = 0.1
+EXPECTED_NEES = 3.0  # of positions
 
 
 class Estimate(NamedTuple):
@@ -123,6 +125,21 @@ class NetworkRun:
         """Normalised estimation errors squared of the positions, 3 being expected, from a time (s) on."""
         return [float((one.mean[:3] - true) @ np.linalg.solve(one.covariance[:3, :3], one.mean[:3] - true))
                 for _, true, one in self.matched(after)]
+
+
+def nees_bounds(means: Sequence[float]) -> tuple[float, float]:
+    """Between which the mean over runs of their mean NEES is in 95 % of the cases if the filter is consistent.
+
+    Errors along a run are correlated, so a run is one sample, and the spread of the runs tells the uncertainty of their mean
+    (Student's t; the bounds of Bar-Shalom, Li and Kirubarajan 2001, section 5.4, suppose independent samples).
+
+    Parameters:
+        means (n,): of each run; fewer than two say nothing.
+    """
+    if len(means) < 2:
+        return 0.0, math.inf
+    width = float(student.ppf(0.975, len(means) - 1) * np.std(means, ddof=1)) / math.sqrt(len(means))
+    return EXPECTED_NEES - width, EXPECTED_NEES + width
 
 
 def run(peer: NetworkPeer, simulation: NetworkSimulation, arrivals: Sequence[Arrival] | None = None) -> NetworkRun:
