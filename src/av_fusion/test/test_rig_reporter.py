@@ -43,17 +43,6 @@ def test_reports_are_as_rare_as_asked():
     assert reporter.report(targets(START - 100.0), None)
 
 
-def test_measurements_are_counted_beyond_a_report():
-    """Targets 20 times a second, of which every other one is told again: 2 or 3 new measurements lie between two reports."""
-    reporter, counts = RigReporter(4.0), []
-    for k in range(41):
-        message = targets(START + 0.05 * k)
-        message.tracks[0].last_seen = to_stamp(START + 0.1 * (k // 2))
-        report = reporter.report(message, None)
-        counts += [report.directions[0].measurements] if report else []
-    assert counts == [1 + 5 * k // 2 for k in range(9)]
-
-
 def test_ten_targets_are_below_five_kilobytes_a_second():
     """With 250 bytes a message for Ethernet, IP, UDP and RTPS, encrypted, at four a second."""
     size = len(serialize_message(RigReporter(4.0).report(targets(START, 10), None)))

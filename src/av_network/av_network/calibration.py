@@ -86,13 +86,13 @@ class RigCalibration:
         Parameters:
             target: the target's id.
             observation: of it.
-            state (6,): of the target at the time of the report.
+            state (6,): of the target at that time.
             time (s): by the reference clock.
         """
         segment = self._segments.setdefault(target, _Segment(time))
         if time - segment.begin < SEGMENT_S:
             segment.observations.append(observation)
-            segment.states.append(np.concatenate([state[:3] - observation.age * state[3:], state[3:]]))
+            segment.states.append(state)
             return False
         del self._segments[target]
         if len(segment.observations) < LEAST_OBSERVATIONS or len({one.rig for one in segment.observations}) < 2:
@@ -112,9 +112,9 @@ class RigCalibration:
 
     def _learn(self, segment: _Segment) -> None:
         clocks = self.mean[1::RIG_SIZE]
-        order = np.argsort([one.instant + clocks[one.rig] for one in segment.observations], kind='stable')
+        order = np.argsort([one.time + clocks[one.rig] for one in segment.observations], kind='stable')
         observations = [segment.observations[k] for k in order]
-        times = np.array([one.instant + clocks[one.rig] for one in observations])
+        times = np.array([one.time + clocks[one.rig] for one in observations])
         track = np.array([segment.states[k] for k in order])
         step = np.zeros(len(self.mean))
         prior = np.linalg.inv(self.covariance)
@@ -133,7 +133,7 @@ class RigCalibration:
         rigs = np.array([one.rig for one in observations])
         headings, clocks = theta[RIG_SIZE * rigs], theta[RIG_SIZE * rigs + 1]
         speed = np.array([self._settings.sound_speed if one.sighting.by_sound else math.inf for one in observations])
-        ahead = np.array([one.instant for one in observations]) + clocks - times
+        ahead = np.array([one.time for one in observations]) + clocks - times
         origins = np.array([one.position for one in observations])
         expected = apparent_directions(track[:, :3], track[:, 3:], origins, ahead, speed)
         level = np.cos(expected.elevation)
@@ -147,8 +147,7 @@ class RigCalibration:
         T[rows[:, None], [0, 1], RIG_SIZE * rigs[:, None] + 1] = expected.by_time
         place = (np.array(self._position_sigmas)[rigs] / expected.distance) ** 2
         R = np.array([one.covariance for one in observations]) + place[:, None, None] * np.eye(2)
-        S = R + T @ self.covariance @ T.transpose(0, 2, 1)
-        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(S, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
+        R[np.einsum('ki,ki->k', residuals, np.linalg.solve(R, residuals[:, :, None])[:, :, 0]) > OUTLIER] *= 1e6
         return _Linear(residuals + np.einsum('kij,kj->ki', H, track) + T @ step, H, T, R)
 
     def _filter(self, times: NDArray[np.float64], linear: _Linear, begin: NDArray[np.float64]) -> _Pass:

@@ -160,7 +160,7 @@ class HypothesisFilter:
         P[:, n:, n:] += Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
-        """Differences of a rig's observations of one report from what the targets would give.
+        """Differences of a rig's observations of one time from what the targets would give.
 
         Parameters:
             observations (m,): one at least, of one rig.
@@ -171,16 +171,14 @@ class HypothesisFilter:
         mean = self.mean[rows]
         heading, clock = mean[:, columns[HEADING]], mean[:, columns[CLOCK]]
         ahead = first.time + clock - (self.time or 0.0)
-        ages = np.array([one.age for one in observations])
         angles, noise = np.array([one.angles for one in observations]), np.array([one.covariance for one in observations])
         count, m = len(mean), len(observations)
         residuals, jacobians, places = np.empty((count, m, 2)), np.empty((count, m, 2, 8)), np.empty((count, m))
         sounds = np.array([one.sighting.by_sound for one in observations])
-        for by_sound, age in set(zip(sounds.tolist(), ages.tolist(), strict=True)):
-            chosen = np.flatnonzero((sounds == by_sound) & (ages == age))
+        for by_sound in set(sounds.tolist()):
+            chosen = np.flatnonzero(sounds == by_sound)
             speed = np.full(count, self._settings.sound_speed if by_sound else math.inf)
-            expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:n + MEASURED_SIZE], first.position,
-                                           ahead - age, speed)
+            expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:n + MEASURED_SIZE], first.position, ahead, speed)
             level = np.cos(expected.elevation)
             measured = angles[chosen] + np.stack([heading, 0.0 * heading], 1)[:, None]
             residuals[:, chosen] = sphere.offsets(measured, np.stack([expected.azimuth, expected.elevation], 1)[:, None])

@@ -45,7 +45,7 @@ def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneT
     """
     variances = np.stack([np.diag(one.covariance), *np.outer(
         [settings.speed_sigma**2, acceleration_variance(settings)], _shares(one.angles[1], settings) / distance**2)])
-    return LoneTrack(one.instant, one.angles, np.zeros(3), np.zeros(3), np.array([np.diag(each) for each in variances.T]))
+    return LoneTrack(one.time, one.angles, np.zeros(3), np.zeros(3), np.array([np.diag(each) for each in variances.T]))
 
 
 def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64],
@@ -58,7 +58,7 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
         distances (k,) (m): at which their targets are supposed.
         settings: speed and manoeuvres of targets.
     """
-    steps = np.array([one.instant - each.time for one, each in zip(observations, tracks, strict=True)])
+    steps = np.array([one.time - each.time for one, each in zip(observations, tracks, strict=True)])
     angles, rates, changes, P = (np.array(part) for part in list(zip(*tracks, strict=True))[1:])
     F, Q = (part[:, None] for part in axis_motion(steps, distances * np.linalg.norm(rates, axis=1), settings))
     shares = _shares(angles[:, 1], settings) / distances[:, None] ** 2
@@ -74,7 +74,7 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
                                      ahead, found) for row, each in ((1, rates), (2, changes)))
     P = P - gain[..., :, None] * gain[..., None, :] * S[..., None, None]
     density = -0.5 * np.sum(residuals**2 / S + np.log(S), axis=1) - math.log(math.tau)
-    return [LoneTrack(one.instant, found[k], rates[k], changes[k], P[k]) for k, one in enumerate(observations)], density
+    return [LoneTrack(one.time, found[k], rates[k], changes[k], P[k]) for k, one in enumerate(observations)], density
 
 
 def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observation], places: NDArray[np.float64],

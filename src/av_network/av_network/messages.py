@@ -49,8 +49,7 @@ def _sighting(one: TargetDirection, heading: float) -> Sighting | None:
         both = 0.0
     covariance = np.array([[horizontal, both], [both, vertical]]) + LEAST_SIGMA**2 * np.eye(2)
     return Sighting(one.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured, not one.seen,
-                    float(one.existence), float(one.drone_probability), str(one.class_id)[:32], bool(one.resolved),
-                    int(one.measurements))
+                    float(one.existence), float(one.drone_probability), str(one.class_id)[:32], bool(one.resolved))
 
 
 def target_message(state: TargetState, rigs: Sequence[str]) -> WorldTrack:

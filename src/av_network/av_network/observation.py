@@ -17,12 +17,11 @@ class Observation(NamedTuple):
     Parameters:
         rig: index of the rig.
         position (3,) (m): of the rig.
-        time (s): of the report, by the rig's clock.
+        time (s): by the rig's clock.
         sighting: as it was reported.
         angles (2,) (rad): azimuth and elevation of the equivalent measurement, see `Tracklets`.
         covariance (2, 2) (rad^2): of its horizontal and vertical error.
         anew: whether the rig's track has no earlier reports, or has jumped.
-        age (s): of the equivalent measurement at the time of the report.
     """
 
     rig: int
@@ -32,20 +31,13 @@ class Observation(NamedTuple):
     angles: NDArray[np.float64]
     covariance: NDArray[np.float64]
     anew: bool
-    age: float = 0.0
 
     @property
     def key(self) -> tuple[int, int]:
         """The rig's track: (index of the rig, id)."""
         return self.rig, self.sighting.id
 
-    @property
-    def instant(self) -> float:
-        """For which the angles hold (s), by the rig's clock."""
-        return self.time - self.age
-
     def as_reported(self) -> Observation:
         """The direction with all that the rig knows of it, for a target that has not used it before."""
         sighting = self.sighting
-        return self._replace(angles=np.array([sighting.azimuth, sighting.elevation]), covariance=bounded(sighting.covariance),
-                             age=0.0)
+        return self._replace(angles=np.array([sighting.azimuth, sighting.elevation]), covariance=bounded(sighting.covariance))

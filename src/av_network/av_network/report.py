@@ -8,8 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-COUNTED = 256
-
 
 class Sighting(NamedTuple):
     """Direction to one target of a rig at the time of its report.
@@ -24,7 +22,6 @@ class Sighting(NamedTuple):
         drone_probability: probability that it is a drone; NaN while unknown.
         class_id: its most probable class; empty while unknown.
         resolved: whether the direction is known from its mirror image.
-        measurements: how many the track has used, modulo COUNTED; a constant while that is not known.
     """
 
     id: int
@@ -37,7 +34,6 @@ class Sighting(NamedTuple):
     drone_probability: float = math.nan
     class_id: str = ''
     resolved: bool = True
-    measurements: int = 0
 
 
 class Report(NamedTuple):

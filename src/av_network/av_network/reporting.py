@@ -14,7 +14,7 @@ from av_network.motion_model import target_motion
 from av_network.network_target import NetworkTarget, TargetState
 from av_network.settings import NetworkSettings
 
-CONSISTENT = 3.6  # mean normalised innovation squared up to which a position is reported, of up to three rigs
+CONSISTENT = 3.0  # mean normalised innovation squared up to which a position is reported, of up to three rigs
 SUPPORTED_S = 3.0  # for which a position is reported that only one rig observes
 CONTINUED_S = 6.0  # the same, by a track that is known from when others observed the target, too
 YOUNG_S = 1.0  # the same, of a track that was only just confirmed

@@ -10,16 +10,13 @@ from numpy.typing import NDArray
 
 from av_network import sphere
 from av_network.motion_model import nearly_constant_velocity
-from av_network.report import COUNTED, Report, Sighting
+from av_network.report import Report, Sighting
 
 FORGOTTEN_S = 10.0
 LARGEST_VARIANCE = 10.0  # rad^2, of an elevation that is not measured
 LEAST_GAIN = 0.02  # of a report, below which it is taken for a prediction
 EXCESS_MEMORY = 4.0  # reports over which the consistency of a rig's filter is averaged
-USUAL_EXCESS = 1.7  # below which 95 % of these means are while it is consistent
 MOST_EXCESS = 36.0
-MOST_TURNED = 0.5  # of a standard deviation, by which the rate may move a direction between measurement and report
-LEAST_SHARE = 0.3  # of the variance that a measurement of the report's own time would have
 JUMP = 36.0  # squared Mahalanobis distance of a report from the one before, from which the rig has begun anew
 
 
@@ -30,7 +27,6 @@ class Tracklet(NamedTuple):
     angles: NDArray[np.float64]
     covariance: NDArray[np.float64]
     anew: bool
-    age: float = 0.0
 
 
 @dataclass
@@ -42,7 +38,6 @@ class _Replica:
         angles (2,) (rad): azimuth and elevation.
         rates (3,) (rad/s): of the direction, a vector in the world.
         covariance (2, 2, 2): of the arc and its rate, across and up.
-        measurements: see `Sighting`.
         excess: running mean of the normalised innovation squared of each axis, 1 being expected.
     """
 
@@ -51,7 +46,6 @@ class _Replica:
     angles: NDArray[np.float64]
     rates: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    measurements: int
     excess: float = 1.0
 
 
@@ -60,14 +54,12 @@ class Tracklets:
 
     The errors of a filter's reports are correlated, and lag behind manoeuvres. A replica of the rig's filter, which has
     the same nearly constant angular velocity, predicts the angle and its variance P. The reported variance V then tells the
-    gain K = 1 - V / P, the variance R and the innovation of the measurements that the rig has used since its last report,
-    as one measurement at their mean time: of the angle less its rate times their age. At the time of the report it would
-    state less information than they had. Such measurements have independent errors and no lag. A first report is taken as
-    a measurement; one without a new measurement says nothing.
+    gain K = 1 - V / P, the variance R = V / K and the innovation of the measurement that the rig has used since its last
+    report. Such measurements have independent errors and no lag. A first report is taken as a measurement; one without a new
+    measurement says nothing.
 
-    Where a rig's filter does not follow, as when a target passes close by, its own innovations tell: the square of the
-    difference of the report from the prediction is K P on average. Where the mean of their ratio is significantly
-    above 1, the variance R is multiplied by it.
+    Where a rig's filter does not follow, as when a target passes close by, its own innovations tell: the square of K nu is K P
+    on average. As far as the mean of their ratio exceeds 1, the variance R is greater.
 
     Parameters:
         density (rad^2/s^3): of the angular acceleration in the rigs' filters.
@@ -105,36 +97,26 @@ class Tracklets:
         if np.any(moved**2 > JUMP * (P[:, 0, 0] + variances)):
             return self._begin(key, report.time, sighting, angles, covariance)
         known = np.maximum(gain, LEAST_GAIN)
+        ratio = P[:, 1, 0] / P[:, 0, 0]
         # Where the variance has grown, the rig's filter knows less than the replica, which is scaled.
         P = P * np.maximum(variances / P[:, 0, 0] / (1.0 - LEAST_GAIN), 1.0)[:, None, None]
-        age = min(_mean_age(report, sighting, replica), MOST_TURNED * float(np.min(P[:, 0, 0] / P[:, 0, 1])))
-        cross = P[:, :, 0] - age * P[:, :, 1]  # of arc and rate with what was measured, the arc at that time
-        S = cross[:, 0] ** 2 / (known * P[:, 0, 0])
-        R = np.maximum(S - cross[:, 0] + age * cross[:, 1], LEAST_SHARE * variances / known)
         excess = float(np.mean(np.minimum(moved**2 / (known * P[:, 0, 0]), MOST_EXCESS)))
         excess = replica.excess + (excess - replica.excess) / EXCESS_MEMORY
-        rates = sphere.carried(replica.rates, replica.angles, ahead) + sphere.vectors(cross[:, 1] / cross[:, 0] * moved, ahead)
+        rates = sphere.carried(replica.rates, replica.angles, ahead) + sphere.vectors(ratio * moved, ahead)
         self._replicas[key] = _Replica(
             report.time, sighting.measured, angles, sphere.carried(rates, ahead, angles),
-            P - cross[:, :, None] * cross[:, None, :] / S[:, None, None], sighting.measurements, excess)
+            P - known[:, None, None] * P[:, :, :1] * P[:, :1, :] / P[:, :1, :1], excess)
         if np.all(gain < LEAST_GAIN):
             return None
-        then = sphere.moved(replica.angles, (step - age) * replica.rates)
-        innovation = sphere.carried(sphere.vectors(moved * S / cross[:, 0], ahead), ahead, then)
-        scale = np.sqrt(R / variances * (excess if excess > USUAL_EXCESS else 1.0))
-        return Tracklet(sighting, sphere.moved(then, innovation), covariance * np.outer(scale, scale), False, age)
+        scale = np.sqrt(max(excess, 1.0) / known)
+        equivalent = sphere.moved(ahead, sphere.vectors(moved / known, ahead))
+        return Tracklet(sighting, equivalent, covariance * np.outer(scale, scale), False)
 
     def _begin(self, key: tuple[str, int], time: float, sighting: Sighting, angles: NDArray[np.float64],
                covariance: NDArray[np.float64]) -> Tracklet:
         P = np.array([np.diag([variance, self._rate_sigma**2]) for variance in np.diag(covariance)])
-        self._replicas[key] = _Replica(time, sighting.measured, angles, np.zeros(3), P, sighting.measurements)
+        self._replicas[key] = _Replica(time, sighting.measured, angles, np.zeros(3), P)
         return Tracklet(sighting, angles, covariance, True)
-
-
-def _mean_age(report: Report, sighting: Sighting, replica: _Replica) -> float:
-    """Mean age (s) at the time of a report of the measurements since the one before, which are evenly spaced."""
-    count = max((sighting.measurements - replica.measurements) % COUNTED, 1)
-    return report.time - sighting.measured + 0.5 * (1.0 - 1.0 / count) * (sighting.measured - replica.measured)
 
 
 def bounded(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

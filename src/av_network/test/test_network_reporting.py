@@ -28,7 +28,7 @@ def positioned(target, sigma=1.0, time=10.5):
     return state.positioned
 
 
-@pytest.mark.parametrize('values', [{'nis': 3.7}, {'odds': -np.inf}, {'supported': 7.4}])
+@pytest.mark.parametrize('values', [{'nis': 3.1}, {'odds': -np.inf}, {'supported': 7.4}])
 def test_a_position_that_is_not_verified_is_not_told(values):
     """Inconsistent, not the most probable, or observed by one rig alone for more than 3 s."""
     assert positioned(KNOWN) and not positioned(replace(KNOWN, **values))
@@ -50,10 +50,10 @@ def test_a_young_target_is_believed_hardly_longer_than_several_rigs_observed_it(
 
 
 def test_a_fourth_rig_makes_a_chance_meeting_improbable():
-    """Innovations of 4.2 instead of 2 are believed of four rigs, those of 4.7 are not."""
+    """Innovations of 3.5 instead of 2 are believed of four rigs, those of 4.1 are not."""
     members = {rig: Member(1, 10.0, 5.0, ALONE) for rig in range(4)}
-    inconsistent = replace(KNOWN, nis=4.2, members=members)
-    assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.7))
+    inconsistent = replace(KNOWN, nis=3.5, members=members)
+    assert positioned(inconsistent) and not positioned(replace(inconsistent, nis=4.1))
     del members[3]
     assert not positioned(replace(inconsistent, members=members))
 

@@ -89,8 +89,7 @@ def _direction(one: Sighting, begin: float) -> TargetDirection:
     covariance = np.array([one.covariance[0, 0], one.covariance[0, 1], one.covariance[1, 1]], np.float32)
     return TargetDirection(id=one.id, azimuth=one.azimuth, elevation=one.elevation, covariance=covariance,
                            measured=to_stamp(begin + one.measured), existence=one.existence, drone_probability=0.9,
-                           seen=not one.by_sound, measurements=one.measurements,
-                           resolved=one.resolved, class_id='drone')
+                           seen=not one.by_sound, resolved=one.resolved, class_id='drone')
 
 
 def _print(values: dict[str, object]) -> None:

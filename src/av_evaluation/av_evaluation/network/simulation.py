@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from av_common.angles import wrap
 from av_network import sphere
 from av_network.motion_model import nearly_constant_velocity
-from av_network.report import COUNTED, Report, Sighting
+from av_network.report import Report, Sighting
 
 Trajectory = Callable[[float], NDArray[np.float64]]
 
@@ -132,7 +132,6 @@ class _Spell:
     seen: bool
     filter: _DirectionFilter | None = None
     measured: float = 0.0
-    measurements: int = 0
 
 
 @dataclass
@@ -231,7 +230,7 @@ class NetworkSimulation:
         else:
             spell.filter.predict(step)
             spell.filter.update(measured, sigmas**2)
-        spell.measured, spell.measurements = time, spell.measurements + 1
+        spell.measured = time
 
     def _send(self, rig: RigModel, time: float, spells: Sequence[_Spell]) -> list[Arrival]:
         link, random = self.link, self._random
@@ -244,6 +243,5 @@ class NetworkSimulation:
             assert spell.filter is not None
             azimuth, elevation = (float(angle) for angle in spell.filter.angles)
             sightings.append(Sighting(spell.id, float(wrap(azimuth)), elevation, np.diag(spell.filter.variances),
-                                      spell.measured - rig.clock_offset, not spell.seen,
-                                      measurements=spell.measurements % COUNTED))
+                                      spell.measured - rig.clock_offset, not spell.seen))
         return [Arrival(arrives, Report(rig.name, time - rig.clock_offset, np.array(rig.position), tuple(sightings)))]

@@ -78,7 +78,6 @@ class _Apparent(CartesianToElevationBearing):
     """Elevation and bearing of a target where it was when it emitted what a rig receives."""
 
     speed: float = Property(default=math.inf, doc='m/s, of sound; inf for light')
-    age: float = Property(default=0.0, doc='s, of the measurement at the time of the detection')
 
     def _function(self, state: Any, noise: Any = False, **kwargs: Any) -> Any:
         found = self._apparent(state)
@@ -93,8 +92,7 @@ class _Apparent(CartesianToElevationBearing):
     def _apparent(self, state: Any) -> ApparentDirections:
         vectors = np.array(state.state_vector, float).T
         count, origin = len(vectors), np.array(self.translation_offset, float).ravel()
-        return apparent_directions(vectors[:, PLACES], vectors[:, SPEEDS], origin, np.full(count, -self.age),
-                                    np.full(count, self.speed))
+        return apparent_directions(vectors[:, PLACES], vectors[:, SPEEDS], origin, np.zeros(count), np.full(count, self.speed))
 
 
 class _Reports:
@@ -118,7 +116,7 @@ class _Reports:
         level = max(math.cos(elevation), 0.1)
         noise = np.diag([one.covariance[1, 1], one.covariance[0, 0] / level**2])
         model = _Apparent(6, PLACES, noise, translation_offset=StateVector(report.position),
-                          speed=self._sound if one.sighting.by_sound else math.inf, age=one.age)
+                          speed=self._sound if one.sighting.by_sound else math.inf)
         return Detection(StateVector([Elevation(elevation), Bearing(azimuth)]), timestamp=moment(report.time),
                          measurement_model=model, metadata={'observation': one})
 
