@@ -81,6 +81,8 @@ class DirectionMemory:
             return peak
         weights = np.where(np.abs(self.grid - likely) < LOBE, density, 0.0)
         share = float(weights.sum())
+        if share == 0.0:  # the window excludes it
+            return peak
         weights /= share
         mean = float(weights @ self.grid)
         return replace(peak, q=np.array([mean]), covariance=np.array([[float(weights @ (self.grid - mean) ** 2)]]),

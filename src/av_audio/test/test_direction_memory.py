@@ -46,6 +46,17 @@ def test_another_source_is_believed_at_once_where_it_is_clear(share, within_s):
     assert all(q == 0.5 for q in chosen[round(within_s / HOP_S):])
 
 
+def test_a_window_that_excludes_the_former_direction_keeps_its_own():
+    """A peak so sharp that elsewhere nothing is left in floating point, though its share is not clear."""
+    memory = DirectionMemory(HOP_S, 0.5)
+    for _ in range(50):
+        memory.select(peak_at(-0.5, 0.8), lobe(memory, -0.5))
+    sharp = np.zeros(len(memory.grid))
+    sharp[np.argmin(np.abs(memory.grid - 0.5))] = 1.0
+    own = peak_at(0.5, 0.8)
+    assert memory.select(own, sharp) is own
+
+
 def test_what_is_forgotten_has_no_effect():
     fresh, used = DirectionMemory(HOP_S, 0.5), DirectionMemory(HOP_S, 0.5)
     for _ in range(10):
