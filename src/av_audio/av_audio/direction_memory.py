@@ -14,6 +14,8 @@ STEP = 0.01
 RATES = np.linspace(-1.2, 1.2, 13)
 # Probability per second that the rate becomes any other, and that the sound comes from anywhere else.
 NEW_RATE, NEW_SOURCE = 1.0, 0.03
+# Share of what reaches an end of the grid that stays there: the direction of a source turns back, a reflection's may vanish.
+KEPT_AT_END = 0.5
 JITTER = 0.03  # standard deviation of q after a second, beyond its rate
 # In a room neighbouring frequencies and windows have reflections in common: log-likelihoods are steeper than the errors that
 # are found, and overlapping windows tell less that is new. Both factors are chosen on simulated halls.
@@ -21,6 +23,7 @@ STEEPNESS, NEW = 0.25, 0.5
 OUTLIER = 0.1  # probability that the phases of a window tell nothing
 LOBE = 0.15  # half-width of a peak in q
 CLEAR = 0.95  # share of a peak that is believed whatever was before: another source may have become louder
+ODDS = 1.05  # a peak is replaced only where former windows make another direction likelier by this factor
 
 
 class DirectionMemory:
@@ -40,11 +43,12 @@ class DirectionMemory:
         self._new_source, self._new_rate = 1.0 - np.exp(-np.array([NEW_SOURCE, NEW_RATE]) * hop_s)
         # what is at each point now was there: between two points, of which linear interpolation takes shares
         places = np.arange(len(self.grid)) - RATES[:, None] * hop_s / STEP
-        below = np.floor(places).astype(int)
-        inside = (below >= 0) & (below < len(self.grid) - 1)
-        self._below = np.clip(below, 0, len(self.grid) - 2) + np.arange(len(RATES))[:, None] * len(self.grid)
-        self._upper = np.where(inside, places - below, 0.0).astype(np.float32)
-        self._lower = inside - self._upper
+        inside = np.clip(places, 0.0, len(self.grid) - 1.0)
+        kept = np.where(places == inside, 1.0, KEPT_AT_END)
+        below = np.minimum(inside.astype(int), len(self.grid) - 2)
+        self._below = below + np.arange(len(RATES))[:, None] * len(self.grid)
+        self._upper = (kept * (inside - below)).astype(np.float32)
+        self._lower = kept.astype(np.float32) - self._upper
         apart = (self.grid[:, None] - self.grid) / (JITTER * np.sqrt(hop_s))
         spread = np.exp(-0.5 * apart**2)
         self._spread = (spread / spread.sum(axis=1, keepdims=True)).astype(np.float32)
@@ -75,9 +79,12 @@ class DirectionMemory:
             peak: the highest peak of the newest window.
             density (n,): see `update`.
         """
+        former = self._density.sum(axis=0)
         posterior = np.convolve(self.update(density), np.ones(5), 'same')
         likely = self.grid[np.argmax(posterior)]
         if peak.main_share > CLEAR or abs(likely - peak.q[0]) < LOBE:
+            return peak
+        if np.interp(likely, self.grid, former) < ODDS * np.interp(peak.q[0], self.grid, former):
             return peak
         weights = np.where(np.abs(self.grid - likely) < LOBE, density, 0.0)
         share = float(weights.sum())

@@ -37,6 +37,13 @@ def test_a_source_below_the_peaks_of_chance_is_tracked():
     assert np.mean(right[20:]) > 0.9
 
 
+@pytest.mark.parametrize('hop_s', [HOP_S, 0.5])
+@pytest.mark.parametrize('own', [-0.95, 0.0, 0.4])
+def test_the_first_window_stands_alone(own, hop_s):
+    memory, peak = DirectionMemory(hop_s, 0.5), peak_at(own, 0.4)
+    assert memory.select(peak, 0.4 * lobe(memory, own) + 0.6 * lobe(memory, 0.7)) is peak
+
+
 @pytest.mark.parametrize(('share', 'within_s'), [(0.99, 0.0), (0.8, 3.0)])
 def test_another_source_is_believed_at_once_where_it_is_clear(share, within_s):
     memory = DirectionMemory(HOP_S, 0.5)
