@@ -103,6 +103,22 @@ def test_a_clearly_more_urgent_target_is_followed_after_a_while():
     assert selector.choose(9.0, []) == 0
 
 
+def test_beside_a_drone_what_is_hardly_like_one_is_not_followed():
+    """Both are heard alike, and an engine was judged to be a drone for a moment."""
+    def targets(first, second, existence=1.0):
+        return [Target(1, 1.0, Track(0.0, azimuth=0.01), drone_probability=first),
+                Target(2, existence, Track(0.0, azimuth=0.4), drone_probability=second)]
+
+    selector = TargetSelector('centre')
+    assert selector.choose(0.0, targets(0.6, math.nan)) == 1
+    assert selector.choose(0.1, targets(0.6, 0.95, existence=0.7)) == 1
+    assert selector.choose(0.2, targets(0.6, 0.95)) == 2
+    assert selector.choose(0.3, targets(0.55, 0.6)) == 2
+    assert selector.choose(0.4, targets(0.99, 0.9)) == 2
+    selector.want(1)
+    assert selector.choose(0.5, targets(0.6, 0.95)) == 1
+
+
 @pytest.mark.parametrize(('confidence', 'count'), [(0.2, 1), (0.6, 2)])
 def test_a_further_sound_of_low_confidence_begins_no_track(confidence, count):
     """It is a reflection rather than a source."""

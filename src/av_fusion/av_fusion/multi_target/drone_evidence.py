@@ -51,8 +51,8 @@ class DroneEvidence:
         Parameters:
             probabilities: that each source is a drone; NaN where unknown.
         """
-        own = _log_odds(self.probability)
-        heard = np.array([_log_odds(probability) for probability in probabilities])
+        own = log_odds(self.probability)
+        heard = np.array([log_odds(probability) for probability in probabilities])
         alike = ((heard >= 0.0) == (own >= 0.0)) | (np.abs(heard - own) < UNSURE)
         return np.where(np.isnan(heard) | math.isnan(own) | alike, 1.0, 0.0)
 
@@ -79,7 +79,7 @@ class DroneEvidence:
         """
         total, count = self._sums[sensor]
         for probability, share in zip(probabilities, shares, strict=True):
-            odds = min(max(_log_odds(probability), LEAST_LOG_ODDS[sensor]), LARGEST_LOG_ODDS)
+            odds = min(max(log_odds(probability), LEAST_LOG_ODDS[sensor]), LARGEST_LOG_ODDS)
             told = share if odds > 0.0 else share * min(visibility / CLEAR, 1.0)
             if told > 0.0 and not math.isnan(odds):
                 kept = min(1.0, MEMORY / (count + told))
@@ -87,7 +87,7 @@ class DroneEvidence:
         self._sums[sensor] = total, count
 
 
-def _log_odds(probability: float) -> float:
+def log_odds(probability: float) -> float:
     """Log-odds of a probability, of which none counts as certain; NaN of NaN."""
     bounded = min(max(probability, 1e-3), 1.0 - 1e-3)
     return math.nan if math.isnan(bounded) else math.log(bounded / (1.0 - bounded))

@@ -6,10 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from av_common.track import Target, Track
+from av_fusion.multi_target.drone_evidence import log_odds
 
 CERTAIN = 0.9  # existence probability from which another target than the one before is followed
 MARGIN = 1.5  # of the urgency of another target over that of the followed one, from which it is followed
 DWELL_S = 1.0  # for which it must be so
+# A target whose log-odds of being a drone, LARGEST_LOG_ODDS at most, are so far below those of another one is a bystander.
+LESS_LIKE, LARGEST_LOG_ODDS = 1.0, 3.0
 
 
 def _angle(track: Track) -> float:
@@ -33,7 +36,8 @@ POLICIES: Mapping[str, Callable[[Target], float]] = {
 class TargetSelector:
     """Chooses the target by a policy, and keeps it until another one is clearly more urgent for some time.
 
-    Another one is followed only when it exists with a probability of CERTAIN: a lost one leaves reflections.
+    Another one is followed only when it exists with a probability of CERTAIN: a lost one leaves reflections. One beside which
+    another is clearly more like a drone is followed only where it is wanted.
 
     Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
 
@@ -66,8 +70,10 @@ class TargetSelector:
             self._followed = self._wanted
             return self._followed
         self._wanted = 0
+        alike = _alike(targets)
+        urgency = {target.id: urgency[target.id] for target in alike}
         if self._followed:    # the first one is followed as soon as it is reported
-            urgency = {target.id: urgency[target.id] for target in targets
+            urgency = {target.id: urgency[target.id] for target in alike
                        if target.id == self._followed or target.existence >= CERTAIN}
         rival = max(urgency, key=urgency.__getitem__, default=0)
         if not urgency:
@@ -81,3 +87,11 @@ class TargetSelector:
         elif time - self._rival_since >= DWELL_S:
             self._followed = rival
         return self._followed
+
+
+def _alike(targets: Sequence[Target]) -> list[Target]:
+    """The targets that are as like a drone as the one that is most like one, of those that exist; and what is not judged."""
+    likeness = {target.id: min(log_odds(target.drone_probability), LARGEST_LOG_ODDS) for target in targets}
+    most = max((likeness[target.id] for target in targets if target.existence >= CERTAIN
+                and not math.isnan(target.drone_probability)), default=-math.inf)
+    return [target for target in targets if not likeness[target.id] < most - LESS_LIKE]
