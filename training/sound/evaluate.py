@@ -1,15 +1,15 @@
-"""Judges the model per second of sound on recordings that it was not trained on, and on drones and sounds of other places."""
+"""Judges per second of sound: recordings by models that do not know them, drones and sounds of other places by the model."""
 
 from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import rendered
-from material import RATE, Recording, recordings
+from material import ELSEWHERE, FOLDS, KNOWN, RATE, Recording, recordings
 from numpy.typing import NDArray
 from scenes import SAMPLES, Scenes
 
@@ -23,12 +23,12 @@ SEED = 1000
 QUIET = 0.1  # seconds whose level is below this share of their recording's are silence
 
 
-def judged(items: Sequence[Recording], model: DroneModel, snr_db: float) -> Iterator[tuple[Recording, NDArray]]:
+def judged(items: Sequence[Recording], models: Mapping[int, DroneModel], snr_db: float) -> Iterator[tuple[Recording, NDArray]]:
     """Log-odds of each second of each recording, in a random scene with noise and without other sources.
 
     Parameters:
         items: the recordings.
-        model: the model.
+        models: by the fold of the recording.
         snr_db (dB): signal-to-noise ratio; AS_RECORDED_DB for sounds as they were recorded.
     """
     scenes = Scenes(np.random.default_rng(SEED), as_recorded=float(snr_db == AS_RECORDED_DB))
@@ -37,7 +37,7 @@ def judged(items: Sequence[Recording], model: DroneModel, snr_db: float) -> Iter
         parts = [samples[start:start + SAMPLES] for start in range(0, len(samples) - SAMPLES + 1, RATE)]
         parts = [part for part in parts if np.std(part) > QUIET * np.std(samples)]
         if parts:
-            yield item, model.log_odds(np.array([scenes.example(part, None, snr_db, 0.0) for part in parts]))
+            yield item, models[item.fold].log_odds(np.array([scenes.example(part, None, snr_db, 0.0) for part in parts]))
 
 
 def remembered(log_odds: NDArray) -> NDArray:
@@ -84,16 +84,18 @@ def main() -> None:
     parser.add_argument('--clips', type=Path, required=True, help="folder of Svanstrom's clips of sound")
     parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
     parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
+    parser.add_argument('--folds', type=Path, required=True, help='folder of the models that do not know one fold each')
     arguments = parser.parse_args()
-    model = DroneModel.load(arguments.model)
+    models = {fold: DroneModel.load(arguments.folds / f'fold_{fold}.npz') for fold in range(1, FOLDS + 1)}
+    models |= dict.fromkeys((KNOWN, ELSEWHERE), DroneModel.load(arguments.model))
     items = list(recordings(arguments.clips, arguments.packages, arguments.repository))
     drawn = list(rendered.recordings(np.random.default_rng(SEED), 60, 60))
     for snr_db in (AS_RECORDED_DB, *SNRS_DB):
         scene = 'as recorded' if snr_db == AS_RECORDED_DB else f'in scenes at {snr_db:g} dB'
-        for title, part in (('unseen recordings', [item for item in items if item.split == 'test']),
-                            ('other places', [item for item in items if item.split == 'elsewhere']), ('rendered', drawn)):
+        for title, part in (('unknown recordings', [item for item in items if item.fold > KNOWN]),
+                            ('other places', [item for item in items if item.fold == ELSEWHERE]), ('rendered', drawn)):
             if part:
-                results = list(judged(part, model, snr_db))
+                results = list(judged(part, models, snr_db))
                 report(f'{title}, {scene}', results)
                 report(f'{title}, {scene}, as published', [(item, remembered(log_odds)) for item, log_odds in results])
 

@@ -1,8 +1,8 @@
-"""Recordings that are trained and judged on: where they come from, under which licence, what they are, and their split.
+"""Recordings that are trained and judged on: where they come from, under which licence, what they are, and their folds.
 
 Nothing of it is committed. Debian's packages are fetched by `apt-get download` and unpacked; Svanstrom's clips lie in
 `../shared/data`; one repository is fetched with git at the commit given here. Of a group of recordings (parts of one take,
-numbered names) all are on one side of the split.
+numbered names) all are in one fold.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ DEBIAN = (
 PACKAGES = tuple(dict.fromkeys(name for name, _, _ in DEBIAN))
 MOST_OF_A_RULE = 60  # recordings
 
-# Svanstrom's clips (CC0 1.0). Of each kind three numbers in a row, which may be of one place, are judged on, the next three
-# are not.
+# Svanstrom's clips (CC0 1.0). Of each kind three numbers in a row, which may be of one place, are in a fold that is judged on,
+# the next three are not.
 CLIPS = {'DRONE': 'drone', 'HELICOPTER': 'helicopter', 'BACKGROUND': 'background'}
 
 # Seconds of ESC-50's clips at 16 kHz, and two drones in a room. ESC-10, a part of ESC-50, is CC BY 3.0 (K. J. Piczak, "ESC:
@@ -79,16 +79,18 @@ ESC_REST = {5: 'animals', 7: 'animals', 9: 'birds', 13: 'animals', 14: 'birds', 
             19: 'weather', 22: 'background', 26: 'speech', 35: 'machine', 36: 'machine', 37: 'alarm', 42: 'alarm', 43: 'alarm',
             44: 'engine', 45: 'engine', 46: 'alarm', 47: 'aeroplane', 49: 'machine'}
 CLIPS_OF_A_CLASS = 24
+FOLDS = 5  # of the recordings that are judged on
+KNOWN, ELSEWHERE = 0, -1  # in place of a fold: recordings that every model knows, and those that none ever knows
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording: mono samples (n,) at RATE, its kind, a name, its group, and `train` or `test`."""
+    """One recording: mono samples (n,) at RATE, its kind, a name, its group, and its fold, 1 to FOLDS, KNOWN or ELSEWHERE."""
 
     kind: str
     name: str
     group: str
-    split: str
+    fold: int
     samples: NDArray[np.float32]
 
 
@@ -103,7 +105,9 @@ def recordings(clips: Path, packages: Path, repository: Path | None = None) -> I
     for path in sorted(path for path in clips.iterdir() if path.suffix in ('.flac', '.wav')):
         kind, number = path.stem.split('_')
         block = int(number) // 3
-        yield Recording(CLIPS[kind], path.name, f'{kind}_{block}', 'train' if block % 2 else 'test', read(path))
+        group = f'{kind}_b{block}'
+        spread = block // 2 if kind == 'DRONE' else _number_of(group)  # some drones in each fold
+        yield Recording(CLIPS[kind], path.name, group, KNOWN if block % 2 else 1 + spread % FOLDS, read(path))
     for name in PACKAGES:
         yield from _of_package(name, unpacked(name, packages))
     if repository is not None:
@@ -131,9 +135,13 @@ def read(path: Path) -> NDArray[np.float32]:
     return resample_poly(mono, RATE, rate).astype(np.float32)
 
 
-def split_of(group: str) -> str:
-    """`test` for a third of the groups."""
-    return 'test' if zlib.crc32(group.encode()) % 3 == 0 else 'train'
+def fold_of(group: str) -> int:
+    """One of the folds for a third of the groups, else KNOWN."""
+    return 1 + _number_of(group) % FOLDS if _number_of(group) % 3 == 0 else KNOWN
+
+
+def _number_of(group: str) -> int:
+    return zlib.crc32(group.encode())
 
 
 def _of_package(name: str, folder: Path) -> Iterator[Recording]:
@@ -148,7 +156,7 @@ def _of_package(name: str, folder: Path) -> Iterator[Recording]:
         samples = read(path) if kind and taken[pattern] <= MOST_OF_A_RULE else np.zeros(0, np.float32)
         if len(samples) > RATE // 4:
             group = f'{name}/{re.sub(r"[-_.]?[0-9]+$", "", path.stem.lower())}'
-            yield Recording(kind, f'{name}/{path.name}', group, split_of(group), samples)
+            yield Recording(kind, f'{name}/{path.name}', group, fold_of(group), samples)
 
 
 def _of_repository(repository: Path) -> Iterator[Recording]:
@@ -167,9 +175,9 @@ def _of_repository(repository: Path) -> Iterator[Recording]:
         if not kind or taken[label] > CLIPS_OF_A_CLASS:
             continue
         group = f'esc/{clip.split("-")[1]}' if number >= 0 else f'room/{clip}'
-        split = split_of(group) if number in ESC_10 else 'elsewhere'
+        fold = fold_of(group) if number in ESC_10 else ELSEWHERE
         seconds = [_decoded(_git(repository, 'show', f'{COMMIT}:{part}')) for part in sorted(parts)]
-        yield Recording(kind, f'{label}/{clip}', group, split, np.concatenate(seconds))
+        yield Recording(kind, f'{label}/{clip}', group, fold, np.concatenate(seconds))
 
 
 def _git(repository: Path, *arguments: str) -> bytes:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from material import RATE, Recording
+from material import KNOWN, RATE, Recording
 from numpy.typing import NDArray
 from scipy.signal import butter, resample_poly, sosfilt
 
 from av_simulator.sound import EngineSignal, HelicopterSignal, RotorSignal, SirenSignal, VoiceSignal
+from av_simulator.sound.source_signals import SourceSignal
 
 SECONDS = 2.5
 Samples = NDArray[np.float64]
@@ -93,14 +94,18 @@ def hum(rng: np.random.Generator) -> Samples:
     return tone / np.std(tone) + rng.uniform(0.05, 3.0) * _band(rng, rng.uniform(50, 500), rng.uniform(800, 7000))
 
 
-def bystander(rng: np.random.Generator) -> Samples:
-    """What scenarios of the simulator use as bystanders, of random pitch and speed."""
+def bystander_signal(rng: np.random.Generator) -> SourceSignal:
+    """What scenarios of the simulator use as a bystander, of random pitch and speed."""
     low = rng.uniform(300.0, 1200.0)
-    signal = (VoiceSignal(pitch_hz=rng.uniform(80.0, 280.0)),
-              EngineSignal(firing_hz=rng.uniform(15.0, 200.0), revving=rng.uniform(0.0, 0.3), noise=rng.uniform(0.1, 0.95)),
-              HelicopterSignal(main_hz=rng.uniform(9.0, 30.0), tail_hz=rng.uniform(50.0, 140.0), noise=rng.uniform(0.1, 0.9)),
-              SirenSignal(low, low * rng.uniform(1.1, 2.5), rng.uniform(0.1, 5.0), bool(rng.random() < 0.5)))[rng.integers(4)]
-    return signal.stream(RATE, [int(rng.integers(2**31))], _still).read(0, int(SECONDS * RATE))
+    return (VoiceSignal(pitch_hz=rng.uniform(80.0, 280.0)),
+            EngineSignal(firing_hz=rng.uniform(15.0, 200.0), revving=rng.uniform(0.0, 0.3), noise=rng.uniform(0.1, 0.95)),
+            HelicopterSignal(main_hz=rng.uniform(9.0, 30.0), tail_hz=rng.uniform(50.0, 140.0), noise=rng.uniform(0.1, 0.9)),
+            SirenSignal(low, low * rng.uniform(1.1, 2.5), rng.uniform(0.1, 5.0), bool(rng.random() < 0.5)))[rng.integers(4)]
+
+
+def bystander(rng: np.random.Generator) -> Samples:
+    """The sound of a bystander of the simulator."""
+    return bystander_signal(rng).stream(RATE, [int(rng.integers(2**31))], _still).read(0, int(SECONDS * RATE))
 
 
 OTHERS: dict[str, Callable[[np.random.Generator], Samples]] = {
@@ -110,11 +115,11 @@ OTHERS: dict[str, Callable[[np.random.Generator], Samples]] = {
 def recordings(rng: np.random.Generator, drones: int, others: int) -> Iterator[Recording]:
     """Multirotors, and as many of all other kinds together as `others`."""
     for number in range(drones):
-        yield Recording('rendered drone', f'{number}', f'rendered/drone/{number}', 'train', multirotor(rng).astype(np.float32))
+        yield Recording('rendered drone', f'{number}', f'rendered/drone/{number}', KNOWN, multirotor(rng).astype(np.float32))
     kinds = list(OTHERS)
     for number in range(others):
         kind = kinds[number % len(kinds)]
-        yield Recording(f'rendered {kind}', f'{number}', f'rendered/{kind}/{number}', 'train',
+        yield Recording(f'rendered {kind}', f'{number}', f'rendered/{kind}/{number}', KNOWN,
                         OTHERS[kind](rng).astype(np.float32))
 
 

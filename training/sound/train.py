@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import rendered
-from material import Recording, recordings
+import simulated
+from material import FOLDS, KNOWN, Recording, recordings
 from numpy.typing import NDArray
 from scenes import Scenes, crop
 from sklearn.linear_model import LogisticRegression
@@ -16,7 +17,8 @@ from sklearn.neural_network import MLPClassifier
 
 from av_audio.drone_model import LARGEST_FEATURE, DroneModel
 
-RENDERED_DRONES, RENDERED_OTHERS = 0.5, 0.25  # shares of all examples of their side
+RENDERED_SHARES = (0.5, 0.25)  # of the examples of drones and of others, in the fold that has rendered sounds
+OTHER_FOLDS = 0.32  # share of all examples that is from the recordings that are judged on
 LOUD, OFTEN = ('alarm', 'rendered alarm', 'rendered bystander'), 3  # kinds that are drawn as many times as often as others
 HIDDEN = (32, 16)
 RENDERED = (500, 500)  # sounds of drones and of others
@@ -26,19 +28,22 @@ SNRS_DB, AS_RECORDED = (-3.0, 35.0), 0.4  # of the examples
 BESIDE, SEPARATED = 0.35, 0.6
 QUIETER_DB, LOUDER_DB, LOUDER_SEPARATED_DB = -25.0, (-3.0, 3.0), (3.0, 14.0)
 EPOCHS = 15
-FOLDS = 4  # of recordings, for the calibration
+CALIBRATION_FOLDS = 4  # of recordings
+RIG_COUNT = 2  # how often an example that the rig heard in simulated scenes counts
 
 
 class Material:
     """Draws sounds: a drone, or one of the other kinds, alike often but for loud ones.
 
     Parameters:
-        items: recordings of one side of the split.
+        items: recordings of one fold.
         rng: source of random numbers.
+        rendered: shares of rendered sounds among those of drones and of others.
     """
 
-    def __init__(self, items: Sequence[Recording], rng: np.random.Generator) -> None:
-        self._rng = rng
+    def __init__(self, items: Sequence[Recording], rng: np.random.Generator, rendered: tuple[float, float] = (0.0, 0.0)
+                 ) -> None:
+        self._rng, self._rendered = rng, rendered
         self._by_kind: dict[str, dict[str, list[Recording]]] = {}
         for item in items:
             self._by_kind.setdefault(item.kind, {}).setdefault(item.group, []).append(item)
@@ -46,11 +51,11 @@ class Material:
 
     def drone(self) -> tuple[NDArray, str]:
         """Sound of a drone and the group of recordings that it comes from."""
-        return self._of_kind('rendered drone' if self._rng.random() < RENDERED_DRONES else 'drone', 0.65, 1.5)
+        return self._of_kind('rendered drone' if self._rng.random() < self._rendered[0] else 'drone', 0.65, 1.5)
 
     def other(self) -> tuple[NDArray, str]:
         """Sound of something else, and its group."""
-        is_rendered = self._rng.random() < RENDERED_OTHERS
+        is_rendered = self._rng.random() < self._rendered[1]
         kinds = [kind for kind in self._kinds if kind.startswith('rendered') == is_rendered]
         kinds += (OFTEN - 1) * [kind for kind in kinds if kind in LOUD]
         return self._of_kind(str(self._rng.choice(kinds)), 0.8, 1.25)
@@ -119,14 +124,36 @@ def _joined(networks: list[list[tuple[NDArray, NDArray]]]) -> list[tuple[NDArray
 def calibrated(features: NDArray, labels: NDArray, groups: NDArray, seed: int, networks: int) -> DroneModel:
     """The model fitted to all, calibrated by the outputs of models that did not know the recording (Platt, 1999)."""
     names = np.unique(groups)
-    fold_of = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % FOLDS, strict=True))
+    fold_of = dict(zip(names, np.random.default_rng(seed).permutation(len(names)) % CALIBRATION_FOLDS, strict=True))
     folds = np.array([fold_of[group] for group in groups])
     outputs = np.zeros(len(labels))
-    for fold in range(FOLDS):
+    for fold in range(CALIBRATION_FOLDS):
         outputs[folds == fold] = fit(features[folds != fold], labels[folds != fold], seed).log_odds(features[folds == fold])
     platt = LogisticRegression().fit(outputs[:, None], labels)
     model = fit(features, labels, seed, networks)
     return model.calibrated(float(platt.coef_[0, 0]), float(platt.intercept_[0]))
+
+
+def examples_of_folds(items: Sequence[Recording], count: int, scenes: int, rng: np.random.Generator) -> dict[str, NDArray]:
+    """Features (m, n), labels, groups and folds (m,); all sounds of a scene are of one fold, which can be left out.
+
+    Parameters:
+        items: recordings of KNOWN and of all folds.
+        count: number of seconds of sound.
+        scenes: number of simulated scenes, each with some 70 further examples.
+        rng: source of random numbers.
+    """
+    parts = []
+    for fold in (KNOWN, *range(1, FOLDS + 1)):
+        share, shares = (1.0 - OTHER_FOLDS, RENDERED_SHARES) if fold == KNOWN else (OTHER_FOLDS / FOLDS, (0.0, 0.0))
+        material = Material([item for item in items if item.fold == fold], rng, shares)
+        made = examples(material, Scenes(rng, AS_RECORDED), round(share * count), rng)
+        parts.append((*made, np.full(len(made[1]), fold)))
+    if scenes:
+        recorded = [item for item in items if item.fold == KNOWN and not item.kind.startswith('rendered')]
+        made = simulated.examples(recorded, scenes, rng)
+        parts += RIG_COUNT * [(*made, np.full(len(made[1]), KNOWN))]
+    return dict(zip(('features', 'labels', 'groups', 'folds'), map(np.concatenate, zip(*parts, strict=True)), strict=True))
 
 
 def main() -> None:
@@ -136,23 +163,27 @@ def main() -> None:
     parser.add_argument('--clips', type=Path, required=True, help="folder of Svanstrom's clips of sound")
     parser.add_argument('--packages', type=Path, required=True, help='folder for the sounds of Debian packages')
     parser.add_argument('--repository', type=Path, help='git directory of the repository that material.py names')
-    parser.add_argument('--count', type=int, default=35_000, help='number of examples')
+    parser.add_argument('--folds', type=Path, help='folder for models that do not know one fold each, by which it is judged')
+    parser.add_argument('--count', type=int, default=36_000, help='number of examples')
+    parser.add_argument('--scenes', type=int, default=100, help='number of simulated scenes that the rig hears')
     parser.add_argument('--networks', type=int, default=5, help='networks whose mean is taken')
     parser.add_argument('--features', type=Path, help='file that keeps the examples between runs')
     parser.add_argument('--seed', type=int, default=0)
     arguments = parser.parse_args()
     if arguments.features and arguments.features.exists():
         with np.load(arguments.features) as file:
-            features, labels, groups = file['features'], file['labels'], file['groups']
+            made = {name: file[name] for name in file.files}
     else:
         rng = np.random.default_rng(arguments.seed)
-        train = [item for item in recordings(arguments.clips, arguments.packages, arguments.repository)
-                 if item.split == 'train']
-        train.extend(rendered.recordings(rng, *RENDERED))
-        features, labels, groups = examples(Material(train, rng), Scenes(rng, AS_RECORDED), arguments.count, rng)
+        items = list(recordings(arguments.clips, arguments.packages, arguments.repository))
+        made = examples_of_folds([*items, *rendered.recordings(rng, *RENDERED)], arguments.count, arguments.scenes, rng)
         if arguments.features:
-            np.savez(arguments.features, features=features, labels=labels, groups=groups)
-    calibrated(features, labels, groups, arguments.seed, arguments.networks).save(arguments.out)
+            np.savez(arguments.features, **made)
+    for fold in range(1, FOLDS + 1) if arguments.folds else ():
+        arguments.folds.mkdir(parents=True, exist_ok=True)
+        kept = [made[name][made['folds'] != fold] for name in ('features', 'labels', 'groups')]
+        calibrated(*kept, arguments.seed, arguments.networks).save(arguments.folds / f'fold_{fold}.npz')
+    calibrated(made['features'], made['labels'], made['groups'], arguments.seed, arguments.networks).save(arguments.out)
 
 
 if __name__ == '__main__':
