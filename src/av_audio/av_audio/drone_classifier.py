@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,9 @@ PERIOD_S = 0.25  # between two looks at the same direction
 # Looks at directions closer than this (in q, a cosine) are at one source; its log-odds are averaged over this time.
 SAME_SOURCE, MEMORY_S = 0.12, 5.0
 LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
+# Sources closer than this (in q) may have passed each other: what is known of them is exchanged where their log-odds then
+# differ less from those of the newest looks, by this much in all.
+CROSSING, CLEARLY = 0.4, 3.0
 
 
 @dataclass(eq=False)
@@ -32,6 +36,13 @@ class _Source:
     weight: float
     time: float
     fundamental: float = math.nan
+
+
+class _Look(NamedTuple):
+    """Log-odds and fundamental (Hz) of a second of the sound from a direction."""
+
+    log_odds: float
+    fundamental: float
 
 
 class Judgement(NamedTuple):
@@ -87,22 +98,21 @@ class DroneClassifier:
         if self._spectra is None or not self._spectra.is_full:
             return [Judgement()] * len(directions)
         self._sources = [source for source in self._sources if 0.0 <= time - source.time <= MEMORY_S]
-        judgements = []
-        for k, (q, known) in enumerate(zip(directions, self._known(directions), strict=True)):
-            if time - known.time >= PERIOD_S or known.weight == 0.0:
-                self._listen(known, time, self._spectra.steered(q, blade_pass_hz, [*directions[:k], *directions[k + 1:]]))
-            known.q = q
-            odds = min(max(known.log_odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS)
-            judgements.append(Judgement(1.0 / (1.0 + math.exp(-odds)), known.fundamental,
-                                        (FUNDAMENTAL_SIGMA * known.fundamental) ** 2))
-        return judgements
+        known = self._known(directions)
+        due = {k for k, source in enumerate(known) if time - source.time >= PERIOD_S or source.weight == 0.0}
+        due |= {k for k in range(len(known)) if any(_apart(directions[k], directions[j]) < CROSSING for j in due)}
+        looks = {k: self._look(self._spectra.steered(directions[k], blade_pass_hz, [*directions[:k], *directions[k + 1:]]))
+                 for k in due}
+        _exchange(known, looks, directions)
+        for k, look in looks.items():
+            _learn(known[k], time, look)
+        for source, q in zip(known, directions, strict=True):
+            source.q = q
+        return [_judgement(source) for source in known]
 
-    def _listen(self, source: _Source, time: float, segment: Segment) -> None:
-        """Add what a segment of its sound says to what is known of a source."""
-        found, source.fundamental = float(self._model.log_odds(self._features(segment))), self._features.fundamental(segment)
-        kept = source.weight * math.exp(-(time - source.time) / MEMORY_S) if source.weight else 0.0
-        source.log_odds = (kept * source.log_odds + found) / (kept + 1.0)
-        source.weight, source.time = kept + 1.0, time
+    def _look(self, segment: Segment) -> _Look:
+        odds = float(self._model.log_odds(self._features(segment)))
+        return _Look(min(max(odds, -LARGEST_LOG_ODDS), LARGEST_LOG_ODDS), self._features.fundamental(segment))
 
     def _known(self, directions: Sequence[NDArray]) -> list[_Source]:
         """The source in each direction, the nearest pairs first; one that is in no direction yet begins."""
@@ -126,6 +136,29 @@ def load_model(name: str) -> DroneModel | None:
     Raises OSError or ValueError for a file that is no model.
     """
     return None if name == 'none' else DroneModel.load(name or shipped_file('av_audio', 'models', 'drone_sound.npz'))
+
+
+def _learn(source: _Source, time: float, look: _Look) -> None:
+    """Add a look at `time` (s) to what is known of a source."""
+    kept = source.weight * math.exp(-(time - source.time) / MEMORY_S) if source.weight else 0.0
+    source.log_odds = (kept * source.log_odds + look.log_odds) / (kept + 1.0)
+    source.weight, source.time, source.fundamental = kept + 1.0, time, look.fundamental
+
+
+def _exchange(known: list[_Source], looks: Mapping[int, _Look], directions: Sequence[NDArray]) -> None:
+    """Exchange what is known of two sources that may have passed each other, where the newest looks at both say so."""
+    for a, b in combinations(sorted(looks), 2):
+        first, second = known[a], known[b]
+        if first.weight and second.weight and _apart(directions[a], directions[b]) < CROSSING:
+            kept = abs(looks[a].log_odds - first.log_odds) + abs(looks[b].log_odds - second.log_odds)
+            exchanged = abs(looks[a].log_odds - second.log_odds) + abs(looks[b].log_odds - first.log_odds)
+            if kept > exchanged + CLEARLY:
+                known[a], known[b] = second, first
+
+
+def _judgement(source: _Source) -> Judgement:
+    variance = (FUNDAMENTAL_SIGMA * source.fundamental) ** 2
+    return Judgement(1.0 / (1.0 + math.exp(-source.log_odds)), source.fundamental, variance)
 
 
 def _apart(first: NDArray, second: NDArray) -> float:

@@ -143,10 +143,10 @@ def test_a_drone_is_told_from_a_rumble():
 
 
 class Alternating:
-    """A model that finds a drone in every other sound."""
+    """A model that finds given log-odds, again and again; at first a drone in every other sound."""
 
-    def __init__(self) -> None:
-        self._odds = cycle([4.0, -4.0])
+    def __init__(self, odds=(4.0, -4.0)) -> None:
+        self._odds = cycle(odds)
 
     def log_odds(self, features: np.ndarray) -> float:
         return next(self._odds)
@@ -165,9 +165,23 @@ def test_sources_of_one_window_are_judged_apart_however_close_they_are():
     assert drone.probability > 0.9
 
 
+@pytest.mark.parametrize(('later', 'exchanged'), [((4.0, -4.0), True), ((0.5, -0.5), False)])
+def test_sources_that_pass_each_other_are_told_apart_by_what_is_heard(later, exchanged):
+    """A drone and something else have changed places between two looks, if the second looks are clear."""
+    classifier = DroneClassifier(PAIR, RATE, C, Alternating((4.0, -4.0, *later)))
+    classifier.add(0.05 * np.random.default_rng(6).standard_normal((3 * RATE, 2)).astype(np.float32))
+    drone, other = classifier.judge(3.0, [np.array([0.05]), np.array([-0.05])])
+    assert drone.probability > 0.9 and other.probability < 0.1
+    below, above = classifier.judge(3.3, [np.array([-0.05]), np.array([0.05])])
+    assert (below.probability > 0.5 > above.probability) == exchanged
+
+
 @pytest.mark.skipif(not CLIPS.is_dir(), reason=f'{CLIPS} is absent')
-def test_recordings_that_were_not_trained_on_are_told_apart():
-    """Every other clip, at 44.1 kHz, from a direction, with noise at 20 dB; the area under the ROC curve by second."""
+def test_recordings_are_told_apart():
+    """Clips at 44.1 kHz, from a direction, with noise at 20 dB; the area under the ROC curve by second.
+
+    The model knows these clips. How it judges others is in its card.
+    """
     rng, model, features = np.random.default_rng(9), load_model(''), DroneFeatures()
     scores: dict[bool, list[float]] = {True: [], False: []}
     for path in sorted(CLIPS.glob('*.flac')):
@@ -182,7 +196,7 @@ def test_recordings_that_were_not_trained_on_are_told_apart():
             scores[kind == 'DRONE'].append(float(model.log_odds(features(steered(PAIR, heard, [0.4], rate)))))
     drones, others = scores[True], scores[False]
     area = mannwhitneyu(drones, others).statistic / (len(drones) * len(others))
-    assert area > 0.85
+    assert area > 0.9
 
 
 def test_messages_say_how_likely_a_drone_is():
