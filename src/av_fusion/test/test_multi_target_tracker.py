@@ -12,7 +12,7 @@ from test_tracker import errors_deg, run
 from av_common.parameters import node_parameters
 from av_common.track import State, Target, Track
 from av_common.track_messages import targets_message
-from av_fusion.measurement.measurements import CameraMeasurement, Detection
+from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.target_selector import DWELL_S, TargetSelector
@@ -85,6 +85,18 @@ def test_a_bystander_is_tracked_but_not_followed():
             assert min(abs(track.azimuth + 0.3), abs(abs(track.azimuth) - (math.pi - 0.3))) < 0.15
     kinds = [target.drone_probability > 0.5 for target in tracker.targets(track).targets]
     assert sorted(kinds) == [False, True]
+
+
+def test_a_drone_at_end_fire_that_is_masked_for_long_is_a_few_components():
+    """Each window shows something else only, beside the axis: the track is compared with it, but not updated."""
+    tracker = MultiTargetTracker()
+    for k in range(60):
+        time, masked = 100.0 + 0.1 * k, k >= 20
+        sound = DoaMeasurement.of_cone(time, Cone((0.0, 1.0, 0.0), 0.2 if masked else 0.97, 0.001), 0.9)
+        tracker.add_pose(Pose(time, (1.0, 0.0, 0.0, 0.0)))
+        tracker.add_doa(sound._replace(drone_probability=0.02 if masked else 0.98))
+        tracker.estimate(time)
+        assert sum(len(track.mixture.components) for track in tracker.filter.tracks) < 50
 
 
 def test_a_clearly_more_urgent_target_is_followed_after_a_while():

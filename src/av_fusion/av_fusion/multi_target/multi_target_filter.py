@@ -83,6 +83,9 @@ class MultiTargetFilter:
         self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
         # Where only others of another kind are heard, the silence of a track tells nothing: they mask it.
         tracks = [track for track in self.tracks if not window.heard or track.kind.fits(window.kinds).any()]
+        for track in self.tracks:
+            if track not in tracks:
+                track.mixture.reduce()  # it was compared with all sounds, by which components at end-fire are split
         places = [track.advance(time) for track in tracks]
         for track in tracks:
             track.blade_pass.predict(elapsed)
