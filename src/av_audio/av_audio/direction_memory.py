@@ -81,10 +81,11 @@ class DirectionMemory:
         """
         former = self._density.sum(axis=0)
         posterior = np.convolve(self.update(density), np.ones(5), 'same')
-        likely = self.grid[np.argmax(posterior)]
+        best = np.argmax(posterior)
+        likely = self.grid[best]
         if peak.main_share > CLEAR or abs(likely - peak.q[0]) < LOBE:
             return peak
-        if np.interp(likely, self.grid, former) < ODDS * np.interp(peak.q[0], self.grid, former):
+        if former[best] < ODDS * np.interp(peak.q[0], self.grid, former):
             return peak
         weights = np.where(np.abs(self.grid - likely) < LOBE, density, 0.0)
         share = float(weights.sum())
