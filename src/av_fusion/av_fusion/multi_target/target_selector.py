@@ -11,8 +11,8 @@ from av_fusion.multi_target.drone_evidence import log_odds
 CERTAIN = 0.9  # existence probability from which another target than the one before is followed
 MARGIN = 1.5  # of the urgency of another target over that of the followed one, from which it is followed
 DWELL_S = 1.0  # for which it must be so
-# A target whose log-odds of being a drone, LARGEST_LOG_ODDS at most, are so far below those of another one is a bystander.
-LESS_LIKE, LARGEST_LOG_ODDS = 1.0, 3.0
+# A target whose log-odds of being a drone, LARGEST_LIKENESS at most, are so far below those of another one is a bystander.
+LESS_LIKE, LARGEST_LIKENESS = 1.0, 3.0
 
 
 def _angle(track: Track) -> float:
@@ -91,7 +91,7 @@ class TargetSelector:
 
 def _alike(targets: Sequence[Target]) -> list[Target]:
     """The targets that are as like a drone as the one that is most like one, of those that exist; and what is not judged."""
-    likeness = {target.id: min(log_odds(target.drone_probability), LARGEST_LOG_ODDS) for target in targets}
+    likeness = {target.id: min(log_odds(target.drone_probability), LARGEST_LIKENESS) for target in targets}
     most = max((likeness[target.id] for target in targets if target.existence >= CERTAIN
                 and not math.isnan(target.drone_probability)), default=-math.inf)
     return [target for target in targets if not likeness[target.id] < most - LESS_LIKE]
