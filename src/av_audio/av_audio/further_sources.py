@@ -32,6 +32,10 @@ LOG_NORMAL = np.log(np.i0(CONCENTRATION))
 # another place, alike in many clusters: significance counts by this factor, and sigma by its inverse.
 LEAST_SIGNIFICANCE = 2.8
 ARRAY_SIGNIFICANCE = 0.6
+# Noise differs from one cluster to the next. What a body between two microphones does to a source does not: in neighbouring
+# clusters it looks like a source elsewhere. To a pair a source is also significant in wider clusters. As these are fewer, their
+# significance counts by this factor.
+WIDE_HZ, WIDE_SIGNIFICANCE = 1000.0, 1.65
 LEAST_SHARE = 0.5
 # Coherent share of all bins that a further source has at least: what a window without noise leaves of its source has less.
 LEAST_COHERENCE = 0.03
@@ -58,6 +62,7 @@ class FurtherSources(SteeredResponse):
         self._used = len(frequencies) // self._group * self._group
         super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
         self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
+        self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
         self._ego_noise = ego_noise
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
@@ -137,8 +142,11 @@ class FurtherSources(SteeredResponse):
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
-        return replace(peak, significance=self._significance * peak.significance,
-                       covariance=peak.covariance / self._significance**2)
+        significance = self._significance * peak.significance
+        if self._array.channels == 2 and significance > 0.0:
+            wide = np.add.reduceat(self._steer(weighted, q).sum(axis=0), self._wide)
+            significance = min(significance, WIDE_SIGNIFICANCE * peak.height / float(np.sqrt(0.5 * np.sum(np.abs(wide) ** 2))))
+        return replace(peak, significance=significance, covariance=peak.covariance / self._significance**2)
 
     def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:
         """The peak of source k without the others, to which its direction is moved."""

@@ -47,3 +47,12 @@ def test_among_several_slow_motion_is_steady_too_and_a_manoeuvre_is_noticed_soon
         noise.adapt(0.2)
         factors.append(noise.value / before)
     assert factors == [pytest.approx(math.exp(0.2 * gain)) for gain in (3.0, 8.0)]
+
+
+def test_steadiness_counts_little_where_a_turn_could_be_heard():
+    """Long steady motion lowers the noise of an only target that is heard to a half, and to the least close to end-fire."""
+    noise = after(100, 0.5, 0.2)
+    assert noise.least(in_view=False) == ONLY.least_heard > noise.least(in_view=True) > noise.value
+    noise.note(1.0, 0.2, 0.5, 1.0, slope=math.sin(math.radians(10.0)))
+    noise.adapt(1.0)
+    assert noise.least(in_view=False) == LEAST

@@ -9,6 +9,7 @@ EXPECTED_NIS, LARGEST_NIS = 1.0, 9.0  # normalised innovation squared: mean of a
 FALL = 1.0  # gain of the logarithm of the scale where innovations are small
 LEAST = 0.03  # lower bound of the scale
 LEAST_IN_VIEW = 0.1  # lower bound while the camera sees the target
+OBSERVED = 0.34  # derivative of the measured cosine by the direction, 20 degrees from end-fire, from which a turn is observed
 STEADY_COUNT = 7.0  # independent measurements of steady motion that halve the upper bound of 1
 MANOEUVRE_SCALE = 2.0  # a scale above this is a manoeuvre, after which steadiness is counted from zero
 
@@ -20,16 +21,19 @@ class Adaptation(NamedTuple):
         rise: gain of the logarithm of the scale where innovations are large.
         slow (rad/s): slower motion is not evidence of steadiness.
         largest: upper bound of the scale.
+        least_heard: lower bound where the target is heard only, and not at end-fire.
     """
 
     rise: float
     slow: float
     largest: float
+    least_heard: float
 
 
-ONLY = Adaptation(rise=3.0, slow=math.radians(5.0), largest=10.0)
+# With a smaller scale a target that turns back after long steady motion is lost: by sound the scale rises too late.
+ONLY = Adaptation(rise=3.0, slow=math.radians(5.0), largest=10.0, least_heard=0.5)
 # Several targets are told apart by steady motion, also by slow one, if a manoeuvre is noticed all the sooner.
-ONE_OF_SEVERAL = Adaptation(rise=8.0, slow=math.radians(2.0), largest=33.0)
+ONE_OF_SEVERAL = Adaptation(rise=8.0, slow=math.radians(2.0), largest=33.0, least_heard=LEAST)
 
 
 class AdaptiveProcessNoise:
@@ -48,18 +52,25 @@ class AdaptiveProcessNoise:
 
     def __init__(self) -> None:
         self.value, self.adaptation = 1.0, ONLY
-        self._steady = self._nis = self._weight = self._moving = 0.0
+        self._steady = self._nis = self._weight = self._moving = self._slope = 0.0
+        self._observed = True
 
-    def note(self, weight: float, rate: float, innovation: float, variance: float) -> None:
+    def least(self, in_view: bool) -> float:
+        """Lower bound of the scale of a prediction, by whether the camera sees the target."""
+        return LEAST_IN_VIEW if in_view else self.adaptation.least_heard if self._observed else LEAST
+
+    def note(self, weight: float, rate: float, innovation: float, variance: float, slope: float = 1.0) -> None:
         """Add the innovation of a component.
 
         Parameters:
             weight: weight of the component.
             rate (rad/s): rate of its azimuth.
             innovation, variance: innovation of a scalar measurement and its variance, in any unit.
+            slope: derivative of what is measured by the direction, 0 at end-fire.
         """
         self._nis += weight * min(innovation * innovation / variance, LARGEST_NIS)
         self._weight += weight
+        self._slope += weight * slope
         self._moving += weight * rate * rate / (rate * rate + self.adaptation.slow**2)
 
     def adapt(self, fraction: float) -> None:
@@ -68,4 +79,5 @@ class AdaptiveProcessNoise:
         value = self.value * math.exp((self.adaptation.rise if excess > 0.0 else FALL) * fraction * excess)
         self._steady = 0.0 if value > MANOEUVRE_SCALE else self._steady + fraction * self._moving
         self.value = min(max(value, LEAST, 1.0 / (1.0 + (self._steady / STEADY_COUNT) ** 2)), self.adaptation.largest)
-        self._nis = self._weight = self._moving = 0.0
+        self._observed = self._slope > OBSERVED * self._weight if self._weight > 0.0 else self._observed
+        self._nis = self._weight = self._moving = self._slope = 0.0

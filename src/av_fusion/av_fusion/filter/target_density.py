@@ -13,7 +13,7 @@ from av_fusion.filter.gaussian_mixture import GaussianMixture
 from av_fusion.filter.hearing import Hearing
 from av_fusion.filter.normal_distribution import gaussian, share_within
 from av_fusion.filter.past_state import PastState
-from av_fusion.filter.process_noise import LEAST_IN_VIEW, AdaptiveProcessNoise
+from av_fusion.filter.process_noise import AdaptiveProcessNoise
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.world_direction import Deviation, WorldDirection, distance
 from av_fusion.measurement.measurements import CameraMeasurement, Detection
@@ -118,8 +118,8 @@ class TargetDensity:
 
     def noise_scale(self, time: float) -> float:
         """Factor of the acceleration density for a prediction to `time` (s)."""
-        scale = self.process_noise.value
-        return self._while_supported(max(scale, LEAST_IN_VIEW) if time - self.newest_sighting < IN_VIEW_S else scale, time)
+        least = self.process_noise.least(in_view=time - self.newest_sighting < IN_VIEW_S)
+        return self._while_supported(max(self.process_noise.value, least), time)
 
     def variance_scale(self, time: float, seen: bool) -> float:
         """Ratio of the variance of the track's errors at `time` (s) to that of the filter; `seen` where sight leads."""
@@ -167,7 +167,8 @@ class TargetDensity:
         component, deviation = comparison.component, comparison.deviations[0]
         if deviation.distance < self.manoeuvre_gate:
             weight *= component.weight * (1.0 - component.p_outlier)
-            self.process_noise.note(weight, component.across_rate, deviation.innovation, deviation.total)
+            self.process_noise.note(weight, component.across_rate, deviation.innovation, deviation.total,
+                                    slope=abs(deviation.row[0]))
             own = deviation.total - (1.0 - fraction) * deviation.noise    # with the variance of the direction itself
             self.consistency.sound.note(weight, deviation.innovation, own)
 
