@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from av_audio.ego_noise import EgoNoise
-from av_audio.steered_response import Peak, SteeredResponse
+from av_audio.steered_response import Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
 
@@ -142,11 +142,13 @@ class FurtherSources(SteeredResponse):
 
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         peak = super()._peak(weighted, q, curve)
-        significance = self._significance * peak.significance
-        if self._array.channels == 2 and significance > 0.0:
-            wide = np.add.reduceat(self._steer(weighted, q).sum(axis=0), self._wide)
-            significance = min(significance, WIDE_SIGNIFICANCE * peak.height / float(np.sqrt(0.5 * np.sum(np.abs(wide) ** 2))))
-        return replace(peak, significance=significance, covariance=peak.covariance / self._significance**2)
+        return replace(peak, covariance=peak.covariance / self._significance**2)
+
+    def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
+        significance *= self._significance
+        if self._array.channels > 2:
+            return significance
+        return min(significance, WIDE_SIGNIFICANCE * height / spread_of(np.add.reduceat(bins, self._wide)))
 
     def _again(self, phases: NDArray, found: list[NDArray], k: int) -> Peak:
         """The peak of source k without the others, to which its direction is moved."""

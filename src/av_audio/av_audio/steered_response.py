@@ -123,9 +123,10 @@ class SteeredResponse:
     def _peak(self, weighted: NDArray, q: NDArray, curve: NDArray) -> Peak:
         steered = self._steer(weighted, q)
         _, hessian = self._derivatives(steered)
-        clusters = np.add.reduceat(steered.sum(axis=0), self._clusters)
+        bins = steered.sum(axis=0)
+        clusters = np.add.reduceat(bins, self._clusters)
         height = float(clusters.real.sum())
-        spread = float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
+        spread = spread_of(clusters)
         if spread == 0.0 or height <= 0.0 or not is_positive(hessian):
             return Peak(q, np.full_like(hessian, np.inf), np.zeros_like(hessian), 0.0, 0.0)
         scores = np.add.reduceat(self._slowness.T @ (steered.imag * self._omega), self._clusters, axis=1)
@@ -135,8 +136,19 @@ class SteeredResponse:
         bias = self._reflections(clusters, height, inverse)
         agreement = height / float(np.abs(clusters).sum())
         log_likelihood = _log_likelihood(curve - height, covariance, hessian)
-        return Peak(q, covariance, bias, significance, self._main_share(q, covariance, hessian, height, log_likelihood),
-                    height, agreement, log_likelihood)
+        main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
+        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height, agreement,
+                    log_likelihood)
+
+    def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
+        """Significance of a peak as that of a source.
+
+        Parameters:
+            bins (k,): steered cross-spectra, summed over the pairs.
+            height: height of the peak.
+            significance: its height over the spread of the clusters.
+        """
+        return significance
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         """Mean square (rank, rank) of the shift of q by early reflections.
@@ -158,6 +170,11 @@ class SteeredResponse:
         others = cell * float(np.exp(np.minimum(log_likelihood[outside], 0.0)).sum())
         main = float(np.sqrt((2.0 * np.pi) ** rank * np.linalg.det(covariance)))
         return main / (main + others) if main > 0.0 else 1.0
+
+
+def spread_of(clusters: NDArray) -> float:
+    """Standard deviation of the height of a peak that independent channels would give; `clusters` (c,) as steered."""
+    return float(np.sqrt(0.5 * np.sum(np.abs(clusters) ** 2)))
 
 
 def _log_likelihood(curve: NDArray, covariance: NDArray, hessian: NDArray) -> NDArray:
