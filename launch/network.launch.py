@@ -16,8 +16,8 @@ from launch import LaunchDescription, LaunchDescriptionEntity
 from launch.actions import GroupAction, IncludeLaunchDescription
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-from av_fusion.launching import RIG_ARGUMENTS, Arguments, describe, require, rig_node, view_nodes
-from av_fusion.supervision import Supervision
+from av_bringup.launching import RIG_ARGUMENTS, Arguments, describe, require, rig_node, view_nodes
+from av_bringup.supervision import Supervision
 
 MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
 PORTS = 250  # between those of two rigs
@@ -35,7 +35,7 @@ ARGUMENTS = {
     'params': ('', 'a parameter file that overrides config/rig_params.yaml', None),
     'namespace': ('', 'namespace of the network node', None),
     **{name: RIG_ARGUMENTS[name] for name in ('view', 'view_control', 'bags')},
-    'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
+    'security': ('', 'a keystore of `ros2 run av_bringup security`: only nodes with its keys take part; empty: all', None),
 }
 
 

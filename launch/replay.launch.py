@@ -11,7 +11,7 @@ from __future__ import annotations
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch_ros.actions import Node
 
-from av_fusion.launching import (
+from av_bringup.launching import (
     RIG_ARGUMENTS,
     Arguments,
     describe,

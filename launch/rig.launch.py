@@ -22,8 +22,7 @@ from ament_index_python.packages import get_package_prefix
 from launch import LaunchDescription, LaunchDescriptionEntity
 from launch.actions import ExecuteProcess, LogInfo, TimerAction
 
-from av_common.yaml_reader import load_yaml
-from av_fusion.launching import (
+from av_bringup.launching import (
     CONFIG,
     REPORT_ARGUMENTS,
     RIG_ARGUMENTS,
@@ -39,7 +38,8 @@ from av_fusion.launching import (
     rig_node,
     view_nodes,
 )
-from av_fusion.supervision import RESPAWN, Supervision
+from av_bringup.supervision import RESPAWN, Supervision
+from av_common.yaml_reader import load_yaml
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')

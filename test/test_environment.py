@@ -171,14 +171,14 @@ def generate_launch_description():
 @pytest.mark.system
 @pytest.mark.parametrize('option', ['', '--symlink-install'])
 def test_launch_and_configuration_files_are_installed(tmp_path, option):
-    for name in ('src/av_fusion', 'launch', 'config'):
+    for name in ('src/av_bringup', 'src/av_fusion', 'launch', 'config'):
         shutil.copytree(PROJECT / name, tmp_path / name, symlinks=True)
     (tmp_path / 'config/deep/er').mkdir(parents=True)
     (tmp_path / 'config/deep/er/new.yaml').write_text('a: 1')
     result = shell(f'. "{PROJECT}/tools/ros_env.sh"; colcon build {option}', cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    share = tmp_path / 'install/av_fusion/share/av_fusion'
-    for folder in ('launch', 'config'):
+    for package, folder in (('av_fusion', 'launch'), ('av_bringup', 'config')):
+        share = tmp_path / 'install' / package / 'share' / package
         wanted = {file.relative_to(tmp_path) for file in (tmp_path / folder).rglob('*')
                   if file.is_file() and '__pycache__' not in file.parts}
         assert wanted == {file.relative_to(share) for file in (share / folder).rglob('*') if file.is_file()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 pytest.importorskip('launch_ros', reason='needs ROS 2')
-from av_fusion import launching
+from av_bringup import launching
 
 
 def started(launch_file, **arguments):

@@ -24,7 +24,7 @@ from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand
 
 pytestmark = pytest.mark.system
 
-ROBOT = {'av_interfaces', 'av_common', 'av_audio', 'av_vision', 'av_fusion', 'av_pointing', 'av_px4'}
+ROBOT = {'av_interfaces', 'av_common', 'av_bringup', 'av_audio', 'av_vision', 'av_fusion', 'av_pointing', 'av_px4'}
 DESK = {'av_bags', 'av_evaluation', 'av_sim_bridge', 'av_simulator', 'av_view'}
 LIBRARIES = {'dask', 'distributed', 'matplotlib', 'mcap', 'mcap_ros2', 'mujoco', 'rosbags', 'websockets'}
 TOPICS = {'doa': DoaArray, 'target/bearing': Bearing, 'fusion/state': FusionState, 'pointing/command': PointingCommand}

@@ -17,7 +17,7 @@ from rig_process import RigProcess
 from ros_domains import free_domain
 from udp_ports import free_offset
 
-from av_fusion.cli.security import main as security
+from av_bringup.cli.security import main as security
 
 pytestmark = pytest.mark.system
 BEARING, COMMAND = 'target/bearing', 'pointing/command'

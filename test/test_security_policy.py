@@ -16,7 +16,7 @@ import pytest
 from node_endpoints import variants
 from ros_domains import free_domain
 
-from av_fusion.security.policy import DISCOVERY, RULES, read_policy
+from av_bringup.security.policy import DISCOVERY, RULES, read_policy
 
 CONFIG = Path(__file__).resolve().parent.parent / 'config'
 POLICY = {enclave.path.lstrip('/'): enclave for enclave in read_policy(CONFIG / 'security' / 'policy.xml')}

@@ -68,6 +68,6 @@ def test_the_command_passes_on_the_arguments(tmp_path):
 
 def test_the_example_names_arguments_of_the_launch_file():
     assert {'RIG_SETUP', 'RIG_ARGUMENTS'} <= set(settings())
-    text = LAUNCH_FILE.read_text() + (Path(__file__).parents[1] / 'src/av_fusion/av_fusion/launching.py').read_text()
+    text = LAUNCH_FILE.read_text() + (Path(__file__).parents[1] / 'src/av_bringup/av_bringup/launching.py').read_text()
     for argument in settings()['RIG_ARGUMENTS'].split():
         assert f"'{argument.partition(':=')[0]}': (" in text

@@ -20,20 +20,20 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
         *((f'share/{package_name}/{file.parent}', [str(file)])
-          for folder in ('launch', 'config') for file in Path(folder).rglob('*')
+          for file in Path('launch').rglob('*')
           if file.is_file() and '__pycache__' not in file.parts),
     ],
     install_requires=['setuptools'],
     zip_safe=True,
     maintainer='The av_rig maintainers',
     maintainer_email='av_rig@users.noreply.github.com',
-    description='Directions and detections to one track; launch files and configuration of the whole rig.',
+    description='Directions and detections to one track; launch files of the whole rig.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
             'fusion_node = av_fusion.nodes.fusion_node:main',
             'rig_frames_node = av_fusion.nodes.rig_frames_node:main',
-            'security = av_fusion.cli.security:main',
+            'security = av_bringup.cli.security:main',
         ],
     },
 )

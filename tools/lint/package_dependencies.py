@@ -29,9 +29,9 @@ OPTIONAL = {'acoular', 'audio_common_msgs', 'distributed', 'foxglove', 'google',
 # Dependencies of a package without an import.
 IMPLICIT = {
     'av_audio': {'portaudio19-dev'},
-    'av_fusion': {'av_audio', 'av_pointing', 'rmw_cyclonedds_cpp',  # nodes that every launch file starts
-                  'openssl'},
-    'av_simulator': {'av_fusion'},   # av_fusion installs the configuration
+    'av_bringup': {'openssl', 'rmw_cyclonedds_cpp'},
+    'av_fusion': {'av_audio', 'av_bringup', 'av_pointing'},     # of the launch files
+    'av_simulator': {'av_bringup'},     # which installs the configuration
 }
 # Permitted pairs of a package and a module that its tests import although that module depends on the package.
 TESTED_TOGETHER: set[tuple[str, str]] = set()

@@ -1,1 +1,1 @@
-"""Fusion of directions of arrival and detections to the bearing of one target; launch files and configuration of the suite."""
+"""Fusion of directions of arrival and detections to the bearing of one target; launch files of the suite."""

@@ -40,7 +40,7 @@ class Observer(Node):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        shipped = Path(get_package_share_directory('av_fusion')) / 'config' / 'rig_params.yaml'
+        shipped = Path(get_package_share_directory('av_bringup')) / 'config' / 'rig_params.yaml'
         self.judge = CommandJudge(pointing_settings(node_parameters('av_pointing', 'pointing_node', [shipped])))
         self.check = BearingCheck()
         self._problems: dict[str, str] = {}

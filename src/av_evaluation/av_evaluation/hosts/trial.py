@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
+from av_bringup.security.keystore import make_keystore
+from av_bringup.security.policy import read_policy
 from av_evaluation.hosts.host_process import HostProcess
 from av_evaluation.hosts.light_rig import NODE
 from av_evaluation.hosts.medium import Medium
@@ -23,8 +25,6 @@ from av_evaluation.hosts.switch import Switch, sent_bytes
 from av_evaluation.namespaces import Host
 from av_evaluation.network import cases
 from av_evaluation.network.simulation import NetworkSimulation
-from av_fusion.security.keystore import make_keystore
-from av_fusion.security.policy import read_policy
 
 QUIET_S = 5.0  # in which the nodes know each other and nobody reports
 PATIENCE_S = 300.0  # for which nodes may look for each other
@@ -163,7 +163,7 @@ class Trial:
     def _make_environment(self, folder: Path) -> dict[str, str]:
         common = {**os.environ, 'ROS_DOMAIN_ID': '0', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'ROS_SECURITY_ENABLE': 'false',
                   **dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS'), '1')}
-        config = Path(get_package_share_directory('av_fusion')) / 'config'
+        config = Path(get_package_share_directory('av_bringup')) / 'config'
         common['CYCLONEDDS_URI'] = '' if self._settings.default_dds else f'file://{config}/dds/network.xml'
         if not self._settings.security:
             return common

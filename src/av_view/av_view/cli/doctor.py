@@ -12,8 +12,8 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 
+from av_bringup.launching import CONFIG
 from av_common.rig import Rig
-from av_fusion.launching import CONFIG
 from av_view.doctor import program
 from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding

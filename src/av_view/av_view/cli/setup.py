@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
+from av_bringup.launching import CONFIG
 from av_common.microphone_array import MicrophoneArray
-from av_fusion.launching import CONFIG
 from av_view.doctor.files import judge_files
 from av_view.doctor.program import devices
 

@@ -1,4 +1,4 @@
-"""Which end of a process is the end of the rig, by the rules of av_fusion.supervision, without processes."""
+"""Which end of a process is the end of the rig, by the rules of av_bringup.supervision, without processes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from launch import LaunchContext
 from launch.actions import EmitEvent, LogInfo, TimerAction
 from launch.events.process import ProcessExited, ShutdownProcess
 
+from av_bringup.supervision import MOST_RESTARTS, Supervision
 from av_common.launched import RESTARTS, RUN_FOLDER, started_file
-from av_fusion.supervision import MOST_RESTARTS, Supervision
 
 KILLED, FAILED, CLEAN = -9, 1, 0
 

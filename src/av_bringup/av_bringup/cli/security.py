@@ -1,4 +1,4 @@
-"""`ros2 run av_fusion security --keystore FOLDER`: make or renew the keys with which the rig's nodes know each other."""
+"""`ros2 run av_bringup security --keystore FOLDER`: make or renew the keys with which the rig's nodes know each other."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
-from av_fusion.security.keystore import make_keystore
-from av_fusion.security.policy import read_policy
+from av_bringup.security.keystore import make_keystore
+from av_bringup.security.policy import read_policy
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program; returns its exit code: 0, or 1 when the keystore cannot be made."""
-    shipped = Path(get_package_share_directory('av_fusion')) / 'config' / 'security'
+    shipped = Path(get_package_share_directory('av_bringup')) / 'config' / 'security'
     parser = argparse.ArgumentParser(prog='security', description=__doc__)
     add = parser.add_argument
     add('--keystore', required=True, type=Path, metavar='FOLDER', help='made; one that exists keeps its authorities')

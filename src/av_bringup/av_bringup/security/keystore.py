@@ -16,8 +16,8 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element, SubElement
 
-from av_fusion.security.openssl import OpensslError, make_certificate, openssl, sign
-from av_fusion.security.policy import Enclave
+from av_bringup.security.openssl import OpensslError, make_certificate, openssl, sign
+from av_bringup.security.policy import Enclave
 
 AUTHORITIES = ('identity_ca', 'permissions_ca')
 AUTHORITY_DAYS = 3650
@@ -73,7 +73,7 @@ def check_enclave(keystore: Path, path: str) -> None:
     folder = _folder(keystore, path)
     for name in FILES:
         if not (folder / name).is_file():
-            raise KeystoreError(f'{folder / name}: no such file, expected one made by `ros2 run av_fusion security`')
+            raise KeystoreError(f'{folder / name}: no such file, expected one made by `ros2 run av_bringup security`')
     if (folder / 'key.pem').stat().st_mode & 0o007:
         raise KeystoreError(f'{folder / "key.pem"} may be read by everybody, `chmod 600` it')
     _verified(folder / 'cert.pem', 'verify', '-CAfile', folder / 'identity_ca.cert.pem', folder / 'cert.pem')

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from ament_index_python.packages import get_package_share_directory
 
-from av_fusion.cli.security import main
-from av_fusion.security.keystore import FILES, KeystoreError, check_enclave
-from av_fusion.security.openssl import OpensslError, openssl
-from av_fusion.security.policy import read_policy
+from av_bringup.cli.security import main
+from av_bringup.security.keystore import FILES, KeystoreError, check_enclave
+from av_bringup.security.openssl import OpensslError, openssl
+from av_bringup.security.policy import read_policy
 
-SHIPPED = Path(get_package_share_directory('av_fusion')) / 'config' / 'security'
+SHIPPED = Path(get_package_share_directory('av_bringup')) / 'config' / 'security'
 POLICY = '''<policy version="0.2.0" xmlns:xi="http://www.w3.org/2001/XInclude"><enclaves><enclave path="/talker"><profiles>
 <profile ns="/" node="talker"><topics publish="ALLOW" subscribe="ALLOW"><topic>chatter</topic><topic>/tf</topic></topics>
 <services reply="ALLOW"><service>~/get</service></services><services request="ALLOW"><service>add</service></services>

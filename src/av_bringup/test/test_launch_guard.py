@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from machine_load import slowness
 
-from av_fusion import guard
+from av_bringup import guard
 
 pytestmark = pytest.mark.system
 

@@ -31,14 +31,14 @@ from launch.events import Shutdown
 from launch.events.process import ProcessExited
 from launch_ros.actions import Node
 
+from av_bringup import guard
+from av_bringup.security.keystore import check_enclave
+from av_bringup.supervision import RESPAWN
 from av_common.launched import RUN_FOLDER
 from av_common.parameters import check_parameter_file
 from av_common.rig import load_rig
-from av_fusion import guard
-from av_fusion.security.keystore import check_enclave
-from av_fusion.supervision import RESPAWN
 
-CONFIG = Path(get_package_share_directory('av_fusion')) / 'config'
+CONFIG = Path(get_package_share_directory('av_bringup')) / 'config'
 BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
 MONITOR_PACKAGE, VIEW_PACKAGE, REPORT_PACKAGE = 'av_evaluation', 'av_view', 'av_reports'
 Arguments = Mapping[str, str]
@@ -57,7 +57,7 @@ RIG_ARGUMENTS: Declarations = {
     'bags': ('', 'folder of recordings that the page begins and opens, with view_control', None),
     'view': ('false', f'show the rig in browsers: print the address of a page, needs {VIEW_PACKAGE}', ['true', 'false']),
     'view_control': ('false', 'the page may also control the rig, with the token in the printed address', ['true', 'false']),
-    'security': ('', 'a keystore of `ros2 run av_fusion security`: only nodes with its keys take part; empty: all nodes', None),
+    'security': ('', 'a keystore of `ros2 run av_bringup security`: only nodes with its keys take part; empty: all', None),
 }
 
 # Where targets are reported to: launch argument, parameter of report_node, what it is, the Python package that it needs.
