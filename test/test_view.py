@@ -16,8 +16,8 @@ pytest.importorskip('websockets.sync.client', reason='needs websockets 13')
 from websockets.sync.client import connect
 
 from av_bags.reader import Bag
+from av_evaluation.cli.page_cost import process_at
 from av_view.browser import Browser, find_browser
-from av_view.cli.benchmark import process_at
 
 pytestmark = [pytest.mark.system,
               pytest.mark.skipif(not find_browser(), reason='no Chromium is installed: sudo apt-get install chromium')]

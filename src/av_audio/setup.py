@@ -30,7 +30,6 @@ setup(
             'audio_common_node = av_audio.nodes.audio_common_node:main',
             'audio_node = av_audio.nodes.audio_node:main',
             'doa_node = av_audio.nodes.doa_node:main',
-            'benchmark = av_audio.cli.benchmark:main',
             'calibrate = av_audio.cli.calibrate:main',
             'localize = av_audio.cli.localize:main',
         ],

@@ -26,7 +26,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'benchmark = av_pointing.cli.benchmark:main',
             'pointing_node = av_pointing.nodes.pointing_node:main',
         ],
     },

@@ -27,7 +27,6 @@ setup(
     entry_points={
         'console_scripts': [
             'px4_node = av_px4.nodes.px4_node:main',
-            'benchmark = av_px4.cli.benchmark:main',
         ],
     },
 )

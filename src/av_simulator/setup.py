@@ -18,8 +18,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'benchmark = av_simulator.cli.benchmark:main',
-            'benchmark_sound = av_simulator.cli.benchmark_sound:main',
             'scenario_schema = av_simulator.cli.scenario_schema:main',
             'simulate = av_simulator.cli.simulate:main',
             'simulator = av_simulator.cli.simulator:main',

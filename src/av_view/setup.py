@@ -29,7 +29,6 @@ setup(
     entry_points={
         'console_scripts': [
             'bag_to_rerun = av_view.cli.bag_to_rerun:main',
-            'benchmark = av_view.cli.benchmark:main',
             'doctor = av_view.cli.doctor:main',
             'screenshot = av_view.cli.screenshot:main',
             'setup = av_view.cli.setup:main',

@@ -27,7 +27,6 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'benchmark = av_vision.cli.benchmark:main',
             'camera_node = av_vision.nodes.camera_node:main',
             'detect = av_vision.cli.detect:main',
             'detector_node = av_vision.nodes.detector_node:main',

@@ -30,7 +30,7 @@ METHODS: dict[str, tuple[type[Adaptive | Correlation], Weighting]] = {
     'mvdr': (Mvdr, maximum_likelihood),
 }
 # Logistic model of the probability that a peak stems from a source, by its significance: 0.5 at 2.8. Both numbers were
-# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_audio benchmark sigma` checks them.
+# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing sigma` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
 # Phases above the band are used up to this frequency, where the sound of drones fades; up to this share of half of the sample

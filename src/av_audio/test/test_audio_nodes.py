@@ -14,14 +14,13 @@ import soundfile
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
+from known_sound import RATE, flat, scene
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.benchmark.ego_rotors import scene
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.device_process import load_sounddevice
 from av_audio.nodes.audio_common_node import AudioCommonNode
 from av_audio.nodes.audio_node import AudioNode

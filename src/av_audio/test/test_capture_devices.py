@@ -5,10 +5,10 @@ import time
 import numpy as np
 import pytest
 import soundfile
+from known_sound import RATE, flat
 from pulse import PulseCard
 
 from av_audio import device_source
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.device_process import load_sounddevice
 from av_audio.device_source import DeviceSource
 from av_audio.localizer import Localizer

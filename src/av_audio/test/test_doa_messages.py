@@ -5,9 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from known_sound import RATE, flat
 from std_msgs.msg import Header
 
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import audio_frame, doa_array, samples_of
 from av_common.acoustics import speed_of_sound

@@ -7,10 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import soundfile
+from known_sound import RATE, flat, scene
 from std_msgs.msg import Float32MultiArray, Header
 
-from av_audio.benchmark.ego_rotors import scene
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.messages import audio_frame
 from av_audio.stage import DoaStage, localizer_settings, make_doa_stage

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
+from known_sound import RATE, flat, heard
 
-from av_audio.benchmark.accuracy import coverage
-from av_audio.benchmark.motion import heard, moving_trials, passing_source, pulsing, turning_rig
-from av_audio.benchmark.signals import RATE, flat, rotors
 from av_audio.ego_noise import NoiseRecording
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
@@ -73,15 +71,6 @@ def test_a_source_that_passes_end_fire():
     for rate in (-40.0, 40.0):
         found, sigma = azimuth_deg(PAIR, fading(PAIR, 90.0, 0.0, rate))
         assert abs(wrap(np.radians(found - 90.0))) < np.radians(max(2.0, 2.0 * sigma))
-
-
-@pytest.mark.parametrize('arrival', [turning_rig, passing_source])
-def test_sigma_is_honest_in_motion(arrival):
-    """About 90 % within 1.64 sigma by definition; without a model of motion it was 35 to 60 % for sounds that pulsate."""
-    for rate_deg in (0.0, 20.0, 40.0):
-        result = moving_trials(np.random.default_rng(5), pulsing(rotors), arrival, np.radians(rate_deg), 10.0, 40)
-        assert 75.0 <= coverage(result) <= 100.0
-        assert np.median(result.error) < 0.4
 
 
 @pytest.mark.parametrize('window', [0.02, 0.05, 0.1, 0.3, 1.0])

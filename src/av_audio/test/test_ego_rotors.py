@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
+from known_sound import PAIR, RATE, scene
 
-from av_audio.benchmark.accuracy import PAIR, azimuth_error
-from av_audio.benchmark.ego_rotors import scene
-from av_audio.benchmark.signals import RATE
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.angles import wrap
 
 FREQUENCIES = np.arange(165.0, 4600.0, 2.0)
+
+
+def azimuth_error(estimate, azimuth):
+    """Of the image that is closer to the true azimuth (rad), in degrees."""
+    return np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth))))
 
 
 def test_a_notch_covers_the_harmonics_and_little_else():

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from known_sound import RATE, flat
 
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.health import ChannelHealth, SwapDetector
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.microphone_array import MicrophoneArray

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from known_sound import RATE, flat
 
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.localizer import METHODS, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap

@@ -7,12 +7,10 @@ import json
 import numpy as np
 import pytest
 import soundfile
+from known_sound import RATE, SQUARE, flat, scene
 
-from av_audio.benchmark.ego_rotors import scene
-from av_audio.benchmark.scenes import SQUARE
-from av_audio.benchmark.signals import RATE, flat
 from av_audio.calibration import calibrate as fit
-from av_audio.cli import benchmark, calibrate, localize
+from av_audio.cli import calibrate, localize
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
@@ -151,10 +149,3 @@ def test_calibration_refuses_too_little():
     azimuths = np.radians(np.linspace(-20.0, 20.0, 50))
     with pytest.raises(ValueError, match=r'span 0\.7 of the 2\.0'):
         fit(pair, azimuths, 0.2 * np.sin(azimuths))
-
-
-def test_benchmark_prints_figures_and_bounds(capsys):
-    with pytest.raises(SystemExit) as ended:
-        benchmark.main(['bound', '--trials', '30'])
-    assert ended.value.code == 0
-    assert capsys.readouterr().out.count('must be <= 1.3: ok') == 3

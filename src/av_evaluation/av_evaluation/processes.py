@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -14,6 +16,7 @@ MARK = 'AV_MARKED_RUN'   # no other program's: the launch has a variable of its 
 MIB = 1 / 1024   # per KiB
 NODE_NAME = '__node:='
 INTERPRETERS = ('python', 'bash', 'sh')
+ENDS_IN_S = 60.0   # a launch: the monitor draws an hour's plot
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,24 @@ class MarkedProcesses:
         """Send a signal to every process that runs."""
         for process_id in self.alive():
             _send(process_id, number)
+
+
+@contextmanager
+def launched_rig(arguments: Sequence[str], output: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[MarkedProcesses]:
+    """`ros2 launch av_fusion rig.launch.py`, which is interrupted in the end, and killed where it does not end by that.
+
+    Parameters:
+        arguments: of the launch file.
+        output: file that takes what is printed.
+    """
+    rig = MarkedProcesses(['ros2', 'launch', 'av_fusion', 'rig.launch.py', *arguments], output=output)
+    try:
+        yield rig
+    finally:
+        rig.process.send_signal(signal.SIGINT)
+        with suppress(subprocess.TimeoutExpired):
+            rig.process.wait(ENDS_IN_S)
+        rig.signal(signal.SIGKILL)
 
 
 def _send(process_id: int, number: int) -> None:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from av_audio.benchmark.signals import RATE
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_evaluation.experiments.turning_rooms import PLACES, TurningRoom, is_other_side
+from av_evaluation.hearing.signals import RATE
 
 pytest.importorskip('pyroomacoustics')
 

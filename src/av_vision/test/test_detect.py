@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yolo_models
 
-from av_vision.cli import benchmark, detect
+from av_vision.cli import detect
 
 
 @pytest.fixture
@@ -86,8 +86,3 @@ def test_an_empty_image_is_an_error(folder, capsys):
     code, printed = run(folder, capsys)
     assert code == 2
     assert '0 bytes' in printed.err
-
-
-def test_the_benchmark_prints_both_times(folder, capsys):
-    assert benchmark.main([str(folder / 'images'), '--model', str(folder / 'model.onnx'), '--rounds', '3']) == 0
-    assert 'model.onnx' in capsys.readouterr().out

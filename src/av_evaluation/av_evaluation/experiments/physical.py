@@ -16,8 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.scenes import read_responses
-from av_audio.benchmark.signals import add_noise, load_clip
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
@@ -25,6 +23,8 @@ from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
+from av_evaluation.hearing.scenes import read_responses
+from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig

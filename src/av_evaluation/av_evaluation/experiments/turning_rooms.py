@@ -16,11 +16,11 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.shoebox import shoebox
-from av_audio.benchmark.signals import RATE, Source, band_power, bright_rotors, recordings, rotors
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import CameraMount
+from av_evaluation.hearing.shoebox import shoebox
+from av_evaluation.hearing.signals import RATE, Source, band_power, bright_rotors, recordings, rotors
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState

@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation benchmark: delay and processor time of fusion_node and pointing_node in separate processes.
+"""ros2 run av_evaluation latency: delay and processor time of fusion_node and pointing_node in separate processes.
 
 Directions and poses are published at a rate; a delay is from the publication of a direction to the next command.
 """
@@ -75,7 +75,7 @@ class Feed(Node):
 
 def main(arguments: list[str] | None = None) -> int:
     """Print the figures; returns 1 where one misses its bound."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser = argparse.ArgumentParser(prog='latency', description=__doc__)
     parser.add_argument('--rate', type=float, default=50.0, help='of directions and poses in Hz (%(default)s)')
     parser.add_argument('--seconds', type=float, default=20.0, help='to measure for, after a start of 8 s (%(default)s)')
     options = parser.parse_args(arguments)
@@ -98,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
             process.wait(15.0)
         rclpy.shutdown()
     if len(feed.delays) < 0.5 * options.rate * options.seconds:
-        print(f'benchmark: {len(feed.delays)} commands in {lasted:.0f} s', file=sys.stderr)
+        print(f'latency: {len(feed.delays)} commands in {lasted:.0f} s', file=sys.stderr)
         return 1
     median, p95 = np.percentile(feed.delays, [50, 95])
     print(f'{options.rate:.0f} directions and poses a second, {len(feed.delays)} commands')

@@ -2,24 +2,24 @@
 
 import pytest
 
-from av_simulator.cli import benchmark_sound
-from av_simulator.sound.benchmark import figures
+from av_evaluation.cli import simulated_sound
+from av_evaluation.simulated_sound import figures
 
 
 @pytest.mark.parametrize('section', ['fly_by', 'moving_rig', 'air'])
 def test_what_must_hold_holds(section, capsys):
-    assert benchmark_sound.main([section]) == 0
+    assert simulated_sound.main([section]) == 0
     assert 'holds' in capsys.readouterr().out
 
 
 def test_a_missed_limit_shows(monkeypatch, capsys):
-    monkeypatch.setitem(benchmark_sound.SECTIONS, 'air', lambda: iter([figures.Figure('too much', 2.0, 'dB', most=1.0)]))
-    monkeypatch.setattr(benchmark_sound.SECTIONS['air'], '__doc__', 'Air.', raising=False)
-    assert benchmark_sound.main(['air']) == 1
+    monkeypatch.setitem(simulated_sound.SECTIONS, 'air', lambda: iter([figures.Figure('too much', 2.0, 'dB', most=1.0)]))
+    monkeypatch.setattr(simulated_sound.SECTIONS['air'], '__doc__', 'Air.', raising=False)
+    assert simulated_sound.main(['air']) == 1
     assert 'MISSED' in capsys.readouterr().out
 
 
 def test_an_unknown_section_is_named(capsys):
     with pytest.raises(SystemExit):
-        benchmark_sound.main(['smell'])
+        simulated_sound.main(['smell'])
     assert "section is 'smell'" in capsys.readouterr().err

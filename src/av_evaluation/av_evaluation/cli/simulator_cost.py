@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator benchmark [SCENARIO ...]`: processing time of a second of sound and of an image on this machine."""
+"""`ros2 run av_evaluation simulator_cost [SCENARIO ...]`: time of a second of sound and of an image on this machine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from av_simulator.world import World
 
 def main(arguments: list[str] | None = None) -> int:
     """Print a table. Returns the exit code: 0, or 2 for an unreadable scenario."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser = argparse.ArgumentParser(prog='simulator_cost', description=__doc__)
     parser.add_argument('scenarios', nargs='*', help='names of shipped scenarios, or files (default: all shipped ones)')
     parser.add_argument('--seconds', type=float, default=4.0, help='duration of sound for each scenario (default: %(default)s)')
     parser.add_argument('--images', type=int, default=30, help='number of images for each scenario (default: %(default)s)')
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
             image, wall = _image(world, options.images)
             print(f'{world.scenario.name:20s} {sound:16.3f} s {1e3 * image:11.1f} ms {1 / wall:8.1f} fps', flush=True)
     except (ValueError, OSError) as error:
-        print(f'benchmark: {error}', file=sys.stderr)
+        print(f'simulator_cost: {error}', file=sys.stderr)
         return 2
     return 0
 

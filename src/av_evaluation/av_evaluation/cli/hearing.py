@@ -1,4 +1,4 @@
-"""`ros2 run av_audio benchmark [SECTION ...]`: figures of the localizer against independent ground truth."""
+"""`ros2 run av_evaluation hearing [SECTION ...]`: figures of the localizer against independent ground truth."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from av_audio.benchmark import accuracy, cost, delay, ego_rotors, motion, outliers, robust, scenes, several
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import bright_rotors, flat, recordings, rotors
+from av_evaluation.hearing import accuracy, cost, delay, ego_rotors, motion, outliers, robust, scenes, several
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
 def sections(count: int, data: Path, srp_dnn: Path | None = None) -> dict[str, Iterator[Figure]]:
@@ -18,7 +18,7 @@ def sections(count: int, data: Path, srp_dnn: Path | None = None) -> dict[str, I
     Parameters:
         count: windows per figure.
         data: folder with the recordings.
-        srp_dnn: weights of SRP-DNN, see `av_audio.benchmark.srp_dnn`; None leaves it out.
+        srp_dnn: weights of SRP-DNN, see `av_evaluation.hearing.srp_dnn`; None leaves it out.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
@@ -47,7 +47,7 @@ def sections(count: int, data: Path, srp_dnn: Path | None = None) -> dict[str, I
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. Exits with 1 when a figure misses its bound."""
     names = list(sections(1, Path()))
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser = argparse.ArgumentParser(prog='hearing', description=__doc__)
     parser.add_argument('sections', nargs='*', metavar='SECTION', help=f'any of {", ".join(names)} (default: all)')
     parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'),

@@ -1,6 +1,6 @@
 """Pointing with a vehicle that answers late: errors, overshoot and stop, beside a controller that knows nothing of delays.
 
-ros2 run av_pointing benchmark [--seconds 20]
+ros2 run av_evaluation pointing [--seconds 20]
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import Track
-from av_pointing.closed_loop import Conditions, close_loop
+from av_evaluation.closed_loop import Conditions, close_loop
 from av_pointing.controller import Ages, Command, Look, Mode, PointingController, PointingSettings
 from av_pointing.stage import PointingStage
 

@@ -11,17 +11,17 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.accuracy import rms
-from av_audio.benchmark.fields import LARGEST_ORDER, SPACING_M, pair
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.scenes import EARS, read_responses
-from av_audio.benchmark.shoebox import shoebox
-from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.calibration import SEARCH_STRETCH, Calibration, calibrate, measured_path, search_array
 from av_audio.calibration_report import Verdict, judge
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.accuracy import rms
+from av_evaluation.hearing.fields import LARGEST_ORDER, SPACING_M, pair
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.scenes import EARS, read_responses
+from av_evaluation.hearing.shoebox import shoebox
+from av_evaluation.hearing.signals import RATE, Source, add_noise
 
 SHARES = (0.1, 0.3, 0.45)    # of wrong estimates
 WORSE = 1.2    # factor by which the result may be worse with 30 % of them

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-from av_simulator.sound.benchmark.fly_by import PAIR, RATE, FlyBy
+from av_evaluation.simulated_sound.fly_by import PAIR, RATE, FlyBy
 
 _BLOCK = RATE // 50  # pyroomacoustics has no motion: the source is stationary for 20 ms
 

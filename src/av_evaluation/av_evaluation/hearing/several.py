@@ -8,15 +8,15 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from av_audio.benchmark.accuracy import PAIR, WINDOW_S, rms
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.scenes import SQUARE
-from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.further_sources import MOST_SOURCES
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.accuracy import PAIR, WINDOW_S, rms
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.scenes import SQUARE
+from av_evaluation.hearing.signals import RATE, Source, add_noise
 
 SNR_DB = 15.0
 APART = 0.4  # least distance between the directions of two sources, projected on the array

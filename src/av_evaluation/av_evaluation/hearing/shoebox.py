@@ -6,8 +6,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from av_audio.benchmark.signals import RATE
 from av_common.acoustics import speed_of_sound
+from av_evaluation.hearing.signals import RATE
 
 
 def shoebox(size: NDArray, t60: float, largest_order: int) -> Any:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import resample
 
-from av_audio.benchmark.accuracy import PAIR, Trials, azimuth_error, coverage, rms
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_evaluation.hearing.accuracy import PAIR, Trials, azimuth_error, coverage, rms
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import RATE, Source, add_noise
 
 WINDOW_S = 0.5
 RATES_DEG = (0.0, 10.0, 20.0, 40.0)

@@ -10,13 +10,13 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 from av_audio.directions import angle_to_axis
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 WINDOW_S = 0.5

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, PAIR, azimuth_error
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import RATE, add_noise, band_power, rotors
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
+from av_evaluation.hearing.accuracy import CONFIDENCE_THRESHOLD, PAIR, azimuth_error
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import RATE, add_noise, band_power, rotors
 
 WINDOW_S = 0.5
 # A quadrotor with arms of 0.25 m around the pair, 5 cm below it.

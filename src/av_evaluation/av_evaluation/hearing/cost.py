@@ -17,11 +17,11 @@ import soundfile
 from numpy.typing import NDArray
 from scipy import fft
 
-from av_audio.benchmark.accuracy import PAIR
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.scenes import pyroomacoustics_locator
-from av_audio.benchmark.signals import RATE, add_noise, flat
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_evaluation.hearing.accuracy import PAIR
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.scenes import pyroomacoustics_locator
+from av_evaluation.hearing.signals import RATE, add_noise, flat
 
 HOP_S = 0.05
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.signal import correlate2d
 
-from av_audio.benchmark.srp_dnn import FRAMES, FREQUENCIES, RATE, SrpDnn, pair_features
-from av_audio.benchmark.torch_weights import read_weights
+from av_evaluation.hearing.srp_dnn import FRAMES, FREQUENCIES, RATE, SrpDnn, pair_features
+from av_evaluation.hearing.torch_weights import read_weights
 
 C = 343.0
 

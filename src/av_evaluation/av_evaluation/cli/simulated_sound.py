@@ -1,4 +1,4 @@
-"""`ros2 run av_simulator benchmark_sound`: comparison of the simulated sound with formulas and other simulators."""
+"""`ros2 run av_evaluation simulated_sound`: comparison of the simulated sound with formulas and other simulators."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 import importlib.util
 import sys
 
-from av_simulator.sound.benchmark import figures
+from av_evaluation.simulated_sound import figures
 
 SECTIONS = {
     'fly_by': figures.fly_by, 'moving_rig': figures.moving_rig, 'air': figures.air, 'room': figures.room,
@@ -17,7 +17,7 @@ PEERS = {'pyroomacoustics': '0.10.1', 'acoular': '26.8', 'pyroadacoustics': '1.1
 
 def main(arguments: list[str] | None = None) -> int:
     """Print every figure with its limit. Returns the exit code: 0 if all limits are met, else 1."""
-    parser = argparse.ArgumentParser(prog='benchmark_sound', description=__doc__)
+    parser = argparse.ArgumentParser(prog='simulated_sound', description=__doc__)
     parser.add_argument('sections', nargs='*', metavar='section', help=f'one or more of {", ".join(SECTIONS)} (default: all)')
     wanted = parser.parse_args(arguments).sections or list(SECTIONS)
     if unknown := [name for name in wanted if name not in SECTIONS]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from av_common.parameters import node_parameters
-from av_pointing.cli.benchmark import FormerController
-from av_pointing.closed_loop import Conditions, LateVehicle, close_loop
+from av_evaluation.cli.pointing import FormerController
+from av_evaluation.closed_loop import Conditions, LateVehicle, close_loop
 from av_pointing.controller import PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage

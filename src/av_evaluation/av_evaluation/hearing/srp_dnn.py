@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.special import expit
 
-from av_audio.benchmark.torch_weights import read_weights
+from av_evaluation.hearing.torch_weights import read_weights
 
 RATE = 16_000  # Hz, of the samples that the network was trained with
 FRAME, HOP = 512, 256

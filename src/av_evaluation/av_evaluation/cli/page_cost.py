@@ -1,4 +1,4 @@
-"""What the page of a running rig costs, and whether the rig notices: `ros2 run av_view benchmark`.
+"""What the page of a running rig costs, and whether the rig notices: `ros2 run av_evaluation page_cost`.
 
 Prints the processor time of view_node without viewers and with some, what each viewer gets, and beside it the rig's delay from
 a measurement to the arrival of its bearing. The numbers of viewers take turns, `--rounds` times. With `--launch ARGUMENTS` it
@@ -24,10 +24,11 @@ from websockets.asyncio.client import connect
 
 from av_common.qos import RESULT
 from av_common.stamps import to_seconds
+from av_evaluation.processes import launched_rig
 from av_interfaces.msg import Bearing
-from av_view.launched_rig import launched_rig
 
 SETTLE_S = 3.0
+START_S = 120.0  # for which a launched rig may start
 ENDED_S = 25.0  # until the node has ended its subscriptions: its parameter `linger`, and some
 
 
@@ -138,7 +139,7 @@ def measure_all(options: argparse.Namespace, process: psutil.Process) -> dict[in
 
 def main() -> None:
     """Print the table. Exits with 1 and a line where no page is served."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser = argparse.ArgumentParser(prog='page_cost', description=__doc__)
     parser.add_argument('--address', default='http://127.0.0.1:8780/', help='address of the page')
     parser.add_argument('--viewers', type=int, nargs='+', default=[0, 1, 10, 200], help='numbers of viewers')
     parser.add_argument('--seconds', type=float, default=10.0, help='to measure each')
@@ -147,11 +148,15 @@ def main() -> None:
     parser.add_argument('--rig', default='', help='namespace of the rig, such as /left')
     options = parser.parse_args()
     with ExitStack() as stack:
-        after = None if options.launch is None else stack.enter_context(launched_rig(options.launch, options.address))
-        process = process_at(urlsplit(options.address).port or 80)
+        port, begun, launched = urlsplit(options.address).port or 80, time.monotonic(), options.launch is not None
+        if launched:
+            rig = stack.enter_context(launched_rig(['view:=true', *options.launch]))
+            while process_at(port) is None and rig.process.poll() is None and time.monotonic() - begun < START_S:
+                time.sleep(0.05)
+        process, after = process_at(port), time.monotonic() - begun
         if process is None:
-            sys.exit(f'benchmark: no page is served at {options.address}: start a rig with view:=true')
-        if after is not None:
+            sys.exit(f'page_cost: no page is served at {options.address}: start a rig with view:=true')
+        if launched:
             own, spent = time.time() - process.create_time(), sum(process.cpu_times()[:2])
             print(f'the page was up {after:.1f} s after the launch, {own:.1f} s after its process began, by {spent:.1f} s of a '
                   'processor', flush=True)

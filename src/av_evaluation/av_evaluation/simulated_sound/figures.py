@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
+from av_evaluation.simulated_sound import peers
+from av_evaluation.simulated_sound.fly_by import PAIR, RATE, FlyBy, deviation
 from av_simulator.sound.absorption import absorption_db_per_m
-from av_simulator.sound.benchmark import peers
-from av_simulator.sound.benchmark.fly_by import PAIR, RATE, FlyBy, deviation
 from av_simulator.sound.ground import Ground
 from av_simulator.sound.medium import Medium
 from av_simulator.sound.noise import Noise, Snr

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from av_audio.benchmark.accuracy import PAIR, rms
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import RATE, add_noise, flat
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
+from av_evaluation.hearing.accuracy import PAIR, rms
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import RATE, add_noise, flat
 
 WINDOW_S = 0.5
 LONGEST_S = 5e-4

@@ -1,4 +1,4 @@
-"""`ros2 run av_vision benchmark [INPUT]`: processing time of the detector on this machine, compared with the bare network.
+"""`ros2 run av_evaluation detector_cost [INPUT]`: time of the detector on this machine, beside that of the bare network.
 
 The bare session and the complete detector run alternately, under the same load of the machine. Medians and best deciles are
 printed.
@@ -58,7 +58,7 @@ def compare(detectors: dict[str, Detector], images: list[NDArray], rounds: int) 
 
 def main(arguments: list[str] | None = None) -> int:
     """Entry point."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog='detector_cost', description=__doc__.splitlines()[0])
     parser.add_argument('input', type=Path, nargs='?', help='video, image or folder (default: noise of 640 x 512)')
     parser.add_argument('--model', type=Path, action='append', help='ONNX file, may be repeated (default: the shipped one)')
     parser.add_argument('--size', type=int, default=0, help='longer side of the image for models with dynamic input')
@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
         images = [image for _, image in Recording(args.input).frames(lambda index: index < 50)] if args.input else \
             [np.random.default_rng(0).integers(0, 256, (512, 640, 3), np.uint8)]
     except (ValueError, OSError, SourceError) as error:
-        print(f'benchmark: {error}', file=sys.stderr)
+        print(f'detector_cost: {error}', file=sys.stderr)
         return 2
     if args.square:
         images = [image[:min(image.shape[:2]), :min(image.shape[:2])] for image in images]

@@ -11,14 +11,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.scenes import EARS, read_responses
-from av_audio.benchmark.shoebox import shoebox
-from av_audio.benchmark.signals import RATE, Source, add_noise
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.scenes import EARS, read_responses
+from av_evaluation.hearing.shoebox import shoebox
+from av_evaluation.hearing.signals import RATE, Source, add_noise
 
 T60_S = (0.2, 0.7)
 SPACING_M = (0.1, 0.2)

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, rms
-from av_audio.benchmark.fields import Field, Head, Window, free_field, rooms
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import Source
-from av_audio.benchmark.srp_dnn import SrpDnn
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.accuracy import CONFIDENCE_THRESHOLD, rms
+from av_evaluation.hearing.fields import Field, Head, Window, free_field, rooms
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import Source
+from av_evaluation.hearing.srp_dnn import SrpDnn
 
 ROOMS = 100
 UPSAMPLING = 16    # of the plain GCC-PHAT

@@ -10,14 +10,14 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.benchmark.accuracy import CONFIDENCE_THRESHOLD, PAIR, azimuth_error, rms
-from av_audio.benchmark.figures import Figure
-from av_audio.benchmark.signals import RATE, Source, add_noise, load_clip, recordings, rotors
 from av_audio.calibration import calibrate, measured_path, search_array
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
+from av_evaluation.hearing.accuracy import CONFIDENCE_THRESHOLD, PAIR, azimuth_error, rms
+from av_evaluation.hearing.figures import Figure
+from av_evaluation.hearing.signals import RATE, Source, add_noise, load_clip, recordings, rotors
 
 SETTINGS = LocalizerSettings(hop_s=0.5)
 # Reflections disturb low frequencies most: a higher band is better indoors.

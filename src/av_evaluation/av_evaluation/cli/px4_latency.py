@@ -1,6 +1,6 @@
 """Latency from a bearing to the command to the vehicle, through pointing_node and px4_node in separate processes.
 
-ros2 run av_px4 benchmark [--seconds 20] [--rate 50]        needs px4_msgs, see docs/reference/px4.md
+ros2 run av_evaluation px4_latency [--seconds 20] [--rate 50]        needs px4_msgs, see docs/reference/px4.md
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def main() -> None:
     try:
         messages = load_px4_msgs()
     except ImportError as error:
-        sys.exit(f'benchmark: {error}')
+        sys.exit(f'px4_latency: {error}')
     os.environ['ROS_DOMAIN_ID'] = str(100 + os.getpid() % 2)    # isolated from other ROS 2 nodes on the network
     nodes = [subprocess.Popen([sys.executable, '-c', f'from {module} import main; main()', '--ros-args', *arguments])
              for module, arguments in NODES.items()]

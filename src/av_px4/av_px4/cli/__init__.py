@@ -1,1 +1,0 @@
-"""Programs for `ros2 run av_px4 NAME`."""
