@@ -13,7 +13,6 @@ from material import ELSEWHERE, FOLDS, KNOWN, RATE, Recording, recordings
 from numpy.typing import NDArray
 from scenes import SAMPLES, Scenes
 
-from av_audio.drone_classifier import MEMORY_S
 from av_audio.drone_model import DroneModel
 
 FALSE_SHARE = 0.05
@@ -38,13 +37,6 @@ def judged(items: Sequence[Recording], models: Mapping[int, DroneModel], snr_db:
         parts = [part for part in parts if np.std(part) > QUIET * np.std(samples)]
         if parts:
             yield item, models[item.fold].log_odds(np.array([scenes.example(part, None, snr_db, 0.0) for part in parts]))
-
-
-def remembered(log_odds: NDArray) -> NDArray:
-    """Log-odds (n,) of consecutive seconds as the rig publishes them: means of those before, which fade with MEMORY_S."""
-    age = np.subtract.outer(np.arange(len(log_odds)), np.arange(len(log_odds)))
-    weights = np.where(age >= 0, np.exp(-np.maximum(age, 0) / MEMORY_S), 0.0)
-    return weights @ log_odds / weights.sum(axis=1)
 
 
 def roc_area(drones: NDArray, others: NDArray) -> float:
@@ -95,9 +87,7 @@ def main() -> None:
         for title, part in (('unknown recordings', [item for item in items if item.fold > KNOWN]),
                             ('other places', [item for item in items if item.fold == ELSEWHERE]), ('rendered', drawn)):
             if part:
-                results = list(judged(part, models, snr_db))
-                report(f'{title}, {scene}', results)
-                report(f'{title}, {scene}, as published', [(item, remembered(log_odds)) for item, log_odds in results])
+                report(f'{title}, {scene}', list(judged(part, models, snr_db)))
 
 
 if __name__ == '__main__':

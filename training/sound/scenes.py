@@ -60,7 +60,7 @@ class Scenes:
         heard = heard + noise * scale / np.std(noise) * 10.0 ** (-snr_db / 20.0)
         spectra.clear()
         spectra.add((heard / np.abs(heard).max() * 10.0 ** rng.uniform(-2.5, 0.0)).T.astype(np.float32))
-        return self._features(spectra.steered(q + 0.02 * rng.standard_normal(array.rank), others=known))
+        return self._features(spectra.steered([q + 0.02 * rng.standard_normal(array.rank), *known])[0])
 
     def _direction(self, rank: int) -> NDArray:
         vector = self._rng.standard_normal(3)

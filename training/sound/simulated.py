@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.signal import resample_poly
 
 from av_audio.drone_classifier import DroneClassifier, Judgement
 from av_audio.localizer import LocalizerSettings
+from av_common.microphone_array import MicrophoneArray
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.multi_target.tracker import MultiTargetTracker
@@ -35,6 +36,7 @@ DRONES = ('camera_quadrotor', 'cargo_octorotor', 'fixed_wing', 'hexarotor', 'min
 SECONDS = 12.0
 DISTANCE_M, BESIDE_M = (4.0, 14.0), (4.0, 60.0)
 LOUDER_DB, SNR_DB = (-6.0, 15.0), (5.0, 25.0)  # bystander over drone; drone at 10 m over noise
+HALF_WINDOW_S = 0.5 * LocalizerSettings().window_s  # directions are those at the centre of a window
 STRIDE = 2  # windows from one example to the next
 SAME = 0.1  # cosine within which a direction is that of a source
 APART = 0.25  # cosine from which two sources are told apart
@@ -58,12 +60,19 @@ class _Listener(DroneClassifier):
 
     heard: ClassVar[list[tuple[float, float, NDArray]]] = []
 
-    def judge(self, time: float, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Judgement]:
+    def __init__(self, array: MicrophoneArray, sample_rate: int, *others: Any) -> None:
+        super().__init__(array, sample_rate, *others)
+        self._sample_rate, self._added = sample_rate, 0
+
+    def add(self, samples: NDArray[np.float32]) -> None:
+        self._added += len(samples)
+        super().add(samples)
+
+    def judge(self, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Judgement]:
         if self._spectra is not None and self._spectra.is_full:
-            for k, q in enumerate(directions):
-                segment = self._spectra.steered(q, blade_pass_hz, [*directions[:k], *directions[k + 1:]])
-                self.heard.append((time, float(q[0]), self._features(segment)))
-        return super().judge(time, directions, blade_pass_hz)
+            for q, segment in zip(directions, self._spectra.steered(directions, blade_pass_hz), strict=True):
+                self.heard.append((self._added / self._sample_rate - HALF_WINDOW_S, float(q[0]), self._features(segment)))
+        return super().judge(directions, blade_pass_hz)
 
 
 def examples(items: Sequence[Recording], scenes: int, rng: np.random.Generator) -> tuple[NDArray, NDArray, NDArray]:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.correlation import Correlation, at_centre
-from av_audio.direction_memory import DirectionMemory
 from av_audio.ego_noise import EgoNoise
 from av_audio.even_phases import EvenPhases
 from av_audio.spectra import LEAST_RESPONSE
@@ -55,13 +54,8 @@ class Adaptive:
         self.ego_noise = ego_noise
         self._even = EvenPhases(array, frequencies, speed_of_sound) if ego_noise is None else None
 
-    def estimate(self, spectra: NDArray, memory: DirectionMemory | None = None) -> Peak:
-        """The peak for spectra (m, k).
-
-        Parameters:
-            spectra (m, k): spectra of the window.
-            memory: of former windows, which it updates by this one; None where each window stands alone.
-        """
+    def estimate(self, spectra: NDArray) -> Peak:
+        """The peak for spectra (m, k)."""
         inside = spectra[:, self._inside]
         likely, drift = self._likelihood.at_rest(inside)
         if self._even is None or not inside[0].all():
@@ -78,12 +72,7 @@ class Adaptive:
             belief = 1.0
         chosen = at_centre(_mixture(likely, even, belief), drift) if belief > 0.5 else _mixture(even, likely, 1.0 - belief)
         significance = min(EVEN_SIGNIFICANCE * even.significance, likely.significance)
-        chosen = replace(chosen, significance=significance, main_share=even.main_share)
-        if memory is None:
-            return chosen
-        by_likelihood = memory.density(self._likelihood.grid[:, 0], likely.log_likelihood)
-        by_even = memory.density(self._even.grid[:, 0], even.log_likelihood)
-        return memory.select(chosen, belief * by_likelihood + (1.0 - belief) * by_even)
+        return replace(chosen, significance=significance, main_share=even.main_share)
 
 
 def _apart(first: Peak, second: Peak) -> float:

@@ -13,6 +13,7 @@ from av_common.files import MEGABYTE, check_file
 
 MOST_BYTES = 10 * MEGABYTE
 LARGEST_FEATURE = 6.0  # of a standardised feature, in standard deviations
+LARGEST_LOG_ODDS = 7.0  # no model is surer than its training data
 
 
 class DroneModel:
@@ -29,11 +30,11 @@ class DroneModel:
         self._layers, self._mean, self._scale, self._slope, self._offset = layers, mean, scale, slope, offset
 
     def log_odds(self, features: NDArray) -> NDArray:
-        """Logarithm of the odds (...,) of a drone for features (..., n), for equal odds before."""
+        """Logarithm of the likelihood ratio (...,) of drones and all else for features (..., n)."""
         values = np.clip((features - self._mean) / self._scale, -LARGEST_FEATURE, LARGEST_FEATURE)
         for number, (weights, biases) in enumerate(self._layers):
             values = (values if number == 0 else np.maximum(values, 0.0)) @ weights + biases
-        return self._slope * values[..., 0] + self._offset
+        return np.clip(self._slope * values[..., 0] + self._offset, -LARGEST_LOG_ODDS, LARGEST_LOG_ODDS)
 
     def calibrated(self, slope: float, offset: float) -> DroneModel:
         """The same model with another calibration."""

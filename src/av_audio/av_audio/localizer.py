@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from av_audio.adaptive import Adaptive
 from av_audio.correlation import Correlation
-from av_audio.direction_memory import DirectionMemory
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
 from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
@@ -167,9 +166,6 @@ class Localizer:
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
                                     speed_of_sound(settings.temperature_c), weighting,
                                     None if ego_noise is None else self._ego_noise_model(ego_noise))
-        self._memory = None
-        if isinstance(self._estimator, Adaptive) and array.rank == 1:
-            self._memory = DirectionMemory(settings.hop_s, settings.window_s)
         self._further = None
         if settings.max_sources > 1:
             self._further = FurtherSources(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c),
@@ -206,8 +202,6 @@ class Localizer:
         if self._next_sample is not None and (first_sample != self._next_sample or not finite):
             self.restarts += 1
             self._filled = 0
-            if self._memory is not None:
-                self._memory.clear()
         self._next_sample = first_sample + len(block)
         if not finite:
             return []
@@ -250,8 +244,7 @@ class Localizer:
             return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
                                np.zeros(0, int), np.zeros(0, bool), level, empty)
         spectra = self._without_ego_rotors(spectra)
-        peak = (self._estimator.estimate(spectra, self._memory) if isinstance(self._estimator, Adaptive)
-                else self._estimator.estimate(spectra))
+        peak = self._estimator.estimate(spectra)
         peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
         if peaks:
             apart = peak.q - peaks[0].q  # of two estimates whose errors are alike

@@ -69,56 +69,36 @@ class SourceSpectra:
             self._spectra.append(self._spectrum(self._samples[:self._frame]))
             self._samples = self._samples[self._hop:]
 
-    def steered(self, q: NDArray, blade_pass_hz: NDArray | None = None, others: Sequence[NDArray] = ()) -> Segment:
-        """The sound from a direction: cross-powers of all pairs after removing the delays of the direction.
+    def steered(self, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Segment]:
+        """The sound from each direction: cross-powers of all pairs after removing the delays of the direction.
 
-        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance. Sources
-        in known directions have no part either: the powers of all are fitted to the cross-powers by least squares.
+        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance. Those
+        that are given have no part in each other: the powers of all are fitted to the cross-powers by least squares.
 
         Parameters:
-            q (rank,): measured projection of the direction on the array's basis.
+            directions: measured projections q (rank,) on the array's basis, of different sources.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors, whose lines are removed.
-            others: directions q (rank,) of other sources.
         """
         spectra = np.stack(self._spectra)  # (t, m, k)
         microphones = spectra.shape[1]
-        phases = (self._lead @ q).astype(np.float32)[:, None] * self._omega
-        towards = np.exp(-1j * phases).astype(np.complex64)
+        steering = np.exp(-1j * np.stack([self._lead @ q for q in directions]).astype(np.float32)[..., None] * self._omega)
         total = np.mean(np.abs(spectra) ** 2, axis=1)
-        power = _cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
+        powers = np.stack([_cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
+                           for towards in steering])  # (s, t, k)
         if self._ego_noise is not None:
             noise = np.mean([self._ego_noise.covariance_in(frame) for frame in self._spectra], axis=0)
-            seen = np.einsum('ik,ijk,jk->k', towards, noise, towards.conj()).real
+            seen = np.einsum('sik,ijk,sjk->sk', steering, noise, steering.conj()).real
             own = np.einsum('iik->k', noise).real / microphones
-            power = power - _cross_power(seen, own, microphones)
+            powers -= _cross_power(seen, own, microphones)[:, None]
             total = np.maximum(total - own, LEAST_TOTAL * total)
-        if others:
-            power, beside = self._separated(spectra, power, [q, *others])
-            total = np.maximum(total - beside, LEAST_TOTAL * total)
+        if len(directions) > 1:
+            powers = _separated(powers, steering)
+        free = np.ones(len(self._frequencies), bool)
         if blade_pass_hz is not None and len(blade_pass_hz):
             free = minimum_filter1d(notch(self._frequencies, blade_pass_hz), MAIN_LOBE_BINS)
-            power, total = _bridged(power, free), _bridged(total, free)
-        return Segment(power, total)
-
-    def _separated(self, spectra: NDArray, power: NDArray, directions: Sequence[NDArray]) -> tuple[NDArray, NDArray]:
-        """Powers (t, k) of the first of several sources, and of all others.
-
-        Parameters:
-            spectra (t, m, k): spectra of the frames.
-            power (t, k): mean cross-power steered to the first.
-            directions: q (rank,) of all sources.
-        """
-        total = np.mean(np.abs(spectra) ** 2, axis=1)
-        microphones, count = spectra.shape[1], len(directions)
-        steering = np.stack([np.exp(-1j * (self._lead @ q).astype(np.float32)[:, None] * self._omega) for q in directions])
-        steered = [power] + [_cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
-                             for towards in steering[1:]]
-        gram, ones = np.empty((steering.shape[-1], count, count)), np.ones(steering.shape[-1])
-        for i, j in combinations_with_replacement(range(count), 2):
-            gram[:, i, j] = gram[:, j, i] = _cross_power(
-                np.abs(np.sum(steering[i] * steering[j].conj(), axis=0)) ** 2, ones, microphones)
-        powers = np.linalg.solve(gram + LOADING * np.eye(count), np.stack(steered).transpose(2, 0, 1))  # (k, s, t)
-        return powers[:, 0].T, np.maximum(powers[:, 1:], 0.0).sum(axis=1).T
+        beside = np.maximum(powers, 0.0).sum(axis=0) - np.maximum(powers, 0.0)
+        return [Segment(_bridged(power, free), _bridged(np.maximum(total - others, LEAST_TOTAL * total), free))
+                for power, others in zip(powers, beside, strict=True)]
 
     def _spectrum(self, frame: NDArray) -> NDArray:
         """Spectra (m, k) of a frame (n, m)."""
@@ -132,7 +112,24 @@ def _cross_power(beam: NDArray, total: NDArray, microphones: int) -> NDArray:
     return (beam - microphones * total) / (microphones * (microphones - 1))
 
 
+def _separated(powers: NDArray, steering: NDArray) -> NDArray:
+    """Powers (s, t, k) of each of several sources.
+
+    Parameters:
+        powers (s, t, k): mean cross-powers, steered to each.
+        steering (s, m, k): conjugate steering vectors of each.
+    """
+    count, microphones, bins = steering.shape
+    gram, ones = np.empty((bins, count, count)), np.ones(bins)
+    for i, j in combinations_with_replacement(range(count), 2):
+        gram[:, i, j] = gram[:, j, i] = _cross_power(
+            np.abs(np.sum(steering[i] * steering[j].conj(), axis=0)) ** 2, ones, microphones)
+    return np.linalg.solve(gram + LOADING * np.eye(count), powers.transpose(2, 0, 1)).transpose(1, 2, 0)
+
+
 def _bridged(values: NDArray, free: NDArray) -> NDArray:
     """Values (t, k) with those of bins that are not free interpolated from their neighbours."""
+    if free.all() or not free.any():
+        return values
     bins = np.arange(len(free))
-    return np.stack([np.interp(bins, bins[free], row[free]) for row in values]) if free.any() else values
+    return np.stack([np.interp(bins, bins[free], row[free]) for row in values])

@@ -121,10 +121,10 @@ class DoaStage:
         return messages
 
     def _judge(self, estimate: DoaEstimate) -> list[Judgement]:
-        """What is known of the sound in the direction of each source, from all that has arrived."""
+        """What the newest second of sound from the direction of each source says."""
         if self._classifier is None or not len(estimate.q):
             return [Judgement()] * len(estimate.sources)
-        return self._classifier.judge(estimate.time, [source.q for source in estimate.sources], self._blade_pass_hz)
+        return self._classifier.judge([source.q for source in estimate.sources], self._blade_pass_hz)
 
     def _estimates(self, frame: AudioFrame) -> list[DoaEstimate]:
         if frame.channels != self._array.channels:

@@ -35,7 +35,6 @@ class Peak:
         main_share: posterior probability 0..1 that this maximum is the true one among all of the curve.
         height: value of the steered response.
         agreement: height over that which every cluster of bins would have at a maximum of its own, 0..1.
-        log_likelihood (g,): of each direction of the grid, relative to the peak; None without a peak.
     """
 
     q: NDArray
@@ -45,7 +44,6 @@ class Peak:
     main_share: float
     height: float = 0.0
     agreement: float = 0.0
-    log_likelihood: NDArray | None = None
 
 
 class SteeredResponse:
@@ -137,8 +135,7 @@ class SteeredResponse:
         agreement = height / float(np.abs(clusters).sum())
         log_likelihood = _log_likelihood(curve - height, covariance, hessian)
         main_share = self._main_share(q, covariance, hessian, height, log_likelihood)
-        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height, agreement,
-                    log_likelihood)
+        return Peak(q, covariance, bias, self._as_source(bins, height, significance), main_share, height, agreement)
 
     def _as_source(self, bins: NDArray, height: float, significance: float) -> float:
         """Significance of a peak as that of a source.

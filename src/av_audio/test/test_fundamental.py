@@ -33,7 +33,7 @@ def fundamental_of(sound, noise, seed):
     spectra = SourceSpectra(PAIR, RATE, 343.0)
     spectra.add((sound[:, None] + noise * np.random.default_rng(seed).normal(size=(len(sound), 2))).astype(np.float32))
     assert spectra.is_full
-    return DroneFeatures().fundamental(spectra.steered(np.zeros(1)))
+    return DroneFeatures().fundamental(spectra.steered([np.zeros(1)])[0])
 
 
 @pytest.mark.parametrize(('shaft_hz', 'blades'), [(41.0, 2), (66.0, 2), (93.0, 2), (118.0, 2), (153.0, 2), (199.0, 3)])
