@@ -14,6 +14,7 @@ ros2 launch av_fusion rig.launch.py security:=KEYSTORE                          
 from __future__ import annotations
 
 import importlib.util
+import math
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -39,6 +40,8 @@ from av_bringup.launching import (
     view_nodes,
 )
 from av_bringup.supervision import RESPAWN, Supervision
+from av_common.launched import RUN_FOLDER
+from av_common.playback import Player, plan_playback
 from av_common.yaml_reader import load_yaml
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
@@ -61,6 +64,7 @@ ARGUMENTS = {
     'at': ('', "source:=sim: the rig's place instead of the scenario's: x y z (m, ENU) and yaw (deg)", None),
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
+    'video_offset': ('0', "source:=file: when the video begins (s), after the beginning of the sound; negative: before it", None),
     'model': ('shipped', "a detector's ONNX file, or `shipped`", None),
     'oracle': ('false', "source:=sim or udp: the simulator's visual oracle gives the detections, and no detector runs",
                ['true', 'false']),
@@ -165,13 +169,22 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
 
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
-    """The nodes that play recordings at their own speed instead of microphones and camera."""
-    sensors = []
+    """The nodes that play recordings at their own speed instead of microphones and camera, on one clock. Raises ValueError."""
+    try:
+        offset = float(arguments['video_offset'])
+    except ValueError as error:
+        raise ValueError(f"video_offset is {arguments['video_offset']!r}, expected seconds") from error
+    if not math.isfinite(offset) or (offset and not (arguments['audio'] and arguments['video'])):
+        raise ValueError(f'video_offset is {offset}, expected seconds between sound and video: it needs audio:= and video:=')
+    sensors, players = [], []
     if arguments['audio']:
         sensors.append(rig_node(arguments, 'av_audio', 'audio_node', {'source': 'file', 'file': arguments['audio']}))
+        players.append(Player('audio_node', max(-offset, 0.0), ['doa_node']))
     if arguments['video']:
         sensors += [rig_node(arguments, 'av_vision', 'camera_node', {'source': 'file', 'file': arguments['video']}),
                     detector_node(arguments, {})]
+        players.append(Player('camera_node', max(offset, 0.0), ['detector_node']))
+    plan_playback(Path(arguments[RUN_FOLDER]), players)
     return sensors
 
 

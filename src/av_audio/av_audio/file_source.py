@@ -98,12 +98,18 @@ class FileSource:
         if not self._file.frames:
             raise ValueError(f'sound file {path} is empty')
 
-    def start(self, buffer: RingBuffer) -> None:
-        """Start a thread that writes into the buffer."""
-        self._begin = self._now()
+    def start(self, buffer: RingBuffer, begin: float | None = None) -> None:
+        """Start a thread that writes into the buffer.
+
+        Parameters:
+            buffer: takes the samples.
+            begin (s): when the file begins, on the clock `now`; None for now. What should have sounded by now is left out.
+        """
+        now = self._now()
+        self._begin = now if begin is None else begin
         self._stop.clear()
         self.finished = False
-        self._thread = threading.Thread(target=self._play, args=(buffer,), daemon=True)
+        self._thread = threading.Thread(target=self._play, args=(buffer, self._begin - now), daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -122,9 +128,11 @@ class FileSource:
         """Capture time in s of a sample, on the clock `now`."""
         return self._begin + sample / self.sample_rate
 
-    def _play(self, buffer: RingBuffer) -> None:
-        begin = time.monotonic()
-        sent = 0
+    def _play(self, buffer: RingBuffer, lead: float) -> None:
+        """Write each block when its last sample is due. The first sample is due in `lead` s, or was before."""
+        begin = time.monotonic() + lead
+        sent = max(0, int(-lead * self.sample_rate) // self._block * self._block)
+        self._file.seek(sent % self._file.frames if self._loop else min(sent, self._file.frames))
         while not self._stop.is_set():
             samples = self._read_block()
             if not len(samples):
@@ -133,7 +141,7 @@ class FileSource:
             due = begin + (sent + len(samples)) / self.sample_rate
             if self._stop.wait(max(0.0, due - time.monotonic())):
                 return
-            buffer.write(samples)
+            buffer.write(samples, sent)
             sent += len(samples)
 
     def _read_block(self) -> NDArray:

@@ -65,3 +65,25 @@ def test_bad_files_say_what_is_wrong(tmp_path, ramp_file):
         FileSource(ramp_file[0], channels=[0, 3])
     with pytest.raises(ValueError, match='channels'):
         read_sound(ramp_file[0], [-1])
+
+
+def test_a_player_that_is_late_joins_in(ramp_file):
+    """What should have sounded before is left out, by whole blocks; stamps and indices are those of one that was in time."""
+    path, samples = ramp_file
+    source, buffer = FileSource(path, block_samples=400, now=lambda: 100.0), RingBuffer(3)
+    source.start(buffer, begin=99.93)    # 1120 samples ago
+    while not buffer.available:
+        buffer.wait(1.0)
+    first, block = buffer.read(400)
+    source.stop()
+    assert first == 800 and source.time_of(first) == pytest.approx(99.98)
+    np.testing.assert_array_equal(block, samples[800:1200])
+
+
+def test_a_player_that_is_early_waits(ramp_file):
+    source, buffer = FileSource(ramp_file[0], block_samples=160, now=lambda: 100.0), RingBuffer(3)
+    before = time.monotonic()
+    source.start(buffer, begin=100.2)
+    buffer.wait(5.0)
+    source.stop()
+    assert time.monotonic() - before >= 0.2 and source.time_of(0) == 100.2

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from shutil import rmtree
 from tempfile import mkdtemp
 
 from ament_index_python.packages import (
@@ -97,17 +98,26 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
         for old, new in RENAMED_ARGUMENTS.items():
             if old in context.launch_configurations:
                 raise ValueError(f'{old}:= is now named {new}:=')
-        arguments = {name: context.launch_configurations[name] for name in declarations}
+        arguments = {name: at_home(context.launch_configurations[name]) for name in declarations}
         if arguments['params']:
             check_parameter_file(arguments['params'])
-        entities = start(arguments)
         folder = mkdtemp(prefix='av_rig_')
+        try:
+            entities = start({**arguments, RUN_FOLDER: folder})
+        except BaseException:
+            rmtree(folder)
+            raise
         entities.append(guard_process(folder))
         interruption = interrupt_with_launch([entity for entity in entities if isinstance(entity, ExecuteProcess)])
         return [GroupAction([SetEnvironmentVariable(RUN_FOLDER, folder), interruption, *entities])]
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
+
+
+def at_home(value: str) -> str:
+    """The value of an argument; ~ at its beginning is the user's home, which a shell leaves alone in `audio:=~/x.wav`."""
+    return str(Path(value).expanduser()) if value.startswith('~') else value
 
 
 def guard_process(folder: str) -> ExecuteProcess:

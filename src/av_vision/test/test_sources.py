@@ -3,6 +3,7 @@
 import re
 import struct
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -10,9 +11,12 @@ import numpy as np
 import pytest
 
 from av_vision.sources import Capture, CapturedImage, SourceError
-from av_vision.sources.files import FileSource, Recording
+from av_vision.sources.files import FileSource, Recording, image_files
 from av_vision.sources.image_file import IMAGE_SUFFIXES
 from av_vision.sources.v4l2 import DeviceSource
+
+# Situations of users, which are not part of the repository.
+FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
 
 
 class Clock:
@@ -41,16 +45,16 @@ def video(tmp_path):
 def test_a_video_gives_its_frames_at_its_rate(video):
     recording = Recording(video)
     assert (recording.rate, recording.count) == (50.0, 20)
-    levels = [image.mean() for _, image in recording.frames()]
+    levels = [frame.image.mean() for frame in recording.frames()]
     assert levels == pytest.approx(10.0 * np.arange(20), abs=3.0)
-    assert [index for index, _ in recording.frames(lambda k: k % 6 == 0)] == [0, 6, 12, 18]
+    assert [frame.index for frame in recording.frames(lambda time: round(50 * time) % 6 == 0)] == [0, 6, 12, 18]
 
 
 def test_a_folder_of_images_in_order_of_names(tmp_path):
     for k in (3, 1, 2):
         cv2.imwrite(str(tmp_path / f'{k}.png'), np.full((4, 4), 1000 * k, np.uint16))
     (tmp_path / 'notes.txt').write_text('no image')
-    frames = [image for _, image in Recording(tmp_path, rate=5.0).frames()]
+    frames = [frame.image for frame in Recording(tmp_path, rate=5.0).frames()]
     assert [int(image[0, 0]) for image in frames] == [1000, 2000, 3000]
     assert frames[0].dtype == np.uint16
 
@@ -63,7 +67,7 @@ def test_an_image_is_measured_before_it_is_read(tmp_path, suffix, depth):
     if suffix not in ('.pgm', '.png', '.tif', '.tiff') and depth is np.uint16:
         pytest.skip('a format of 8 bits')
     cv2.imwrite(str(path), image)
-    (_, read), = Recording(path).frames()
+    (_, _, read), = Recording(path).frames()
     assert read.shape[:2] == (30, 44) and read.dtype == depth
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(SourceError, match=re.escape(str(path))):
@@ -212,3 +216,105 @@ def test_unplugging_is_survived():
     capture.stop()
     assert len(images) >= 6
     assert capture.reconnections >= 3
+
+
+def test_images_are_played_in_the_order_of_their_numbers(tmp_path):
+    """As people count: 2 before 10, also in the middle of a name; what macOS leaves beside each file is none."""
+    names = ['Cam-9 shot2.png', 'cam-10 shot1.PNG', 'cam-9 shot10.png', 'cam-9 shot1.png', 'cam-09 shot11.png', 'dusk.png']
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), np.zeros((4, 4), np.uint8))
+        (tmp_path / f'._{name}').write_bytes(b'\0\5\26\7 resource fork')
+    assert [path.name for path in image_files(tmp_path)] == [
+        'cam-9 shot1.png', 'Cam-9 shot2.png', 'cam-9 shot10.png', 'cam-09 shot11.png', 'cam-10 shot1.PNG', 'dusk.png']
+    assert len(list(Recording(tmp_path).frames())) == 6
+
+
+def test_the_numbered_folder_of_the_field():
+    folder = FIELD_CASES / 'folders' / 'numbers'
+    if not folder.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    assert [int(path.stem.split('_')[1]) for path in image_files(folder)] == [1, 2, 3, 9, 10, 11, 12, 20, 100]
+
+
+def test_an_unreadable_image_leaves_a_gap_in_time_and_is_named(tmp_path):
+    for k in range(5):
+        cv2.imwrite(str(tmp_path / f'{k}.jpg'), np.full((8, 8), 20 * k, np.uint8))
+    (tmp_path / '2.jpg').write_bytes((tmp_path / '2.jpg').read_bytes()[:30])
+    recording = Recording(tmp_path, rate=4.0)
+    assert [frame.time for frame in recording.frames()] == [0.0, 0.25, 0.75, 1.0]
+    assert len(recording.problems) == 1 and '2.jpg' in recording.problems[0]
+
+
+def element(name, content):
+    """An element of EBML, of which Matroska and webm are made (RFC 8794), its size in eight bytes."""
+    return bytes.fromhex(name) + (len(content) | 1 << 56).to_bytes(8, 'big') + content
+
+
+def write_uneven(path, times_ms, known=True):
+    """A Matroska video (RFC 9559) of one JPEG for each time in ms; without known sizes and duration as a browser streams it."""
+    track = element('D7', b'\1') + element('73C5', b'\1') + element('83', b'\1') + element('86', b'V_MJPEG') + element(
+        'E0', element('B0', b'\x40') + element('BA', b'\x30'))
+    info = element('2AD7B1', (10**6).to_bytes(3, 'big')) + (
+        element('4489', struct.pack('>d', times_ms[-1] + 40.0)) if known else b'')
+    clusters = b''
+    for k, time_ms in enumerate(times_ms):
+        jpeg = cv2.imencode('.jpg', np.full((48, 64, 3), 10 * k, np.uint8))[1].tobytes()
+        clusters += element('1F43B675', element('E7', int(time_ms).to_bytes(4, 'big')) + element('A3', b'\x81\0\0\x80' + jpeg))
+    content = element('1549A966', info) + element('1654AE6B', element('AE', track)) + clusters
+    head = element('1A45DFA3', element('4282', b'matroska') + element('4287', b'\4') + element('4285', b'\2'))
+    path.write_bytes(head + (element('18538067', content) if known else bytes.fromhex('1853806701FFFFFFFFFFFFFF') + content))
+    return path
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_frames_have_the_time_of_the_container(tmp_path, known):
+    times = np.array([0, 40, 80, 400, 433, 1500, 1517, 1534, 2600])
+    recording = Recording(write_uneven(tmp_path / 'phone.mkv', times.tolist(), known))
+    frames = list(recording.frames())
+    assert [frame.time for frame in frames] == pytest.approx(1e-3 * times, abs=1e-6)
+    assert [frame.image.mean() for frame in frames] == pytest.approx(10.0 * np.arange(9), abs=3.0)
+    assert recording.rate == pytest.approx(8 / 2.6)
+    clock = Clock(50.0)
+    source = FileSource(recording.path, loop=True, now=clock, wait=clock.wait)
+    source.open()
+    again = 50.0 + 2.6 + 1.066    # the last frame lasts as long as the one before
+    assert [source.read().time for _ in range(11)] == pytest.approx([*(50.0 + 1e-3 * times), again, again + 0.04], abs=1e-6)
+    assert source.skipped == 0
+    assert [frame.time for frame in Recording(recording.path, rate=10.0).frames()] == pytest.approx(0.1 * np.arange(9))
+
+
+def test_times_that_do_not_rise_are_made_up_for(tmp_path):
+    recording = Recording(write_uneven(tmp_path / 'odd.mkv', [0, 100, 100, 100, 500]))
+    times = [frame.time for frame in recording.frames()]
+    assert times[:2] == pytest.approx([0.0, 0.1]) and times[-1] == pytest.approx(0.5)
+    assert np.all(np.diff(times) > 0.05)
+
+
+@pytest.mark.parametrize(('name', 'last'), [('vfr.mp4', 5.967), ('irregular_live.webm', 6.364), ('cfr12.mp4', 11.967)])
+def test_the_times_of_the_videos_of_the_field(name, last):
+    path = FIELD_CASES / 'video' / name
+    if not path.exists():
+        pytest.skip('needs ../shared/data/field_cases')
+    times = [frame.time for frame in Recording(path).frames()]
+    assert times[0] == 0.0 and times[-1] == pytest.approx(last, abs=1e-3)
+    assert np.all(np.diff(times) > 0.0)
+
+
+@pytest.mark.parametrize('name', ['a:b.avi', 'rtsp:x y.avi', '%02d.avi', 'a?b#c.avi'])
+def test_a_video_may_have_any_name(tmp_path, video, monkeypatch, name):
+    video.rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert len(list(Recording(name).frames())) == 20
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert Recording(f'~/{name}').path == tmp_path / name
+
+
+def test_a_player_waits_for_the_common_beginning_and_joins_in_late(video):
+    clock, answers = Clock(10.0), iter([None, None, 10.5])
+    source = FileSource(video, now=clock, wait=clock.wait, begin=lambda: next(answers))
+    source.open()
+    assert source.read().time == 10.5
+    late = FileSource(video, now=Clock(20.0), wait=lambda seconds: None, begin=lambda: 19.805)
+    late.open()
+    image = late.read()
+    assert image.time == pytest.approx(19.985) and image.pixels.mean() == pytest.approx(90.0, abs=3.0)

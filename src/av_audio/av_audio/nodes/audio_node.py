@@ -15,12 +15,10 @@ from av_audio.messages import audio_frame
 from av_audio.nodes.audio_node_parameters import audio_node as parameters
 from av_audio.ring_buffer import RingBuffer
 from av_common.node import RigNode, run
+from av_common.playback import Playback
 from av_common.qos import STREAM
-from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
-
-SUBSCRIBER_WAIT_S = 10.0
 
 
 class AudioNode(RigNode):
@@ -55,8 +53,7 @@ class AudioNode(RigNode):
     def _new_stream(self) -> None:
         self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
         self._health = ChannelHealth(self._source.channels)
-        self._since_activation = RateMeter()
-        self._since_activation.tick()
+        self._playback = Playback(self.get_name())
         self._started = False
 
     def _open(self, settings: Any) -> FileSource | DeviceSource:
@@ -75,10 +72,12 @@ class AudioNode(RigNode):
             self._started = True
         self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
 
-    def _start_file(self) -> None:
-        """Start a file when there is a subscriber, so that its beginning is not lost while other nodes start."""
-        if self._publisher.get_subscription_count() or self._since_activation.age > SUBSCRIBER_WAIT_S:
-            self._source.start(self._buffer)
+    def _start_file(self, source: FileSource) -> None:
+        """Start a file when those who hear it are there, so that its beginning is not lost while other nodes start."""
+        subscribers = self.get_subscriptions_info_by_topic(self._publisher.topic_name)
+        begin = self._playback.begin({info.node_name for info in subscribers}, self.now())
+        if begin is not None:
+            source.start(self._buffer, begin)
             self._started = True
 
     def deactivate(self) -> None:
@@ -90,8 +89,8 @@ class AudioNode(RigNode):
         self._source.close()
 
     def _publish(self) -> None:
-        if not self._started:
-            self._start_file()
+        if not self._started and isinstance(self._source, FileSource):
+            self._start_file(self._source)
         while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
             first_sample, samples = self._buffer.read(self._block)
             self._health.update(samples)

@@ -10,6 +10,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,7 @@ def main(arguments: list[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     try:
         detectors = {path.name: open_detector(path, args.size, args.threads) for path in args.model or [shipped_model()]}
-        images = [image for _, image in Recording(args.input).frames(lambda index: index < 50)] if args.input else \
+        images = [frame.image for frame in islice(Recording(args.input).frames(), 50)] if args.input else \
             [np.random.default_rng(0).integers(0, 256, (512, 640, 3), np.uint8)]
     except (ValueError, OSError, SourceError) as error:
         print(f'detector_cost: {error}', file=sys.stderr)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from av_vision.drawing import draw
 from av_vision.models import shipped_model
 from av_vision.sources import SourceError
-from av_vision.sources.files import Recording
+from av_vision.sources.files import Frame, Recording
 from av_vision.temporal_detector import TemporalDetector
 from av_vision.yolo import Detections, Detector, DetectorSettings
 from av_vision.yolo.letterbox import letterbox
@@ -27,7 +27,7 @@ class VideoWriter:
     """A video file of the size of the first frame, to which others are scaled; raises SourceError when it cannot be written."""
 
     def __init__(self, path: Path, rate: float) -> None:
-        self._path, self._rate = path, rate
+        self._path, self._rate = path.expanduser().absolute(), rate    # FFmpeg takes `a:b.mp4` for a protocol
         self._video: cv2.VideoWriter | None = None
 
     def write(self, image: NDArray) -> None:
@@ -46,18 +46,18 @@ class VideoWriter:
             self._video.release()
 
 
-FrameDetections = tuple[int, NDArray, Detections, list[int]]
+FrameDetections = tuple[Frame, Detections, list[int]]
 
 
 def detect_recording(recording: Recording, detector: TemporalDetector) -> Iterator[FrameDetections]:
-    """Frame numbers, frames, their detections and track numbers.
+    """Frames, their detections and track numbers.
 
     Parameters:
         recording: the input.
         detector: detector for a sequence of images.
     """
-    for index, image in recording.frames():
-        yield index, image, *detector.detect(image, index / recording.rate)
+    for frame in recording.frames():
+        yield frame, *detector.detect(frame.image, frame.time)
 
 
 def rows_of(index: int, time: float, detections: Detections, tracks: Iterable[int]) -> Iterator[dict]:
@@ -106,8 +106,8 @@ def settings_of(arguments: argparse.Namespace) -> DetectorSettings:
                             slice_size=arguments.slice)
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Detect and write; raises ValueError, OSError or SourceError."""
+def run(arguments: argparse.Namespace) -> list[str]:
+    """Detect and write; returns what was left out. Raises ValueError, OSError or SourceError."""
     recording = Recording(arguments.input, arguments.rate)
     detector = Detector(arguments.model or shipped_model(), settings_of(arguments))
     temporal = TemporalDetector(detector, temporal_fusion=arguments.temporal_fusion)
@@ -116,35 +116,39 @@ def run(arguments: argparse.Namespace) -> None:
     writer = csv.DictWriter(out, COLUMNS, lineterminator='\n')
     if not arguments.json:
         writer.writeheader()
-    for index, image, detections, tracks in detect_recording(recording, temporal):
-        for row in rows_of(index, index / recording.rate, detections, tracks):
+    for frame, detections, tracks in detect_recording(recording, temporal):
+        for row in rows_of(frame.index, frame.time, detections, tracks):
             if arguments.json:
                 print(json.dumps(row), file=out)
             else:
                 writer.writerow(row)
         if video:
-            video.write(draw(image, detections, tracks))
-        if not arguments.quiet and index % 10 == 0:
+            video.write(draw(frame.image, detections, tracks))
+        if not arguments.quiet and frame.index % 10 == 0:
             total = f' of {recording.count}' if recording.count else ''
-            print(f'\rframe {index + 1}{total}', end='', file=sys.stderr, flush=True)
+            print(f'\rframe {frame.index + 1}{total}', end='', file=sys.stderr, flush=True)
     if not arguments.quiet:
         print(file=sys.stderr)
     if video:
         video.close()
     if arguments.output:
         out.close()
+    lost = recording.problems
+    return [f'{len(lost)} of {recording.count} images left out: {lost[0]}'] if lost else []
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Entry point; 2 for an input or a model that cannot be used."""
+    """Entry point; 2 for an input or a model that cannot be used, also for a part of the input."""
+    problems = []
     try:
-        run(parse(arguments))
+        problems = run(parse(arguments))
     except BrokenPipeError:
         sys.stderr.close()
     except (ValueError, OSError, SourceError) as error:
-        print(f'\ndetect: {error}', file=sys.stderr)
-        return 2
-    return 0
+        problems = [str(error)]
+    for problem in problems:
+        print(f'\ndetect: {problem}', file=sys.stderr)
+    return 2 if problems else 0
 
 
 if __name__ == '__main__':

@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 
 from av_common.camera import PinholeCamera
 from av_common.node import RigNode, run
+from av_common.playback import Playback
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.stamps import to_stamp
@@ -50,7 +51,7 @@ class CameraNode(RigNode):
         if settings.source == 'file':
             if not settings.file:
                 raise ValueError('file is empty, expected a video, an image or a folder of images')
-            return FileSource(settings.file, settings.rate, settings.loop, self.now)
+            return FileSource(settings.file, settings.rate, settings.loop, self.now, begin=self._begin)
         kind, _, serial = settings.device.partition(':')
         if kind == 'realsense':
             return RealSenseSource(serial, settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms,
@@ -60,12 +61,20 @@ class CameraNode(RigNode):
     def activate(self) -> None:
         """Begin to capture."""
         self._rate = RateMeter()
+        self._playback = Playback(self.get_name())
         self._capture = Capture(self._source, self._publish)
         self._capture.start()
 
     def deactivate(self) -> None:
         """Stop capturing."""
+        if isinstance(self._source, FileSource):
+            self._source.close()    # which may wait for a frame
         self._capture.stop()
+
+    def _begin(self) -> float | None:
+        """When a file begins (s), None while that is not known."""
+        subscribers = self.get_subscriptions_info_by_topic(self._images.topic_name)
+        return self._playback.begin({info.node_name for info in subscribers}, self.now())
 
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()
@@ -94,7 +103,10 @@ class CameraNode(RigNode):
         """Report rate, losses and the end of a file."""
         status.add('images per second', f'{self._rate.rate:.1f}')
         status.add('reconnections', str(self._capture.reconnections))
-        status.add('skipped', str(getattr(self._source, 'skipped', 0)))
+        if isinstance(self._source, FileSource):
+            status.add('skipped', str(self._source.skipped))
+            for problem in self._source.problems[:1]:
+                status.mergeSummary(DiagnosticStatus.WARN, f'{len(self._source.problems)} images left out: {problem}')
         if self._capture.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
         elif self._capture.finished:

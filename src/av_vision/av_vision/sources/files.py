@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 from numpy.typing import NDArray
@@ -15,62 +17,130 @@ from av_vision.encoded_image import MOST_PIXELS
 from av_vision.sources.capture import CapturedImage, SourceError
 from av_vision.sources.image_file import IMAGE_SUFFIXES, read_image
 
+FOLDER_RATE = 30.0     # images a second of a folder, and of a video that states no rate
+ASK_AGAIN_S = 0.02     # whether the playback may begin
+PROBED = 30            # frames whose times give the rate of a video
+LEAST_INTERVAL_S = 1e-3    # between frames: a container's time that does not rise by so much is none
+
 
 def image_files(folder: Path) -> list[Path]:
-    """The images in a folder in the order of their names; raises SourceError when there are none."""
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    """The images in a folder, numbers in their names counted: 2 before 10. Raises SourceError when there are none.
+
+    Hidden files are none: macOS writes a `._NAME` beside each file on disks of other systems.
+    """
+    files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith('.')]
     if not files:
         raise SourceError(f'the folder {folder} holds no images ({", ".join(sorted(IMAGE_SUFFIXES))})')
-    return files
+    return sorted(files, key=_counted)
+
+
+def _counted(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """A key that sorts names by the numbers in them; equal numbers, such as 1 and 01, by the name."""
+    parts = re.split(r'(\d+)', path.name.casefold())
+    return [(int(part), '') if k % 2 else (-1, part) for k, part in enumerate(parts)], path.name
+
+
+class Frame(NamedTuple):
+    """An image of a recording.
+
+    Parameters:
+        index: its number, from 0.
+        time (s): its time in the recording.
+        image (h, w[, channels]): its pixels.
+    """
+
+    index: int
+    time: float
+    image: NDArray
 
 
 class Recording:
     """A video, an image or a folder of images, read frame by frame.
 
+    The time of a frame is that in the video's container, which need not have a constant rate. Images of a folder, and frames
+    of a video with `rate`, follow each other evenly. An image of a folder that cannot be read leaves a gap.
+
     Parameters:
-        path: the file or folder.
-        rate (1/s): frames per second; 0 uses the rate of the video, or 30.
+        path: the file or folder; ~ is the user's home.
+        rate (1/s): frames per second; 0 uses the time in the video, or 30 for a folder.
 
     Attributes:
-        rate (1/s): frames per second.
+        rate (1/s): frames per second, of a video the mean of its beginning.
         count: number of frames; 0 if unknown.
+        problems: images of the folder that could not be read, in the last `frames`.
 
     Raises SourceError for a path, video or image that cannot be read.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0) -> None:
-        self.path = Path(path)
+        try:
+            self.path = Path(path).expanduser().absolute()    # FFmpeg takes `a:b.mp4` for a protocol
+        except RuntimeError as error:
+            raise SourceError(f'{path}: {error}') from error
         if not self.path.exists():
-            raise SourceError(f'{self.path} does not exist, expected a video, an image or a folder of images')
+            raise SourceError(f'{path} does not exist, expected a video, an image or a folder of images')
+        self.problems: list[str] = []
+        self._even = rate
         is_image = self.path.suffix.lower() in IMAGE_SUFFIXES
         self._files = image_files(self.path) if self.path.is_dir() else [self.path] if is_image else []
         if self._files:
-            self.rate, self.count = rate or 30.0, len(self._files)
+            self.rate, self.count = rate or FOLDER_RATE, len(self._files)
             return
-        video = self._open_video()
-        self.rate = rate or video.get(cv2.CAP_PROP_FPS) or 30.0
-        self.count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
-        readable = video.grab()
-        video.release()
-        if not readable:
-            raise SourceError(f'{self.path} holds no images that can be read')
+        self.count = 0
+        times = self._probe()
+        self.rate = rate or ((len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else FOLDER_RATE)
 
-    def frames(self, wanted: Callable[[int], bool] = lambda index: True) -> Iterator[tuple[int, NDArray]]:
-        """Frames as (index, image) in order; frames for which `wanted(index)` is false are not decoded."""
-        if self._files:
-            for index, path in enumerate(self._files):
-                if wanted(index):
-                    yield index, read_image(path)
-            return
+    def frames(self, wanted: Callable[[float], bool] = lambda time: True) -> Iterator[Frame]:
+        """Frames in order; those for whose time (s) `wanted` is false are not decoded. Raises SourceError."""
+        return self._images(wanted) if self._files else self._video(wanted)
+
+    def _images(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
+        self.problems = []
+        for index, path in enumerate(self._files):
+            if not wanted(index / self.rate):
+                continue
+            try:
+                yield Frame(index, index / self.rate, read_image(path))
+            except SourceError as error:
+                self.problems.append(str(error))
+                if len(self.problems) == len(self._files):
+                    raise
+
+    def _video(self, wanted: Callable[[float], bool]) -> Iterator[Frame]:
         video = self._open_video()
-        index = 0
+        try:
+            for index, stated in enumerate(self._times(video)):
+                at = index / self._even if self._even else stated
+                if wanted(at):
+                    good, image = video.retrieve()
+                    if good:
+                        yield Frame(index, at, image)
+        finally:
+            video.release()
+
+    @staticmethod
+    def _times(video: cv2.VideoCapture) -> Iterator[float]:
+        """Times (s) of the frames in the container; where it states none, or not a later one, the interval before counts."""
+        stated = video.get(cv2.CAP_PROP_FPS)
+        interval, last = 1.0 / stated if 1.0 <= stated <= 500.0 else 1.0 / FOLDER_RATE, -float('inf')
         while video.grab():
-            if wanted(index):
-                good, image = video.retrieve()
-                if good:
-                    yield index, image
-            index += 1
+            time = 1e-3 * video.get(cv2.CAP_PROP_POS_MSEC)
+            if time - last < LEAST_INTERVAL_S:
+                time = last + interval
+            elif last >= 0.0:
+                interval = time - last
+            last = time
+            yield time
+
+    def _probe(self) -> list[float]:
+        """Times (s) of the first frames of the video."""
+        video = self._open_video()
+        self.count = max(int(video.get(cv2.CAP_PROP_FRAME_COUNT)), 0)
+        times = [time for time, _ in zip(self._times(video), range(PROBED), strict=False)]
         video.release()
+        if not times:
+            raise SourceError(f'{self.path} holds no images that can be read')
+        return times
 
     def _open_video(self) -> cv2.VideoCapture:
         try:
@@ -87,52 +157,71 @@ class Recording:
 
 
 class FileSource:
-    """Plays a recording in real time. The time of a frame is the start time plus its time in the file.
+    """Plays a recording in real time. The time of a frame is the beginning of the playback plus its time in the file.
 
-    Frames that are late by more than a period are skipped and counted in `skipped`.
+    Frames that are late by more than the interval before them are skipped and counted in `skipped`.
 
     Parameters:
         path: video, image or folder of images.
-        rate (1/s): frames per second; 0 uses the rate of the video, or 30.
+        rate (1/s): frames per second; 0 uses the time in the video, or 30 for a folder.
         loop: whether the file starts again at its end.
         now: clock of the caller in s.
         wait: function that is called with the seconds until the next frame is due; None for an interruptible wait.
+        begin: the beginning (s) on that clock, None while it is not known; by default when the source is opened.
     """
 
     def __init__(self, path: str | Path, rate: float = 0.0, loop: bool = False, now: Callable[[], float] = time.time,
-                 wait: Callable[[float], object] | None = None) -> None:
+                 wait: Callable[[float], object] | None = None, begin: Callable[[], float | None] | None = None) -> None:
         self.skipped = 0
         self._recording = Recording(path, rate)
         self._loop = loop
         self._now = now
         self._closed = threading.Event()
         self._wait = wait or self._closed.wait
+        self._begin = begin or now
+
+    @property
+    def problems(self) -> list[str]:
+        """Images that could not be read."""
+        return self._recording.problems
 
     def open(self) -> None:
-        """Start at the first frame, now."""
+        """Start at the first frame at the beginning, for which this waits."""
         self._closed.clear()
-        self._start = self._now()
-        self._frames = self._recording.frames(self._in_time)
-        self._last = -1
+        begin = None
+        while begin is None and not self._closed.is_set():
+            begin = self._begin()
+            if begin is None:
+                self._wait(ASK_AGAIN_S)
+        self._start = self._now() if begin is None else begin
+        self._rewind()
 
     def read(self) -> CapturedImage | None:
-        """The next frame at its time; None at the end of a file that is not looped."""
-        while (item := next(self._frames, None)) is None:
-            if not self._loop or self._last < 0:
+        """The next frame at its time; None at the end of a file that is not looped, and once it is closed."""
+        while not self._closed.is_set():
+            frame = next(self._frames, None)
+            if frame is not None:
+                due = self._start + frame.time
+                self._wait(max(due - self._now(), 0.0))
+                return None if self._closed.is_set() else CapturedImage(frame.image, due)
+            if not self._loop or self._last < 0.0:
                 return None
-            self._start += (self._last + 1) / self._recording.rate
-            self._frames, self._last = self._recording.frames(self._in_time), -1
-        self._last, image = item
-        due = self._start + self._last / self._recording.rate
-        self._wait(max(due - self._now(), 0.0))
-        return CapturedImage(image, due)
+            self._start += self._last + self._interval
+            self._rewind()
+        return None
 
     def close(self) -> None:
         """Stop waiting."""
         self._closed.set()
 
-    def _in_time(self, index: int) -> bool:
-        late = self._now() - self._start - index / self._recording.rate > 1.0 / self._recording.rate
+    def _rewind(self) -> None:
+        self._frames, self._last, self._interval = self._recording.frames(self._in_time), -1.0, 1.0 / self._recording.rate
+
+    def _in_time(self, at: float) -> bool:
+        """Whether a frame at a time (s) in the file is not late."""
+        if self._last >= 0.0:
+            self._interval = at - self._last
+        self._last = at
+        late = self._now() - self._start - at > self._interval
         self.skipped += late
-        self._last = index
         return not late

@@ -48,7 +48,7 @@ class Model:
 
     def __init__(self, path: str | Path, providers: Sequence[str] = ('CPUExecutionProvider',), threads: int = 0,
                  layout: str = 'auto', class_names: Sequence[str] = (), input_size: int = 0) -> None:
-        self.path = Path(path)
+        self.path = Path(path).expanduser()
         self.session = open_session(self.path, providers, threads, folded=False)
         self.metadata = dict(self.session.get_modelmeta().custom_metadata_map)
         self._refuse_renamed_metadata()
