@@ -67,7 +67,7 @@ def test_an_image_is_measured_before_it_is_read(tmp_path, suffix, depth):
     if suffix not in ('.pgm', '.png', '.tif', '.tiff') and depth is np.uint16:
         pytest.skip('a format of 8 bits')
     cv2.imwrite(str(path), image)
-    (_, _, read), = Recording(path).frames()
+    read, = [frame.image for frame in Recording(path).frames()]
     assert read.shape[:2] == (30, 44) and read.dtype == depth
     path.write_bytes(path.read_bytes()[:20])
     with pytest.raises(SourceError, match=re.escape(str(path))):

@@ -6,8 +6,8 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 from numpy.typing import NDArray
@@ -40,7 +40,8 @@ def _counted(path: Path) -> tuple[list[tuple[int, str]], str]:
     return [(int(part), '') if k % 2 else (-1, part) for k, part in enumerate(parts)], path.name
 
 
-class Frame(NamedTuple):
+@dataclass(frozen=True)
+class Frame:
     """An image of a recording.
 
     Parameters:
