@@ -64,7 +64,7 @@ ARGUMENTS = {
     'at': ('', "source:=sim: the rig's place instead of the scenario's: x y z (m, ENU) and yaw (deg)", None),
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
-    'video_offset': ('0', "source:=file: when the video begins (s), after the beginning of the sound; negative: before it", None),
+    'video_offset': ('0', 'source:=file: when the video begins (s), after the sound; negative: before it', None),
     'model': ('shipped', "a detector's ONNX file, or `shipped`", None),
     'oracle': ('false', "source:=sim or udp: the simulator's visual oracle gives the detections, and no detector runs",
                ['true', 'false']),
