@@ -1,7 +1,8 @@
 # The rig on the official ROS 2 image.
 #   docker build -t av_rig .
 #   docker run --rm -it --network host av_rig duration:=40
-#   docker run --rm -it --network host --device /dev/snd --device /dev/bus/usb av_rig source:=hardware
+#   docker run --rm -it --network host --device /dev/snd --device /dev/video0 av_rig source:=hardware
+# Other cameras: docs/guides/install.md
 FROM ros:jazzy-ros-base
 
 # rosdep uses pip for dependencies that Ubuntu does not package.

@@ -1,16 +1,17 @@
 # Targets of this project. Each works in a clean shell, with or without an installed ROS 2.
 #
-#   make build      the ROS 2 environment and the workspace
+#   make build      the ROS 2 environment and what changed in the workspace
 #   make demo       the rig tracks a simulated drone; DEMO="scenario:=circle duration:=60" for another scenario, VIEW=1 for a page
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
 #   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card, COCO's beside it (QUICK=1: a fifth; MODEL=file, CACHE=folder for 9 GB, DATA=folder)
 #   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
+#   make distributions   imports all packages with the Python and the libraries of each supported distribution
 #   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test report detector lint layers packages links clean distclean
+.PHONY: build demo test report detector distributions lint layers packages links clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
@@ -24,7 +25,7 @@ MODEL ?= src/av_vision/models/drone_detector.onnx
 CACHE ?= results/detector_cache
 
 build:
-	$(ENV) && MAKEFLAGS=-j$$(nproc) colcon build --symlink-install  # colcon would wait for a low load
+	$(ENV) && python3 tools/build.py
 
 demo: build
 	$(ENV) && exec ros2 launch av_fusion rig.launch.py $(DEMO) $(if $(VIEW),view:=true view_control:=true bags:=results/bags)
@@ -41,6 +42,10 @@ report: build
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection \
 		--coco $(DATA)/models/yolox_nano_coco.onnx $(if $(QUICK),--quick)
+
+# Needs no build and no ROS.
+distributions:
+	python3 tools/distributions/check.py
 
 # Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked if actionlint is installed.
 lint: layers packages links

@@ -33,6 +33,8 @@ IMPLICIT = {
     'av_fusion': {'av_audio', 'av_bringup', 'av_pointing'},     # of the launch files
     'av_simulator': {'av_bringup'},     # which installs the configuration
 }
+# Plugins with which `make test` runs the tests of all packages; listed once, for the package below all others.
+TEST_PLUGINS = {'av_common': {'python3-pytest-timeout', 'python3-pytest-xdist'}}
 # Permitted pairs of a package and a module that its tests import although that module depends on the package.
 TESTED_TOGETHER: set[tuple[str, str]] = set()
 PARAMETERS = 'generate_parameter_library_py'
@@ -74,7 +76,7 @@ def wanted(package: Path) -> dict[str, list[str]]:
     """The rosdep keys that a package.xml must list, by kind of dependency."""
     run = {KEYS.get(name, name) for name in imported(sources(package)) - {package.name}} | IMPLICIT.get(package.name, set())
     build = {PARAMETERS} if list(package.glob(f'{package.name}/nodes/*_parameters.yaml')) else set()
-    test = {KEYS.get(name, name) for name in tested(package) - users(package)}
+    test = {KEYS.get(name, name) for name in tested(package) - users(package)} | TEST_PLUGINS.get(package.name, set())
     return {'depend': sorted(build), 'exec_depend': sorted(run - build), 'test_depend': sorted(test - run - build)}
 
 
