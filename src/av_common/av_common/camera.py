@@ -1,9 +1,9 @@
-"""Pinhole camera with the lens distortion of ROS (plumb_bob, rational_polynomial)."""
+"""The geometry of a camera: pinhole or fisheye with the lens models of ROS, binning, and regions of interest."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +11,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
+# Of a CameraInfo and of calibration files, where an empty name means the first. The first two are one polynomial in OpenCV.
+LENS_MODELS = ('plumb_bob', 'rational_polynomial', 'equidistant')
+DISTORTION_LENGTHS, EQUIDISTANT_LENGTHS = (0, 4, 5, 8, 12, 14), (0, 4)
 PRECISE = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-10)
 # OpenCV 4 has a separate function for a given precision, OpenCV 5 an argument.
 UNDISTORT: Any = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
+ANGLES = np.linspace(0.0, math.pi, 4097)  # off the axis of a fisheye lens (rad); between these the error is below 1e-7 rad
 _SIZE, _FOCAL, _CENTRE = (1, 100_000), (1e-3, 1e7), (-1e6, 1e6)
 _LIMITS: dict[str, tuple[float, float]] = {
     'width': _SIZE, 'height': _SIZE, 'fx': _FOCAL, 'fy': _FOCAL, 'cx': _CENTRE, 'cy': _CENTRE}
@@ -23,7 +26,7 @@ _MOST_COEFFICIENT = 1e4
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera with lens distortion.
+    """A camera with one centre of projection and a lens: pinhole with distortion, or fisheye.
 
     Points are in the optical frame (REP-103: x right, y down, z forward); pixel (0, 0) is the centre of the top-left pixel.
 
@@ -31,7 +34,10 @@ class PinholeCamera:
         width, height (pixels): size of the image.
         fx, fy (pixels): focal lengths.
         cx, cy (pixels): principal point.
-        distortion: coefficients k1 k2 p1 p2 [k3 [k4 k5 k6 ...]] in OpenCV's order; empty for an ideal lens.
+        distortion: coefficients k1 k2 p1 p2 [k3 [k4 k5 k6 ...]] in OpenCV's order, of a fisheye lens k1 k2 k3 k4; empty for an
+            ideal lens.
+        equidistant: whether the lens is a fisheye (Kannala and Brandt, 2006): what is the angle a off the axis appears
+            a (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8) focal lengths from the principal point.
 
     Raises ValueError naming the parameter that is out of range: no real camera has more than 100,000 pixels in a row, focal
     lengths outside 1e-3 to 1e7 pixels, a principal point beyond 1e6 pixels, or coefficients beyond 1e4.
@@ -44,14 +50,16 @@ class PinholeCamera:
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
+    equidistant: bool = False
 
     def __post_init__(self) -> None:
         for name, (low, high) in _LIMITS.items():
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f'{name} is {getattr(self, name)}, expected {low:g} to {high:g} pixels')
         object.__setattr__(self, 'distortion', tuple(float(k) for k in self.distortion))
-        if len(self.distortion) not in DISTORTION_LENGTHS or not all(abs(k) <= _MOST_COEFFICIENT for k in self.distortion):
-            raise ValueError(f'distortion is {self.distortion}, expected one of {DISTORTION_LENGTHS} coefficients within '
+        lengths = EQUIDISTANT_LENGTHS if self.equidistant else DISTORTION_LENGTHS
+        if len(self.distortion) not in lengths or not all(abs(k) <= _MOST_COEFFICIENT for k in self.distortion):
+            raise ValueError(f'distortion is {self.distortion}, expected one of {lengths} coefficients within '
                              f'+-{_MOST_COEFFICIENT:g}')
 
     @classmethod
@@ -68,19 +76,41 @@ class PinholeCamera:
         return cls(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
     @classmethod
-    def from_camera_info(cls, info: Any) -> PinholeCamera:
-        """The camera of a `sensor_msgs/CameraInfo`, or of an object with its fields `width`, `height`, `k` (9) and `d`.
+    def from_calibration(cls, width: int, height: int, k: ArrayLike, model: str, distortion: ArrayLike) -> PinholeCamera:
+        """The camera of a calibration as ROS writes it.
 
-        Raises ValueError for an uncalibrated camera (k[0] is 0, as the message defines) and for other lens models.
+        Parameters:
+            width, height (pixels): size of the images of the calibration.
+            k (9,): the intrinsic matrix, row by row.
+            model: one of LENS_MODELS, or empty.
+            distortion: coefficients.
+
+        Raises ValueError for an uncalibrated camera (k[0] is 0, as CameraInfo defines) and for other lens models.
         """
-        k = np.asarray(info.k, float).reshape(-1)
-        model = getattr(info, 'distortion_model', '') or 'plumb_bob'
-        if k.size != 9 or k[0] == 0.0:
-            raise ValueError(f'k of the camera info is {k.tolist()}: the camera is not calibrated')
-        if model not in ('plumb_bob', 'rational_polynomial'):
-            raise ValueError(f'distortion_model is {model!r}, expected plumb_bob or rational_polynomial')
-        distortion = np.asarray(info.d, float)
-        return cls(int(info.width), int(info.height), k[0], k[4], k[2], k[5], tuple(distortion if distortion.any() else ()))
+        matrix, coefficients = np.asarray(k, float).reshape(-1), np.asarray(distortion, float).reshape(-1)
+        if matrix.size != 9 or matrix[0] == 0.0:
+            raise ValueError(f'k is {matrix.tolist()}: the camera is not calibrated')
+        if model and model not in LENS_MODELS:
+            raise ValueError(f'distortion_model is {model[:40]!r}, expected {", ".join(LENS_MODELS)}')
+        return cls(int(width), int(height), matrix[0], matrix[4], matrix[2], matrix[5],
+                   tuple(coefficients if coefficients.any() else ()), model == 'equidistant')
+
+    @classmethod
+    def from_camera_info(cls, info: Any) -> PinholeCamera:
+        """The camera of the images that belong to a `sensor_msgs/CameraInfo`, of any library.
+
+        The message describes the whole sensor; the images may show a region of it, and their pixels may be blocks of the
+        sensor's.
+
+        Raises ValueError as `from_calibration`, and for a region that is not on the sensor.
+        """
+        camera = cls.from_calibration(info.width, info.height, info.k, info.distortion_model, info.d)
+        region = info.roi
+        if region.width or region.height or region.x_offset or region.y_offset:  # all 0 is the whole
+            camera = camera.cropped(region.x_offset, region.y_offset, region.width or info.width - region.x_offset,
+                                    region.height or info.height - region.y_offset)
+        across, down = max(info.binning_x, 1), max(info.binning_y, 1)
+        return camera._resized(max(camera.width // across, 1), max(camera.height // down, 1), 1.0 / across, 1.0 / down)
 
     @cached_property
     def matrix(self) -> NDArray[np.float64]:
@@ -92,23 +122,87 @@ class PinholeCamera:
         return np.array(self.distortion)
 
     @cached_property
+    def _bends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Of a fisheye lens: distances from the principal point (focal lengths), which increase, and angles off the axis (rad)."""
+        squared = ANGLES**2
+        distances = ANGLES * (1.0 + squared * np.polynomial.polynomial.polyval(squared, self.distortion or (0.0,)))
+        falls = np.diff(distances) <= 0.0  # beyond, the polynomial says nothing about the lens
+        end = int(falls.argmax()) + 1 if falls.any() else len(ANGLES)
+        return distances[:end], ANGLES[:end]
+
+    @cached_property
+    def _edges_rad(self) -> tuple[float, float, float, float]:
+        """Angles of the middles of the left, right, upper and lower edge off the optical axis, to the right and down."""
+        column, row = 0.5 * (self.width - 1), 0.5 * (self.height - 1)
+        x, y, z = self.rays([(-0.5, row), (self.width - 0.5, row), (column, -0.5), (column, self.height - 0.5)]).T
+        angles = np.concatenate([np.arctan2(x, z)[:2], np.arctan2(y, np.hypot(x, z))[2:]])
+        if self.equidistant:  # the picture is round, and may end before the image does
+            angles = np.where(np.isnan(angles), self._bends[1][-1] * np.array([-1.0, 1.0, -1.0, 1.0]), angles)
+        left, right, upper, lower = angles.tolist()
+        return left, right, upper, lower
+
+    @property
     def horizontal_fov_rad(self) -> float:
-        """Angle in rad between the left and the right edge of the image, distortion ignored."""
-        return math.atan((self.cx + 0.5) / self.fx) + math.atan((self.width - 0.5 - self.cx) / self.fx)
+        """Angle in rad between the middles of the left and the right edge of the image."""
+        return self._edges_rad[1] - self._edges_rad[0]
+
+    @property
+    def vertical_fov_rad(self) -> float:
+        """Angle in rad between the middles of the upper and the lower edge of the image."""
+        return self._edges_rad[3] - self._edges_rad[2]
+
+    @cached_property
+    def view(self) -> NDArray[np.float64]:
+        """Rotation matrix (3, 3) to the optical frame from a frame that looks (z) at the middle of the field of view.
+
+        A region of interest may be anywhere beside the optical axis.
+        """
+        left, right, upper, lower = self._edges_rad
+        (pan, tilt) = 0.5 * (left + right), 0.5 * (upper + lower)
+        (s, c), (u, v) = (math.sin(pan), math.cos(pan)), (math.sin(tilt), math.cos(tilt))
+        return np.array([[c, -s * u, s * v], [0.0, v, u], [-s, -c * u, c * v]])
 
     def scaled(self, width: int, height: int) -> PinholeCamera:
         """Intrinsics for images that are resized to width x height pixels.
 
         Parameters:
             width, height (pixels): new size of the images.
+
+        Raises ValueError for a size whose sides have another ratio, by more than rounding to pixels: such images are not resized.
         """
-        sx, sy = width / self.width, height / self.height
-        return PinholeCamera(width, height, self.fx * sx, self.fy * sy,
-                             (self.cx + 0.5) * sx - 0.5, (self.cy + 0.5) * sy - 0.5, self.distortion)
+        if (width, height) == (self.width, self.height):
+            return self
+        across, down = width / self.width, height / self.height
+        if not abs(across - down) < 1.0 / self.width + 1.0 / self.height:
+            raise ValueError(f'images of {width} x {height} pixels do not fit a camera calibrated for {self.width} x {self.height}')
+        return self._resized(width, height, across, down)
+
+    def cropped(self, left: int, top: int, width: int, height: int) -> PinholeCamera:
+        """Intrinsics for images that show a region only.
+
+        Parameters:
+            left, top (pixels): the region's first column and row.
+            width, height (pixels): size of the region.
+
+        Raises ValueError for a region that is not within the image.
+        """
+        if not (width > 0 and height > 0 and left + width <= self.width and top + height <= self.height):
+            raise ValueError(f'a region of {width} x {height} pixels at {left}, {top} is not within {self.width} x {self.height}')
+        return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
+
+    def _resized(self, width: int, height: int, across: float, down: float) -> PinholeCamera:
+        """The camera of width x height pixels, each of which is 1 / across x 1 / down pixels of this one."""
+        return replace(self, width=width, height=height, fx=self.fx * across, fy=self.fy * down,
+                       cx=(self.cx + 0.5) * across - 0.5, cy=(self.cy + 0.5) * down - 0.5)
 
     def project(self, points_optical: ArrayLike) -> NDArray[np.float64]:
-        """Pixels (n, 2) of points (n, 3) in metres; nan for points at or behind the lens."""
+        """Pixels (n, 2) of points (n, 3) in metres; nan for those beside the lens: of a pinhole, at or behind it."""
         points = np.asarray(points_optical, float).reshape(-1, 3)
+        if self.equidistant:
+            across = np.hypot(points[:, 0], points[:, 1])
+            distances, angles = self._bends
+            reach = np.interp(np.arctan2(across, points[:, 2]), angles, distances, right=math.nan)
+            return points[:, :2] * (reach / np.where(across > 0.0, across, 1.0))[:, None] * (self.fx, self.fy) + (self.cx, self.cy)
         pixels = np.full((len(points), 2), np.nan)
         ahead = points[:, 2] > 0.0
         if not self.distortion:  # in a third of the time
@@ -119,15 +213,15 @@ class PinholeCamera:
             pixels[ahead] = cv2.projectPoints(points[ahead], zero, zero, self.matrix, self._coefficients)[0][:, 0]
         return pixels
 
-    def on_plane(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Undistorted points (n, 2) at which the rays through pixels (n, 2) meet the plane z = 1 of the optical frame."""
-        pixels = np.asarray(pixels, float).reshape(-1, 2)
-        if not len(pixels) or not self.distortion:
-            return (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-        return UNDISTORT(pixels[:, None], self.matrix, self._coefficients, R=None, P=None, criteria=PRECISE)[:, 0]
-
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2)."""
-        plane = self.on_plane(pixels)
+        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2); nan where a fisheye lens shows nothing."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        plane = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.equidistant:
+            reach = np.hypot(plane[:, 0], plane[:, 1])
+            angle = np.interp(reach, *self._bends, right=math.nan)
+            return np.column_stack([plane * (np.sin(angle) / np.where(reach > 0.0, reach, 1.0))[:, None], np.cos(angle)])
+        if len(pixels) and self.distortion:
+            plane = UNDISTORT(pixels[:, None], self.matrix, self._coefficients, R=None, P=None, criteria=PRECISE)[:, 0]
         rays = np.column_stack([plane, np.ones(len(plane))])
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)

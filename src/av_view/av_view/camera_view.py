@@ -32,8 +32,8 @@ class CameraView:
 
     @cached_property
     def axis(self) -> tuple[float, float]:
-        """Azimuth and elevation (rad) of the optical axis in the body frame."""
-        return angles(tuple(self.rotation[:, 2].tolist()))
+        """Azimuth and elevation (rad) of the middle of the field of view in the body frame."""
+        return angles(tuple((self.rotation @ self.model.view)[:, 2].tolist()))
 
     def azimuth_of(self, x: float, y: float) -> float:
         """Azimuth (rad) in the body frame of the pixel (x, y); nan for no pixel."""

@@ -67,7 +67,7 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
     """Bearings of boxes in the camera's body frame, with first-order error propagation.
 
     The variance in pixels is multiplied by the numeric Jacobian of the camera model, which includes distortion and the stretch
-    of the pinhole towards the edges; the calibration's variance is added.
+    of the pinhole towards the edges; the calibration's variance is added. Where a fisheye lens shows nothing, all is nan.
 
     Parameters:
         camera: intrinsics.
@@ -77,8 +77,8 @@ def bearings_of_boxes(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLik
         model: standard deviations of the centres.
     """
     centres = np.asarray(centres, float).reshape(-1, 2)
-    x, y = camera.on_plane((STEPS[:, None] + centres).reshape(-1, 2)).T
-    angles = -np.arctan([x, y / np.sqrt(1.0 + x * x)]).reshape(2, len(STEPS), -1)
+    x, y, z = camera.rays((STEPS[:, None] + centres).reshape(-1, 2)).T
+    angles = -np.arctan2([x, y], [z, np.hypot(x, z)]).reshape(2, len(STEPS), -1)
     slopes = angles[:, 1::2] - angles[:, 2::2]  # derivatives of azimuth and elevation by x and y, rad/pixel
     azimuth_variance, elevation_variance = (
         np.square(slopes) * model.pixel_variance(sizes, scores).T).sum(axis=1) + model.calibration_sigma_rad**2

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from av_common.camera import DISTORTION_LENGTHS, PinholeCamera
+from av_common.camera import DISTORTION_LENGTHS, LENS_MODELS, PinholeCamera
 from av_common.config_reader import ConfigError, number
 from av_common.files import shown
 from av_common.yaml_reader import load_yaml
@@ -19,11 +19,11 @@ def load_calibration(path: str | Path) -> PinholeCamera:
     try:
         if not isinstance(content, dict):
             raise ConfigError(f'{shown(content)}, expected a mapping with image_width and camera_matrix')
-        matrix = _numbers(content, 'camera_matrix', (9,))
+        matrix, model = _numbers(content, 'camera_matrix', (9,)), content.get('distortion_model', LENS_MODELS[0])
         distortion = _numbers(content, 'distortion_coefficients', DISTORTION_LENGTHS)
         width, height = (int(number(content.get(name), name, True, {'low': 1, 'high': MOST_PIXELS}))
                          for name in ('image_width', 'image_height'))
-        return PinholeCamera(width, height, matrix[0], matrix[4], matrix[2], matrix[5], distortion)
+        return PinholeCamera.from_calibration(width, height, matrix, str(model), distortion)
     except ValueError as error:
         raise ValueError(f'calibration {path}: {error}') from error
 

@@ -19,7 +19,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
 
-from av_common.camera import PinholeCamera
+from av_common.camera import LENS_MODELS, PinholeCamera
 from av_interfaces.msg import Visibility as VisibilityMessage
 from av_vision.detections import Detections
 from av_vision.encoded_image import MOST_PIXELS, check_pixels, decode_image
@@ -113,8 +113,9 @@ def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
         camera: intrinsics and distortion.
     """
     info = CameraInfo(header=header, width=camera.width, height=camera.height)
-    info.distortion_model = 'rational_polynomial' if len(camera.distortion) > 5 else 'plumb_bob'
-    info.d = list(camera.distortion or (0.0,) * 5)
+    plumb_bob, rational_polynomial, equidistant = LENS_MODELS
+    info.distortion_model = equidistant if camera.equidistant else rational_polynomial if len(camera.distortion) > 5 else plumb_bob
+    info.d = list(camera.distortion or (0.0,) * (4 if camera.equidistant else 5))
     info.k = camera.matrix.ravel().tolist()
     info.r = np.eye(3).ravel().tolist()
     info.p = np.column_stack([camera.matrix, np.zeros(3)]).ravel().tolist()

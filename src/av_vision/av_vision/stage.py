@@ -47,8 +47,8 @@ class DetectionStage:
                  rotation_of: RotationOf = lambda frame, time: None) -> None:
         self.detector = detector
         self._most_pixels = most_pixels
-        self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0), camera)
-        self._camera, self._rotation_of = camera, rotation_of
+        self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0))
+        self._camera, self._rotation_of, self._told = camera, rotation_of, False
         self._attitudes = AttitudeHistory()
         self._bearing = (-math.inf, Bearing())  # when it was measured
 
@@ -63,13 +63,14 @@ class DetectionStage:
             message: raw or compressed image; its stamp is the time of capture.
             arrival (s): time of arrival on the node's clock. Not used: results depend on the time of capture.
 
-        Raises ValueError for an image that cannot be decoded or is too large.
+        Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
         """
         image = image_from_message(message, self._most_pixels)
         time, header = to_seconds(message.header.stamp), header_of(message)
-        pose = self._pose(header.frame_id, time, image.shape)
+        camera = self._camera_of(image.shape[1], image.shape[0])
+        pose = self._pose(header.frame_id, time, camera)
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
-        visibility = self._visibility.report(image, time)
+        visibility = self._visibility.report(image, time, camera)
         complete = len(detections) or self.detector.searched(time)
         return (detections_message(header, detections, tracks) if complete else None,
                 None if visibility is None else visibility_message(header, visibility))
@@ -79,13 +80,13 @@ class DetectionStage:
         self._attitudes.add(to_seconds(message.header.stamp), attitude_of(message.pose.pose.orientation))
 
     def mount(self, camera: PinholeCamera, rotation_of: RotationOf) -> None:
-        """Use a camera of which no CameraInfo tells.
+        """Use a camera of which no CameraInfo tells; images may be of another size.
 
         Parameters:
             camera: intrinsics.
             rotation_of: see the class.
         """
-        self._camera, self._rotation_of = camera, rotation_of
+        self._camera, self._rotation_of, self._told = camera, rotation_of, False
 
     def on_bearing(self, message: Bearing) -> None:
         """Look for the target where the fusion has it. Raises ValueError for a bearing that is none."""
@@ -95,8 +96,16 @@ class DetectionStage:
             raise ValueError('a bearing without direction, or of negative variance')
         self._bearing = (to_seconds(message.measured), message)
 
-    def _pose(self, frame: str, time: float, shape: tuple[int, ...]) -> CameraPose | None:
-        if self._camera is None:
+    def _camera_of(self, width: int, height: int) -> PinholeCamera | None:
+        """The camera of images of this size. Raises ValueError for another size than a CameraInfo tells, as bearings rest on it."""
+        camera = self._camera
+        if camera is not None and self._told and (camera.width, camera.height) != (width, height):
+            raise ValueError(f'images are {width} x {height} pixels, of camera/camera_info with its binning and region of interest '
+                             f'{camera.width} x {camera.height}')
+        return None if camera is None else camera.scaled(width, height)
+
+    def _pose(self, frame: str, time: float, camera: PinholeCamera | None) -> CameraPose | None:
+        if camera is None:
             return None
         try:
             to_body = self._rotation_of(frame, time)
@@ -105,7 +114,7 @@ class DetectionStage:
         if to_body is None:
             return None
         attitude = self._attitudes.at(time)
-        return CameraPose(self._camera.scaled(shape[1], shape[0]), to_body, None if attitude is None else attitude @ to_body)
+        return CameraPose(camera, to_body, None if attitude is None else attitude @ to_body)
 
     def _bearing_cue(self, pose: CameraPose | None, time: float) -> BearingCue | None:
         measured, message = self._bearing
@@ -120,8 +129,7 @@ class DetectionStage:
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Use the intrinsics, also for visibility over flat ground. Raises ValueError for impossible ones."""
-        self._camera = PinholeCamera.from_camera_info(message)
-        self._visibility.on_camera_info(message)
+        self._camera, self._told = PinholeCamera.from_camera_info(message), True
 
     def reset(self) -> None:
         """Discard tracks and earlier images."""

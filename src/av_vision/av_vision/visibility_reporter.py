@@ -43,19 +43,13 @@ class VisibilityReporter:
 
     Parameters:
         settings: rate and scene.
-        camera: intrinsics, used only for flat ground; None until `on_camera_info`.
     """
 
-    def __init__(self, settings: VisibilitySettings, camera: PinholeCamera | None = None) -> None:
-        self._settings, self._camera = settings, camera
+    def __init__(self, settings: VisibilitySettings) -> None:
+        self._settings = settings
         self._next = -math.inf
-        self._ground: NDArray | None = None
+        self._ground: tuple[PinholeCamera, NDArray] | None = None
         self._depth: tuple[float, NDArray] | None = None  # time in s, image
-
-    @property
-    def needs_camera(self) -> bool:
-        """Whether intrinsics are needed and not known yet."""
-        return self._settings.camera_height > 0.0 and self._camera is None
 
     def on_depth(self, message: Any) -> None:
         """Use a depth image (`sensor_msgs/Image`, 16UC1 in mm or 32FC1 in m), aligned to the colour image.
@@ -64,36 +58,34 @@ class VisibilityReporter:
         """
         self._depth = to_seconds(message.header.stamp), image_from_message(message)
 
-    def on_camera_info(self, message: Any) -> None:
-        """Use the first `sensor_msgs/CameraInfo` that contains a calibration. Raises ValueError for an impossible one."""
-        if self.needs_camera and message.k[0] > 0.0:
-            self._camera = PinholeCamera.from_camera_info(message)
-
-    def report(self, image: NDArray, time: float) -> Visibility | None:
+    def report(self, image: NDArray, time: float, camera: PinholeCamera | None = None) -> Visibility | None:
         """The visibility in an image, None when no estimate is due.
 
         Parameters:
             image (h, w[, channels]): BGR, grey or 16-bit.
             time (s): time of capture; a time more than a period before the last estimate (a looped file) restarts the rate.
+            camera: of this image, for flat ground; None while unknown.
         """
         rate = self._settings.rate
         if rate <= 0.0 or self._next - 1.0 / rate <= time < self._next:
             return None
         self._next = time + 1.0 / rate
-        return estimate(image, self._distance((image.shape[0], image.shape[1]), time), self._settings.target_distance)
+        return estimate(image, self._distance((image.shape[0], image.shape[1]), time, camera), self._settings.target_distance)
 
     def reset(self) -> None:
         """Estimate visibility in the next image, and discard the last depth image."""
         self._next, self._depth = -math.inf, None
 
-    def _distance(self, shape: tuple[int, int], time: float) -> NDArray | None:
+    def _distance(self, shape: tuple[int, int], time: float, camera: PinholeCamera | None) -> NDArray | None:
         if self._depth is not None and abs(self._depth[0] - time) <= LARGEST_DEPTH_AGE_S:
             depth = self._depth[1]
             if depth.shape != shape:
                 return None
             return np.asarray(depth.astype(np.float32) * (1e-3 if depth.dtype == np.uint16 else 1.0))
-        camera, height = self._camera, self._settings.camera_height
-        if self._ground is None and camera is not None and height > 0.0 and (camera.height, camera.width) == shape:
+        height = self._settings.camera_height
+        if camera is None or not height > 0.0:
+            return None
+        if self._ground is None or self._ground[0] != camera:
             pitch = rotation_from_rpy(0.0, self._settings.camera_pitch, 0.0)
-            self._ground = ground_distances(camera, height, pitch @ FLU_TO_OPTICAL.T)
-        return self._ground if self._ground is not None and self._ground.shape == shape else None
+            self._ground = camera, ground_distances(camera, height, pitch @ FLU_TO_OPTICAL.T)
+        return self._ground[1]

@@ -1,5 +1,8 @@
 """Calibration files of a camera."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from av_common.camera import PinholeCamera
@@ -18,3 +21,33 @@ def test_calibration_file(tmp_path):
     file.write_text('image_width: 640\n')
     with pytest.raises(ValueError, match='camera.yaml.*camera_matrix'):
         load_calibration(file)
+
+
+EQUIDISTANT = ('image_width: 1280\nimage_height: 1024\n'
+               'camera_matrix: {rows: 3, cols: 3, data: [420, 0, 638, 0, 421, 510, 0, 0, 1]}\n'
+               'distortion_model: MODEL\n'
+               'distortion_coefficients: {rows: 4, cols: 1, data: [0.02, -0.004, 0.001, -0.0003]}\n')
+
+
+def test_a_fisheye_calibration_is_one(tmp_path):
+    file = tmp_path / 'fisheye.yaml'
+    file.write_text(EQUIDISTANT.replace('MODEL', 'equidistant'))
+    angle = np.radians(62.0)
+    reach = angle * (1.0 + 0.02 * angle**2 - 0.004 * angle**4 + 0.001 * angle**6 - 0.0003 * angle**8)
+    x, _, z = load_calibration(file).rays([[638.0 - 420.0 * reach, 510.0]])[0]
+    assert np.degrees(np.arctan2(-x, z)) == pytest.approx(62.0, abs=1e-3)
+    file.write_text(EQUIDISTANT.replace('MODEL', 'fov'))
+    with pytest.raises(ValueError, match="fisheye.yaml: distortion_model is 'fov', expected plumb_bob, rational_polynomial, equid"):
+        load_calibration(file)
+
+
+FIELD_CASE = Path(__file__).resolve().parents[4] / 'shared/data/field_cases/calibration/cal_equidistant.yaml'
+
+
+@pytest.mark.skipif(not FIELD_CASE.exists(), reason='needs ../shared/data')
+def test_the_calibration_of_the_field():
+    camera = load_calibration(FIELD_CASE)
+    angle = np.radians(47.8)
+    reach = angle * (1.0 + 0.01 * angle**2 - 0.02 * angle**4 + 0.003 * angle**6)
+    x, _, z = camera.rays([[319.5 + 300.0 * reach, 239.5]])[0]
+    assert np.degrees(np.arctan2(x, z)) == pytest.approx(47.8, abs=1e-3)

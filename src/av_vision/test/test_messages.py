@@ -93,12 +93,14 @@ def test_an_image_of_another_type_than_its_encoding_is_refused():
         image_message(HEADER, COLOUR.astype(np.float64))
 
 
-@pytest.mark.parametrize('distortion', [(), (0.1, -0.2, 0.001, 0.002, 0.03), (0.1, -0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4)])
-def test_a_camera_comes_back_from_its_message(distortion):
-    camera = PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5, distortion)
+@pytest.mark.parametrize('distortion, model', [
+    ((), 'plumb_bob'), ((0.1, -0.2, 0.001, 0.002, 0.03), 'plumb_bob'), ((), 'equidistant'),
+    ((0.1, -0.2, 0.0, 0.0, 0.1, 0.2, 0.3, 0.4), 'rational_polynomial'), ((0.1, -0.02, 0.01, 0.003), 'equidistant')])
+def test_a_camera_comes_back_from_its_message(distortion, model):
+    camera = PinholeCamera(640, 480, 500.0, 510.0, 320.5, 240.5, distortion, model == 'equidistant')
     info = camera_info_message(HEADER, camera)
     assert info.header == HEADER
-    assert info.distortion_model == ('rational_polynomial' if len(distortion) > 5 else 'plumb_bob')
+    assert info.distortion_model == model
     assert np.reshape(info.p, (3, 4))[:, :3] == pytest.approx(camera.matrix)
     assert PinholeCamera.from_camera_info(info) == camera
 

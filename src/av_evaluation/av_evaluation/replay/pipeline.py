@@ -56,7 +56,9 @@ class Pipeline:
         try:
             if name == names.ODOMETRY:
                 self._share_odometry(message, arrival)
-            if name == names.AUDIO and self._doa is not None:
+            if name == names.CAMERA:
+                self._share_camera(message)
+            elif name == names.AUDIO and self._doa is not None:
                 for directions in self._doa.on_audio(message, arrival):
                     self._publish_sensed(names.DOA, directions, arrival)
             elif name == names.MOTORS and self._doa is not None:
@@ -72,6 +74,14 @@ class Pipeline:
                 self._follow(name, message, arrival)
         except ValueError as error:
             self.problems.add(f'{name}: {error}')
+
+    def _share_camera(self, message: Any) -> None:
+        """Give the camera's geometry to all that use it: it may change, as with a region of interest. Raises ValueError."""
+        self._converter.set_camera_info(message)
+        if self._fusion is not None:
+            self._fusion.on_camera_info(message)
+        if self._detection is not None:
+            self._detection.on_camera_info(message)
 
     def _share_odometry(self, message: Any, arrival: float) -> None:
         """Give the rig's pose to the stages that are not the fusion."""

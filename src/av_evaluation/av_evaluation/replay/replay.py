@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 from av_audio.stage import DoaStage, make_doa_stage
 from av_bags import topics as names
@@ -36,13 +37,13 @@ from av_fusion.stage import FusionStage, make_fusion_stage
 from av_fusion.tracker_protocol import Tracker
 from av_pointing.stage import make_pointing_stage
 from av_simulator.config_files import find_config
+from av_vision.messages import image_from_message
 from av_vision.stage import DetectionStage, make_detection_stage
 
+Result = TypeVar('Result')
 STAGES = ('raw', 'doa', 'bearing')
 TRUTHS = (names.TRUE_TARGET, names.TRUE_RIG)
-# Read as a whole before anything else.
-READ_AHEAD = (names.CAMERA, names.FRAMES)
-CONTEXT = (*READ_AHEAD, names.ODOMETRY, names.GIMBAL, *TRUTHS)
+CONTEXT = (names.CAMERA, names.FRAMES, names.ODOMETRY, names.GIMBAL, *TRUTHS)
 # What is done without topics that are not in the bag.
 WITHOUT = {
     names.CAMERA: "the camera of the rig's description is assumed",
@@ -162,7 +163,7 @@ class Replay:
                 self._recorder.on_truth(name, message)
             except ValueError as error:
                 self.log.notes[name] = f'poses left out, such as this: {error}'
-        elif name not in READ_AHEAD:
+        elif name != names.FRAMES:
             self._pipeline.advance(arrival)
             self._pipeline.take(name, message, arrival)
 
@@ -231,11 +232,19 @@ class Replay:
         return node_parameters(package, node, files, given, self._settings.namespace)
 
     def _camera(self, rig: Rig) -> PinholeCamera:
-        topic = self._topics.get(names.CAMERA)
-        if topic is None:
-            return rig.camera.model
-        _, _, data = next(self._bag.messages([topic]))
-        return PinholeCamera.from_camera_info(self._bag.decode(topic, data))
+        """The camera of the bag's first usable CameraInfo, else of the description. Raises ValueError where images do not fit it."""
+        told = self._first(names.CAMERA, PinholeCamera.from_camera_info)
+        if told is not None:
+            return told
+        image = self._first(names.IMAGE, image_from_message)
+        return rig.camera.model if image is None else rig.camera.model.scaled(image.shape[1], image.shape[0])
+
+    def _first(self, name: str, read: Callable[[Any], Result]) -> Result | None:
+        """What the first usable message of a topic holds, None without one; the pipeline meets the others again, and notes them."""
+        for topic, _, data in self._bag.messages([self._topics[name]]) if name in self._topics else ():
+            with suppress(ValueError, RuntimeError):
+                return read(self._bag.decode(topic, data))
+        return None
 
     def _note(self, text: str) -> None:
         if text not in self.notes:

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_common.camera import PinholeCamera
-from av_common.frames import FLU_TO_OPTICAL
 from av_common.stamps import to_seconds
-from av_fusion.measurement.geometry import detections_in_body, doa_in_body, half_height
+from av_fusion.measurement.geometry import detections_in_body, doa_in_body, image_in_body
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement
-from av_fusion.measurement.vectors import rows_of
 from av_interfaces.msg import DoaArray
 
 # From the name of a sensor frame and a capture time (s) to the rotation matrix (3, 3) into the body frame, None where unknown.
@@ -44,21 +42,19 @@ class MeasurementConverter:
                  camera: PinholeCamera | None = None) -> None:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
-        self._info: tuple[object, ...] | None = None
         self.camera = camera
         self.problem = ''
 
     def set_camera_info(self, message: Any) -> None:
         """Take the camera model of a `sensor_msgs/CameraInfo`; one that cannot be used is reported in `problem`."""
-        info = (message.width, message.height, message.distortion_model, tuple(message.d), tuple(message.k))
-        if info == self._info:  # it comes with every image
-            self.problem = ''
-            return
         try:
-            self.camera = PinholeCamera.from_camera_info(message)
-            self._info, self.problem = info, ''
+            camera = PinholeCamera.from_camera_info(message)
         except ValueError as error:
             self.problem = f'camera/camera_info: {error}'
+            return
+        self.problem = ''
+        if camera != self.camera:  # it comes with every image, and keeps what it has computed
+            self.camera = camera
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
         """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
@@ -81,8 +77,7 @@ class MeasurementConverter:
         if rotation is None:
             return None
         camera = self.camera
-        return CameraMeasurement(time, self._detections(message, camera, rotation), 0.5 * camera.horizontal_fov_rad,
-                                 half_height(camera), visibility, rows_of(rotation @ FLU_TO_OPTICAL))
+        return image_in_body(time, camera, self._detections(message, camera, rotation), rotation, visibility)
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:
         boxes = []

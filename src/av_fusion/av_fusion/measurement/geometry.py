@@ -99,13 +99,14 @@ def camera_in_body(time: float, camera: PinholeCamera, centres: ArrayLike, sizes
         model: errors of boxes.
     """
     found = detections_in_body(camera, centres, sizes, scores, rotation, model)
-    return CameraMeasurement(time, tuple(found), 0.5 * camera.horizontal_fov_rad, half_height(camera), visibility,
-                             rows_of(rotation @ FLU_TO_OPTICAL))
+    return image_in_body(time, camera, tuple(found), rotation, visibility)
 
 
-def half_height(camera: PinholeCamera) -> float:
-    """Half of the vertical field of view (rad)."""
-    return math.atan(0.5 * camera.height / camera.fy)
+def image_in_body(time: float, camera: PinholeCamera, detections: tuple[Detection, ...], rotation: NDArray[np.float64],
+                  visibility: float) -> CameraMeasurement:
+    """The measurement of one image whose detections are directions already; arguments as for `camera_in_body`."""
+    return CameraMeasurement(time, detections, 0.5 * camera.horizontal_fov_rad, 0.5 * camera.vertical_fov_rad, visibility,
+                             rows_of(rotation @ camera.view @ FLU_TO_OPTICAL))
 
 
 def detections_in_body(camera: PinholeCamera, centres: ArrayLike, sizes: ArrayLike, scores: ArrayLike,

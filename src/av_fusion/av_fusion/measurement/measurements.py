@@ -148,7 +148,7 @@ class CameraMeasurement(NamedTuple):
         detections: see `Detection`.
         half_view, half_height (rad): half of the field of view, horizontally and vertically.
         visibility: 0..1, see `av_interfaces/Visibility`; NaN if unknown.
-        view: rotation of the camera (x along the optical axis, z up in the image) on the body.
+        view: rotation of the camera (x through the middle of its field of view, z up in the image) on the body.
     """
 
     time: float

@@ -60,7 +60,7 @@ class CameraNode(RigNode):
 
     def activate(self) -> None:
         """Begin to capture."""
-        self._rate = RateMeter()
+        self._rate, self._misfit = RateMeter(), ''
         self._playback = Playback(self.get_name())
         self._capture = Capture(self._source, self._publish)
         self._capture.start()
@@ -80,7 +80,9 @@ class CameraNode(RigNode):
         self._rate.tick()
         header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
         self._images.publish(image_message(header, image.pixels))
-        self._infos.publish(camera_info_message(header, self._camera_of(image)))
+        camera = self._camera_of(image)
+        if camera is not None:
+            self._infos.publish(camera_info_message(header, camera))
         if self._depths is not None and image.depth is not None:
             self._depths.publish(image_message(header, image.depth, '16UC1'))
 
@@ -94,10 +96,18 @@ class CameraNode(RigNode):
         if self._motions is not None:
             self._motions.publish(message)
 
-    def _camera_of(self, image: CapturedImage) -> PinholeCamera:
+    def _camera_of(self, image: CapturedImage) -> PinholeCamera | None:
+        """Its geometry; None, and a reason, where the calibration is of other images, as no bearing is better than a wrong one."""
         height, width = image.pixels.shape[:2]
         camera = self._calibration or image.camera or PinholeCamera.from_fov(width, height, self._fov)
-        return camera if (camera.width, camera.height) == (width, height) else camera.scaled(width, height)
+        try:
+            camera, self._misfit = camera.scaled(width, height), ''
+        except ValueError as error:
+            if not self._misfit:
+                self._misfit = f'no camera/camera_info, and no bearings: calibration_file {self.settings.calibration_file}: {error}'
+                self.get_logger().error(self._misfit)
+            return None
+        return camera
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, losses and the end of a file."""
@@ -109,6 +119,8 @@ class CameraNode(RigNode):
                 status.mergeSummary(DiagnosticStatus.WARN, f'{len(self._source.problems)} images left out: {problem}')
         if self._capture.problem:
             status.mergeSummary(DiagnosticStatus.ERROR, self._capture.problem)
+        elif self._misfit:
+            status.mergeSummary(DiagnosticStatus.ERROR, self._misfit)
         elif self._capture.finished:
             status.mergeSummary(DiagnosticStatus.WARN, 'the file has ended')
         elif self._rate.age > STALE_S:

@@ -64,7 +64,7 @@ class DetectorNode(RigNode):
         else:
             self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
         self.while_active(subscribe, Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
-        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, RESULT)
+        self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
         self.while_active(subscribe, Odometry, 'odometry', self._stage.on_odometry, STREAM)
         self.while_active(subscribe, Bearing, 'target/bearing', self._stage.on_bearing, RESULT)
 
