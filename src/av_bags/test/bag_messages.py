@@ -69,8 +69,8 @@ def doa(time, azimuth, sigma=0.02, confidence=0.9, frame='microphones', window=0
     return make('av_interfaces/msg/DoaArray', header(time, frame), window, 'test', -30.0, vector(y=1.0), images)
 
 
-def detections(time, azimuth=None, score=0.9, frame='camera_optical_frame', label='drone'):
-    """A target of 30 pixels in the image of a level camera that looks ahead, or no target."""
+def detections(time, azimuth=None, score=0.9, frame='camera_optical_frame', label='drone', at=None):
+    """A target of 30 pixels in the image of a level camera that looks ahead, or `at` another pixel, or no target."""
     found = []
     if azimuth is not None and abs(azimuth) < 0.6:
         column = 0.5 * (CAMERA['width'] - 1) - CAMERA['focal'] * math.tan(azimuth)
@@ -79,17 +79,18 @@ def detections(time, azimuth=None, score=0.9, frame='camera_optical_frame', labe
         hypothesis = make('vision_msgs/msg/ObjectHypothesis', label, score)
         result = make('vision_msgs/msg/ObjectHypothesisWithPose', hypothesis, nowhere)
         box = make('vision_msgs/msg/BoundingBox2D', make('vision_msgs/msg/Pose2D', make(
-            'vision_msgs/msg/Point2D', column, 239.5), 0.0), 30.0, 30.0)
+            'vision_msgs/msg/Point2D', *(at or (column, 239.5))), 0.0), 30.0, 30.0)
         found = [make('vision_msgs/msg/Detection2D', header(time, frame), [result], box, '1')]
     return make('vision_msgs/msg/Detection2DArray', header(time, frame), found)
 
 
-def camera_info(time):
+def camera_info(time, binning=0, region=(0, 0, 0, 0), model='plumb_bob'):
+    """Of an ideal lens; a region is left, top, height and width on the sensor."""
     f, cx, cy = CAMERA['focal'], 0.5 * (CAMERA['width'] - 1), 0.5 * (CAMERA['height'] - 1)
-    roi = make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
+    roi = make('sensor_msgs/msg/RegionOfInterest', *region, False)
     return make('sensor_msgs/msg/CameraInfo', header(time, 'camera_optical_frame'), CAMERA['height'], CAMERA['width'],
-                'plumb_bob', np.zeros(5), np.array([f, 0, cx, 0, f, cy, 0, 0, 1.0]), np.eye(3).ravel(),
-                np.array([f, 0, cx, 0, 0, f, cy, 0, 0, 0, 1.0, 0]), 0, 0, roi)
+                model, np.zeros(4 if model == 'equidistant' else 5), np.array([f, 0, cx, 0, f, cy, 0, 0, 1.0]),
+                np.eye(3).ravel(), np.array([f, 0, cx, 0, 0, f, cy, 0, 0, 0, 1.0, 0]), binning, binning, roi)
 
 
 def static_frames(time):

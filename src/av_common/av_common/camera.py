@@ -123,7 +123,7 @@ class PinholeCamera:
 
     @cached_property
     def _bends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Of a fisheye lens: distances from the principal point (focal lengths), which increase, and angles off the axis (rad)."""
+        """Of a fisheye lens: increasing distances from the principal point (focal lengths), and angles off the axis (rad)."""
         squared = ANGLES**2
         distances = ANGLES * (1.0 + squared * np.polynomial.polynomial.polyval(squared, self.distortion or (0.0,)))
         falls = np.diff(distances) <= 0.0  # beyond, the polynomial says nothing about the lens
@@ -168,13 +168,14 @@ class PinholeCamera:
         Parameters:
             width, height (pixels): new size of the images.
 
-        Raises ValueError for a size whose sides have another ratio, by more than rounding to pixels: such images are not resized.
+        Raises ValueError for a size whose sides have another ratio, by more than rounding to pixels: that is another camera.
         """
         if (width, height) == (self.width, self.height):
             return self
         across, down = width / self.width, height / self.height
         if not abs(across - down) < 1.0 / self.width + 1.0 / self.height:
-            raise ValueError(f'images of {width} x {height} pixels do not fit a camera calibrated for {self.width} x {self.height}')
+            raise ValueError(f'images of {width} x {height} pixels do not fit a camera calibrated for '
+                             f'{self.width} x {self.height}')
         return self._resized(width, height, across, down)
 
     def cropped(self, left: int, top: int, width: int, height: int) -> PinholeCamera:
@@ -187,7 +188,8 @@ class PinholeCamera:
         Raises ValueError for a region that is not within the image.
         """
         if not (width > 0 and height > 0 and left + width <= self.width and top + height <= self.height):
-            raise ValueError(f'a region of {width} x {height} pixels at {left}, {top} is not within {self.width} x {self.height}')
+            raise ValueError(f'a region of {width} x {height} pixels at {left}, {top} is not within '
+                             f'{self.width} x {self.height}')
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
     def _resized(self, width: int, height: int, across: float, down: float) -> PinholeCamera:
@@ -202,7 +204,8 @@ class PinholeCamera:
             across = np.hypot(points[:, 0], points[:, 1])
             distances, angles = self._bends
             reach = np.interp(np.arctan2(across, points[:, 2]), angles, distances, right=math.nan)
-            return points[:, :2] * (reach / np.where(across > 0.0, across, 1.0))[:, None] * (self.fx, self.fy) + (self.cx, self.cy)
+            plane = points[:, :2] * (reach / np.where(across > 0.0, across, 1.0))[:, None]
+            return plane * (self.fx, self.fy) + (self.cx, self.cy)
         pixels = np.full((len(points), 2), np.nan)
         ahead = points[:, 2] > 0.0
         if not self.distortion:  # in a third of the time
@@ -214,7 +217,7 @@ class PinholeCamera:
         return pixels
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
-        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2); nan where a fisheye lens shows nothing."""
+        """Undistorted unit vectors (n, 3) in the optical frame towards pixels (n, 2); nan where a fisheye shows nothing."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         plane = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
         if self.equidistant:

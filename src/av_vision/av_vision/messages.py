@@ -113,8 +113,8 @@ def camera_info_message(header: Header, camera: PinholeCamera) -> CameraInfo:
         camera: intrinsics and distortion.
     """
     info = CameraInfo(header=header, width=camera.width, height=camera.height)
-    plumb_bob, rational_polynomial, equidistant = LENS_MODELS
-    info.distortion_model = equidistant if camera.equidistant else rational_polynomial if len(camera.distortion) > 5 else plumb_bob
+    plumb_bob, rational, equidistant = LENS_MODELS
+    info.distortion_model = equidistant if camera.equidistant else rational if len(camera.distortion) > 5 else plumb_bob
     info.d = list(camera.distortion or (0.0,) * (4 if camera.equidistant else 5))
     info.k = camera.matrix.ravel().tolist()
     info.r = np.eye(3).ravel().tolist()

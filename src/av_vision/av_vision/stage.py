@@ -97,11 +97,11 @@ class DetectionStage:
         self._bearing = (to_seconds(message.measured), message)
 
     def _camera_of(self, width: int, height: int) -> PinholeCamera | None:
-        """The camera of images of this size. Raises ValueError for another size than a CameraInfo tells, as bearings rest on it."""
+        """The camera of images of this size. Raises ValueError for another than that of a CameraInfo: bearings rest on it."""
         camera = self._camera
         if camera is not None and self._told and (camera.width, camera.height) != (width, height):
-            raise ValueError(f'images are {width} x {height} pixels, of camera/camera_info with its binning and region of interest '
-                             f'{camera.width} x {camera.height}')
+            raise ValueError(f'images are {width} x {height} pixels, and by camera/camera_info, its binning and its region of '
+                             f'interest {camera.width} x {camera.height}')
         return None if camera is None else camera.scaled(width, height)
 
     def _pose(self, frame: str, time: float, camera: PinholeCamera | None) -> CameraPose | None:

@@ -37,7 +37,7 @@ def test_a_fisheye_calibration_is_one(tmp_path):
     x, _, z = load_calibration(file).rays([[638.0 - 420.0 * reach, 510.0]])[0]
     assert np.degrees(np.arctan2(-x, z)) == pytest.approx(62.0, abs=1e-3)
     file.write_text(EQUIDISTANT.replace('MODEL', 'fov'))
-    with pytest.raises(ValueError, match="fisheye.yaml: distortion_model is 'fov', expected plumb_bob, rational_polynomial, equid"):
+    with pytest.raises(ValueError, match="fisheye.yaml: distortion_model is 'fov', expected plumb_bob, .*equidistant"):
         load_calibration(file)
 
 

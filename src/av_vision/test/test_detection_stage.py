@@ -170,3 +170,14 @@ def test_a_drone_that_no_region_held_is_not_reported_as_absent(monkeypatch):
     there = False
     later = [stage.on_image(image_at(11.0 + k / 15.0, black), 11.0)[0] for k in range(60)]
     assert any(answer is not None and not answer.detections for answer in later)
+
+
+def test_images_of_another_size_than_their_camera_info_are_refused_with_both_sizes(model):
+    stage = make(model)
+    info = camera_info_message(header(5.0), PinholeCamera.from_fov(832, 832, 1.2))
+    stage.on_camera_info(info)
+    with pytest.raises(ValueError, match='416 x 416.*832 x 832'):
+        stage.on_image(image_at(5.0), 5.0)
+    info.binning_x = info.binning_y = 2
+    stage.on_camera_info(info)
+    assert stage.on_image(image_at(5.1), 5.1)[0] is not None

@@ -1,6 +1,7 @@
 """The nodes as ROS sees them: headers, ids, stamps, latest-frame policy, errors that heal."""
 
 import math
+import re
 import time
 from array import array
 from threading import Event
@@ -14,7 +15,7 @@ pytest.importorskip('av_vision.nodes.camera_node_parameters', reason='needs the 
 
 import yolo_models  # noqa: E402
 from builtin_interfaces.msg import Time  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image  # noqa: E402
@@ -103,6 +104,40 @@ def test_a_video_becomes_stamped_images_with_intrinsics(rig, tmp_path):
     frames = 20.0 * np.diff(stamps)  # a slow machine leaves frames out
     assert frames == pytest.approx(np.rint(frames), abs=1e-4)
     assert np.array_equal(np.rint(frames) % 30, np.diff(levels) % 30)
+
+
+def test_a_calibration_of_other_images_is_refused_with_both_sizes(rig, tmp_path):
+    path, calibration = tmp_path / 'video.avi', tmp_path / 'wide.yaml'
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*'MJPG'), 20.0, (64, 48))
+    for _ in range(30):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    calibration.write_text('image_width: 1280\nimage_height: 720\n'
+                           'camera_matrix: {data: [900, 0, 639.5, 0, 900, 359.5, 0, 0, 1]}\n')
+    images, infos = rig.collect(Image, 'camera/image_raw', IMAGE), rig.collect(CameraInfo, 'camera/camera_info', RESULT)
+    status = rig.collect(DiagnosticArray, '/diagnostics', 10)
+    rig.start(CameraNode, file=str(path), loop=True, calibration_file=str(calibration))
+    named = re.compile('wide.yaml: images of 64 x 48 pixels do not fit a camera calibrated for 1280 x 720')
+    rig.spin_until(lambda: len(images) > 3 and any(named.search(one.message) and one.level == DiagnosticStatus.ERROR
+                                                   for message in status for one in message.status))
+    assert not infos
+
+
+def test_the_camera_infos_of_a_best_effort_publisher_are_read(rig, model):
+    """As most drivers send them: a region in the middle of twice the image's width."""
+    node = rig.start(DetectorNode, model=model)
+    images, infos = (rig.observer.create_publisher(kind, topic, IMAGE)
+                     for kind, topic in ((Image, 'camera/image_raw'), (CameraInfo, 'camera/camera_info')))
+    status = rig.collect(DiagnosticArray, '/diagnostics', 10)
+    rig.spin_until(lambda: node.is_active and images.get_subscription_count() and infos.get_subscription_count())
+    k = [500.0, 0.0, 400.0, 0.0, 500.0, 400.0, 0.0, 0.0, 1.0]
+    stamps = iter(range(5, 10_000))
+
+    def refused():
+        infos.publish(CameraInfo(width=832, height=832, distortion_model='plumb_bob', k=k))
+        images.publish(image_at(next(stamps)))
+        return any('832 x 832' in one.message for message in status for one in message.status)
+    rig.spin_until(refused)
 
 
 def test_detections_carry_header_names_and_ids(rig, model):

@@ -54,11 +54,8 @@ class Pipeline:
     def take(self, name: str, message: Any, arrival: float) -> None:
         """Process a message of the topic `name` (the rig's) that arrives at `arrival` (s)."""
         try:
-            if name == names.ODOMETRY:
-                self._share_odometry(message, arrival)
-            if name == names.CAMERA:
-                self._share_camera(message)
-            elif name == names.AUDIO and self._doa is not None:
+            self._share(name, message, arrival)
+            if name == names.AUDIO and self._doa is not None:
                 for directions in self._doa.on_audio(message, arrival):
                     self._publish_sensed(names.DOA, directions, arrival)
             elif name == names.MOTORS and self._doa is not None:
@@ -75,25 +72,26 @@ class Pipeline:
         except ValueError as error:
             self.problems.add(f'{name}: {error}')
 
-    def _share_camera(self, message: Any) -> None:
-        """Give the camera's geometry to all that use it: it may change, as with a region of interest. Raises ValueError."""
-        self._converter.set_camera_info(message)
-        if self._fusion is not None:
-            self._fusion.on_camera_info(message)
-        if self._detection is not None:
-            self._detection.on_camera_info(message)
-
-    def _share_odometry(self, message: Any, arrival: float) -> None:
-        """Give the rig's pose to the stages that are not the fusion."""
-        if self._detection is not None:
-            self._detection.on_odometry(message)
-        if self._pointing is not None:
-            self._pointing.on_odometry(message, Instant(arrival, arrival))
+    def _share(self, name: str, message: Any, arrival: float) -> None:
+        """Give the rig's pose and its camera, whose region of interest may move, to all but the fusion. Raises ValueError."""
+        if name == names.CAMERA:
+            self._converter.set_camera_info(message)
+            if self._converter.problem:
+                self.problems.add(self._converter.problem)
+            if self._detection is not None:
+                self._detection.on_camera_info(message)
+        elif name == names.ODOMETRY:
+            if self._detection is not None:
+                self._detection.on_odometry(message)
+            if self._pointing is not None:
+                self._pointing.on_odometry(message, Instant(arrival, arrival))
 
     def _fuse(self, fusion: FusionStage, name: str, message: Any, arrival: float) -> None:
         output = None
         if name == names.ODOMETRY:
             fusion.on_odometry(message, arrival)
+        elif name == names.CAMERA:
+            fusion.on_camera_info(message)
         elif name == names.VISIBILITY:
             fusion.on_visibility(message)
         elif name == names.GIMBAL:

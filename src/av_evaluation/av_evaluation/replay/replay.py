@@ -232,7 +232,7 @@ class Replay:
         return node_parameters(package, node, files, given, self._settings.namespace)
 
     def _camera(self, rig: Rig) -> PinholeCamera:
-        """The camera of the bag's first usable CameraInfo, else of the description. Raises ValueError where images do not fit it."""
+        """By the bag's first usable CameraInfo, else by the description. Raises ValueError where images do not fit that."""
         told = self._first(names.CAMERA, PinholeCamera.from_camera_info)
         if told is not None:
             return told
@@ -240,7 +240,7 @@ class Replay:
         return rig.camera.model if image is None else rig.camera.model.scaled(image.shape[1], image.shape[0])
 
     def _first(self, name: str, read: Callable[[Any], Result]) -> Result | None:
-        """What the first usable message of a topic holds, None without one; the pipeline meets the others again, and notes them."""
+        """What the first usable message of a topic holds, None without one; the pipeline notes the others."""
         for topic, _, data in self._bag.messages([self._topics[name]]) if name in self._topics else ():
             with suppress(ValueError, RuntimeError):
                 return read(self._bag.decode(topic, data))

@@ -97,14 +97,14 @@ class CameraNode(RigNode):
             self._motions.publish(message)
 
     def _camera_of(self, image: CapturedImage) -> PinholeCamera | None:
-        """Its geometry; None, and a reason, where the calibration is of other images, as no bearing is better than a wrong one."""
+        """Its geometry; None, with a reason, for a calibration of other images: no bearing is better than a wrong one."""
         height, width = image.pixels.shape[:2]
         camera = self._calibration or image.camera or PinholeCamera.from_fov(width, height, self._fov)
         try:
             camera, self._misfit = camera.scaled(width, height), ''
         except ValueError as error:
             if not self._misfit:
-                self._misfit = f'no camera/camera_info, and no bearings: calibration_file {self.settings.calibration_file}: {error}'
+                self._misfit = f'calibration_file {self.settings.calibration_file}: {error}; so there is no camera/camera_info'
                 self.get_logger().error(self._misfit)
             return None
         return camera
