@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, NamedTuple
@@ -137,8 +137,11 @@ class FormulaRig:
         sound, sight, odometry: whether the sensor sends messages.
         visibility: of images, None where nothing is reported of it.
         sight_clutter, sound_clutter: expected number of false detections of an image, and of false directions of a window.
-        network: from kind, capture and arrival (s) to the arrival in fact, or None for a message that is lost.
+        network: from kind, capture and arrival (s) to the arrivals in fact: none of a lost message, two of a doubled one.
+        clock: what a sensor adds to its stamps (s), by the kind of message and time.
         parameters: of fusion_node that differ from the defaults.
+        on_output, on_pose: are called with each output, and with each pose that arrives and its time (s).
+        polls: how often the stage is asked for a periodic output in a step.
     """
 
     sources: list[Source]
@@ -153,11 +156,13 @@ class FormulaRig:
     detection_probability: float = 0.9
     sight_clutter: float = 0.0
     sound_clutter: float = 0.0
-    network: Callable[[str, float, float], float | None] = lambda kind, captured, arrival: arrival
+    network: Callable[[str, float, float], Sequence[float]] = lambda kind, captured, arrival: (arrival,)
+    clock: Callable[[str, float], float] = lambda kind, captured: 0.0
     seed: int = 0
     parameters: dict[str, Any] = field(default_factory=dict)
     on_output: Callable[[Moment], None] = lambda moment: None
     on_pose: Callable[[Odometry, float], None] = lambda message, now: None
+    polls: int = 1
 
     def __post_init__(self) -> None:
         self.random = np.random.default_rng([11, self.seed])
@@ -197,7 +202,8 @@ class FormulaRig:
             while self._queue and self._queue[0][0] <= self.now + 1e-9:
                 _, _, kind, message = heapq.heappop(self._queue)
                 self.give(kind, message, self.now)
-            self._note(self.stage.on_time(START + self.now))
+            for _ in range(self.polls):
+                self._note(self.stage.on_time(START + self.now))
 
     def give(self, kind: str, message: Any, now: float) -> None:
         """Hand a message to the stage at `now` (s since the start)."""
@@ -213,8 +219,10 @@ class FormulaRig:
 
     def send(self, kind: str, message: Any, captured: float, takes: float) -> None:
         """Put a message on its way; it was captured at a time (s) and takes some (s)."""
-        arrival = self.network(kind, captured, self.now + takes)
-        if arrival is not None:
+        wrong = self.clock(kind, captured)
+        if wrong != 0.0:
+            message.header.stamp = to_stamp(START + captured + wrong)
+        for arrival in self.network(kind, captured, self.now + takes):
             heapq.heappush(self._queue, (arrival, next(self._numbers), kind, message))
 
     def _rotation_of(self, frame: str, time: float) -> NDArray | None:
@@ -384,7 +392,7 @@ def check_form(moment: Moment, now: float) -> None:
     assert bearing.header == state.header == targets.header and abs(moment.t - now) < 1e-6
     assert bearing.state == state.state and len(state.reason) > 0
     assert 0.0 <= state.front_probability <= 1.0 and 0.5 <= bearing.hemisphere_probability <= 1.0
-    assert to_seconds(bearing.measured) <= START + now + 1e-6
+    assert to_seconds(bearing.measured) <= START + now + 0.1 + 1e-6     # what stamps may be ahead of the receiver's clock
     assert [track.id for track in targets.tracks] == sorted({track.id for track in targets.tracks})
     if bearing.state == Bearing.STATE_NONE:
         assert bearing.source == 0 and to_seconds(bearing.measured) == 0.0 and bearing.requested_rotation == 0.0
