@@ -42,7 +42,6 @@ setup(
             'multi_target = av_evaluation.cli.multi_target:main',
             'page_cost = av_evaluation.cli.page_cost:main',
             'pointing = av_evaluation.cli.pointing:main',
-            'px4_latency = av_evaluation.cli.px4_latency:main',
             'replay = av_evaluation.cli.replay:main',
             'report = av_evaluation.cli.report:main',
             'sight_truth = av_evaluation.cli.sight_truth:main',

@@ -21,7 +21,6 @@ setup(
             'scenario_schema = av_simulator.cli.scenario_schema:main',
             'simulate = av_simulator.cli.simulate:main',
             'simulator = av_simulator.cli.simulator:main',
-            'soak = av_simulator.cli.soak:main',
         ],
     },
 )

@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from av_common.angles import wrap
+from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
-from av_evaluation.cli.pointing import FormerController
 from av_evaluation.closed_loop import Conditions, LateVehicle, close_loop
-from av_pointing.controller import PointingSettings
+from av_pointing.controller import Command, Mode, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
 
@@ -67,9 +68,24 @@ def test_it_settles_in_other_conditions(conditions):
     assert loop.rms_deg(9.0) < 2.0 and swing_deg(loop, 4.0) < 6.0
 
 
+class Undelayed(PointingController):
+    """Follows the error as it is seen, and knows nothing of what has been commanded but not turned yet."""
+
+    def step(self, time, track, ages, cue=None):
+        if not hasattr(self, '_simple'):
+            self._simple, self._before = LimitedAxis(AxisLimits(self.settings.yaw.rate, math.radians(180.0))), time
+        dt, self._before = min(max(time - self._before, 0.0), 0.1), time
+        if track is None:
+            self._simple.stop(dt)
+        else:
+            rate = track.azimuth_world_rate
+            self._simple.follow(float(wrap(track.azimuth + self.settings.lead * (rate - self._simple.velocity))), rate, dt)
+        return Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, self._simple.velocity, False, True)
+
+
 def test_a_controller_that_knows_nothing_of_delays_swings():
     """The tests above would fail without prediction."""
-    stage = PointingStage(FormerController(PointingSettings(move_gimbal=False)))
+    stage = PointingStage(Undelayed(PointingSettings(move_gimbal=False)))
     loop = close_loop(stage, Conditions(bearing_age=0.3, **FULL), TARGETS['at rest'], 14.0)
     assert loop.rms_deg(8.0) > 5.0 and swing_deg(loop, 4.0) > 15.0
 

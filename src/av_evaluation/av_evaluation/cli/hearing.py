@@ -4,68 +4,50 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from av_evaluation.hearing import accuracy, cost, delay, ego_rotors, motion, outliers, robust, scenes, several
-from av_evaluation.hearing.figures import Figure
+from av_evaluation.figures import Sections, print_sections
+from av_evaluation.hearing import calibration, free_field, rooms
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
-def sections(count: int, data: Path, srp_dnn: Path | None = None) -> dict[str, Iterator[Figure]]:
-    """The figures by section, computed when iterated; these raise FileNotFoundError when recordings are missing.
+def sections(count: int, data: Path) -> Sections:
+    """The figures by section.
 
     Parameters:
         count: windows per figure.
         data: folder with the recordings.
-        srp_dnn: weights of SRP-DNN, see `av_evaluation.hearing.srp_dnn`; None leaves it out.
     """
     sources = {'bright rotors': bright_rotors, 'rotors': rotors, 'flat noise': flat}
     clips = data / 'drone_detection' / 'audio'
     if clips.is_dir():
         sources['drone recordings'] = recordings(clips)
     return {
-        'accuracy': accuracy.accuracy(count, sources),
-        'methods': accuracy.methods(count),
-        'interpolation': delay.interpolation(count),
-        'bound': accuracy.bound(count),
-        'sigma': accuracy.sigma(count, sources),
-        'motion': motion.motion(min(count, 100), sources),
-        'kemar': scenes.kemar(data),
-        'outliers': outliers.outliers(min(count, 10), sources.get('drone recordings', rotors), data),
-        'room': scenes.room(clips),
-        'robust': robust.robust(min(count, 150), sources, data, srp_dnn),
-        'square': scenes.square(count),
-        'several': several.several(min(count, 100), sources),
-        'ego-rotors': ego_rotors.ego_rotors(min(count, 100)),
-        'speed': cost.speed(),
-        'node': cost.node(),
-        'memory': cost.memory(),
+        'accuracy': partial(free_field.accuracy, count, sources),
+        'bound': partial(free_field.bound, count),
+        'sigma': partial(free_field.sigma, count, sources),
+        'motion': partial(free_field.motion, min(count, 100), sources),
+        'square': partial(free_field.square, count),
+        'several': partial(free_field.several, min(count, 100), sources),
+        'ego-rotors': partial(free_field.ego_rotors, min(count, 100)),
+        'robust': partial(rooms.robust, min(count, 150), sources, data),
+        'kemar': partial(calibration.kemar, data),
+        'outliers': partial(calibration.outliers, min(count, 10), sources.get('drone recordings', rotors), data),
     }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point. Exits with 1 when a figure misses its bound."""
-    names = list(sections(1, Path()))
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the figures; returns 1 when one misses its bound."""
     parser = argparse.ArgumentParser(prog='hearing', description=__doc__)
-    parser.add_argument('sections', nargs='*', metavar='SECTION', help=f'any of {", ".join(names)} (default: all)')
+    parser.add_argument('sections', nargs='*', metavar='SECTION', help=f'of {", ".join(sections(1, Path()))} (default: all)')
     parser.add_argument('--trials', type=int, default=400, help='windows per figure (default: %(default)s)')
     parser.add_argument('--data', type=Path, default=Path('../shared/data'),
                         help='folder with drone_detection and kemar (default: %(default)s)')
-    parser.add_argument('--srp-dnn', type=Path, metavar='FILE',
-                        help='weights of SRP-DNN for the section robust: exp/00000002/best_model.tar of BingYang-20/SRP-DNN')
     options = parser.parse_args(arguments)
-    unknown = set(options.sections) - set(names)
-    if unknown:
-        parser.error(f'unknown section {", ".join(sorted(unknown))}; known are {", ".join(names)}')
-    missed = 0
-    figures = sections(options.trials, options.data, options.srp_dnn)
-    for name in options.sections or names:
-        print(name, flush=True)
-        try:
-            for figure in figures[name]:
-                print(figure, flush=True)
-                missed += not figure.holds
-        except (FileNotFoundError, ImportError) as error:
-            print(f'  skipped: {error}')
-    sys.exit(1 if missed else 0)
+    return print_sections(parser, sections(options.trials, options.data), options.sections)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

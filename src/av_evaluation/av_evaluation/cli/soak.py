@@ -1,29 +1,20 @@
-"""ros2 run av_evaluation soak: an hour of the whole rig; memory, threads and descriptors of its processes stay constant."""
+"""ros2 run av_evaluation soak: an hour of the whole rig; its processes keep memory, threads, descriptors; no sound is lost."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from av_evaluation.processes import MarkedProcesses
-from av_evaluation.report.memory_chart import draw_memory
-from av_evaluation.runs.soak import (
-    Limits,
-    ProcessHistory,
-    format_histories,
-    save_histories,
-    watch,
-)
+from av_evaluation.processes import launched_rig
+from av_evaluation.soak import Limits, ProcessHistory, draw_memory, format_histories, lost_sound, save_histories, watch
 
 RIG = ('model:=shipped', 'renderer:=flat')
-ENDS_IN_S = 60.0   # the monitor draws an hour's plot
 
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -50,37 +41,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         out.mkdir(parents=True, exist_ok=True)
         log = opened.enter_context((out / 'rig.log').open('wb'))
         given = [f'record:={bags}/soak.mcap', f'out:={out}', *options.rig]
-        rig = MarkedProcesses(['ros2', 'launch', 'av_fusion', 'rig.launch.py', *given], output=log)
-        opened.callback(rig.signal, signal.SIGKILL)
         try:
-            histories = watch(rig, 60.0 * options.minutes, options.every)
-            ended_early = rig.process.poll() is not None
-            rig.process.send_signal(signal.SIGINT)
-            rig.process.wait(ENDS_IN_S)
+            with launched_rig(given, log) as rig:
+                histories = watch(rig, 60.0 * options.minutes, options.every)
+                ended_early = rig.process.poll() is not None
         except KeyboardInterrupt:
             print('soak: interrupted', file=sys.stderr)
             return 2
-        except subprocess.TimeoutExpired:
-            ended_early = False   # only slow to end; killed
         if ended_early:
             output = (out / 'rig.log').read_text(errors='replace').splitlines()[-20:]
             print('soak: the rig ended before its time:', *output, sep='\n', file=sys.stderr)
-        return _report(histories, options) or 2 * ended_early
+        return _report(histories, lost_sound(Path(bags) / 'soak.mcap'), options) or 2 * ended_early
 
 
-def _report(histories: Sequence[ProcessHistory], options: argparse.Namespace) -> int:
+def _report(histories: Sequence[ProcessHistory], lost: dict[str, int], options: argparse.Namespace) -> int:
     limits = Limits(min(60.0 * options.settle, 30.0 * options.minutes), options.most_growth)
     end = max([history.times[-1] for history in histories], default=0.0)
     steady = bool(histories) and not any(history.faults(limits, end) for history in histories)
     table = format_histories(histories, limits, end)
     text = (f'{table}\n{end / 60.0:.1f} min, the first {limits.settle / 60.0:g} not counted, '
-            f'growth at most {limits.growth:g} MiB, counts constant: {"holds" if steady else "MISSED"}')
+            f'growth at most {limits.growth:g} MiB, counts constant: {"holds" if steady else "MISSED"}\n'
+            f'sound lost on the way to the bridge: {lost or "none"}')
     print(text)
     if options.out:
         (options.out / 'soak.txt').write_text(f'{text}\n')
         save_histories(histories, options.out / 'soak.csv')
         draw_memory(histories, options.out / 'soak.png', limits.settle)
-    return 0 if steady else 1
+    return 0 if steady and not lost else 1
 
 
 def _positive(text: str) -> float:

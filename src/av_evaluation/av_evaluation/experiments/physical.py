@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from av_audio.calibration import calibrate, measured_path, search_array
-from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import node_parameters
 from av_common.rig import CameraMount
-from av_evaluation.hearing.scenes import read_responses
+from av_evaluation.hearing.free_field import PAIR
+from av_evaluation.hearing.places import at_ears, calibrated_ears, read_responses, shoebox
 from av_evaluation.hearing.signals import add_noise, load_clip
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
@@ -38,8 +36,6 @@ CLIPS = tuple(f'V_DRONE_{number:03d}' for number in (
     44, 98, 40, 100, 52, 79, 46, 80, 53, 47, 58, 19, 59, 49, 43, 20, 50, 38))
 FILMED, ROOM = 'filmed:', 'room:'
 VIDEO_HZ, RATE = 30.0, 48_000
-EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
-PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 CAMERA = CameraMount(width=640, height=512)
 COVERED = (0.3, 0.85)  # share of a clip
 CUT = math.radians(5.0)  # a larger step of the label between two frames is a cut: some clips are spliced
@@ -99,8 +95,9 @@ def filmed(clip: str, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
     first, end = longest_take(truth)
     truth = truth[first:end]
     recording = load_clip(_recording(data, clip))
-    array = calibrated_ears(data)
     azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    another = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
+    array = calibrated_ears(azimuths, responses, rate, [another[:2 * rate]])
     sound = moving_through(signal.resample_poly(recording, rate // 300, RATE // 300), truth, azimuths, responses, rate)
     static, per_frame = StaticRig(array, rate, estimators, detection_stage('shipped')), round(rate / VIDEO_HZ)
     film = cv2.VideoCapture(str(data / 'drone_detection' / 'video' / f'{clip}.mp4'))
@@ -133,16 +130,13 @@ def room(number: int, data: Path, estimators: tuple[str, ...]) -> tuple[RunLog, 
 
     Raises ImportError without pyroomacoustics, FileNotFoundError without the recordings.
     """
-    import pyroomacoustics
     random = np.random.default_rng([7, number])
     recording = load_clip(_recording(data, str(number)))
     size, place = np.array([9.0, 8.0, 3.2]), np.array([4.4, 4.1, 1.4])
-    absorption, order = pyroomacoustics.inverse_sabine(0.3, size)
     static, length = StaticRig(PAIR, RATE, estimators), round(DWELL_S * RATE)
     for step in range(round(360.0 / STEP_DEG)):
         azimuth = math.radians(STEP_DEG * step)
-        box = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption), max_order=min(order, 8))
-        box.set_sound_speed(speed_of_sound(20.0))
+        box = shoebox(size, 0.3, 8)
         begin = int(random.integers(0, max(len(recording) - length, 1)))
         box.add_source(place + 3.0 * angles_to_direction(azimuth, 0.0), signal=np.resize(recording[begin:], length))
         box.add_microphone_array((place + PAIR.positions).T)
@@ -178,20 +172,6 @@ def longest_take(azimuths: NDArray) -> tuple[int, int]:
     return int(edges[longest]), int(edges[longest + 1])
 
 
-def calibrated_ears(data: Path) -> MicrophoneArray:
-    """The head as a pair of microphones, calibrated with another drone's recording at every other azimuth."""
-    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
-    recording = signal.resample_poly(load_clip(data / 'drone_detection' / 'audio' / 'DRONE_022.flac'), rate // 300, RATE // 300)
-    angles: list[float] = []
-    paths: list[float] = []
-    for k in range(0, len(azimuths), 2):
-        piece = np.stack([signal.fftconvolve(recording[:2 * rate], response)[:2 * rate] for response in responses[k]], axis=1)
-        _, path = measured_path(EARS, Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5)).process(piece, 0))
-        paths.extend(path)
-        angles.extend([azimuths[k]] * len(path))
-    return calibrate(EARS, angles, paths).array
-
-
 def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, responses: NDArray, rate: int) -> NDArray:
     """Sound (n, 2) of a source that moves along azimuths, at the two ears of a head.
 
@@ -214,8 +194,7 @@ def moving_through(recording: NDArray, truth: NDArray, azimuths: NDArray, respon
     for index in range(math.floor(place.min()), math.floor(place.max()) + 2):
         share = np.clip(1.0 - np.abs(place - index), 0.0, None)
         nearest = np.argmin(np.abs(np.angle(np.exp(1j * (azimuths - index * grid)))))
-        ears = [signal.fftconvolve(share * recording, response)[:count] for response in responses[nearest]]
-        sound += np.stack(ears, axis=1).astype(np.float32)
+        sound += at_ears(share * recording, responses[nearest]).astype(np.float32)
     return 0.3 * sound / np.abs(sound).max()
 
 

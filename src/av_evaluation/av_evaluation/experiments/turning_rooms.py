@@ -19,7 +19,7 @@ from scipy import signal
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import CameraMount
-from av_evaluation.hearing.shoebox import shoebox
+from av_evaluation.hearing.places import pair, shoebox
 from av_evaluation.hearing.signals import RATE, Source, band_power, bright_rotors, recordings, rotors
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.multi_target.tracker import MultiTargetTracker
@@ -67,7 +67,7 @@ class TurningRoom:
     @property
     def array(self) -> MicrophoneArray:
         """The pair, left and right."""
-        return MicrophoneArray(np.array([[0.0, 0.5 * self.spacing, 0.0], [0.0, -0.5 * self.spacing, 0.0]]), 'pair')
+        return pair(self.spacing)
 
     def _random_room(self, rng: Generator) -> tuple[NDArray, float]:
         """Responses (PLACES, taps) around the circle of the microphones, and the azimuth (rad) of the source."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import firwin
 
+from av_evaluation.figures import Figure
 from av_evaluation.simulated_sound import peers
 from av_evaluation.simulated_sound.fly_by import PAIR, RATE, FlyBy, deviation
 from av_simulator.sound.absorption import absorption_db_per_m
@@ -26,40 +26,16 @@ from av_simulator.sound.world import SoundWorld
 CLIMATES = ((20.0, 50.0), (0.0, 30.0), (35.0, 80.0), (20.0, 10.0))  # degrees Celsius, % humidity
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A measured value with optional limits.
-
-    Parameters:
-        name: description of the value.
-        value: measured value.
-        unit: unit of value and limits.
-        most: upper limit, None for none.
-        least: lower limit, None for none.
-    """
-
-    name: str
-    value: float
-    unit: str = ''
-    most: float | None = None
-    least: float | None = None
-
-    @property
-    def holds(self) -> bool:
-        """Whether the limits are met."""
-        return (self.most is None or self.value <= self.most) and (self.least is None or self.value >= self.least)
-
-
 def fly_by() -> Iterator[Figure]:
     """A 1 kHz tone at 20 m/s, 10 m away."""
     scene = FlyBy()
     found = deviation(scene, scene.render())
-    yield Figure('error against the analytic signal', found.error_db, 'dB', most=-55.0)
-    yield Figure('delay, RMS', found.delay_us, 'us', most=0.3)
-    yield Figure('instantaneous frequency, RMS', found.frequency_hz, 'Hz', most=3.0)
-    yield Figure('Doppler against f / (1 - M cos), greatest', found.doppler_hz, 'Hz', most=3.0)
-    yield Figure('level against 1 / r, greatest', found.spreading_db, 'dB', most=0.1)
-    yield Figure('level difference of the pair, greatest', found.level_difference_db, 'dB', most=0.1)
+    yield Figure('error against the analytic signal', found.error_db, 'dB', at_most=-55.0)
+    yield Figure('delay, RMS', found.delay_us, 'us', at_most=0.3)
+    yield Figure('instantaneous frequency, RMS', found.frequency_hz, 'Hz', at_most=3.0)
+    yield Figure('Doppler against f / (1 - M cos), greatest', found.doppler_hz, 'Hz', at_most=3.0)
+    yield Figure('level against 1 / r, greatest', found.spreading_db, 'dB', at_most=0.1)
+    yield Figure('level difference of the pair, greatest', found.level_difference_db, 'dB', at_most=0.1)
 
 
 def moving_rig(block: int = 1600) -> Iterator[Figure]:
@@ -82,7 +58,7 @@ def moving_rig(block: int = 1600) -> Iterator[Figure]:
     truth = np.sin(2 * np.pi * 1000.0 * (times[:, None] - distance / c)) / distance
     error = np.mean((received - truth) ** 2) / np.mean(truth**2)
     yield Figure('error against the analytic signal', float(10 * np.log10(error)),
-                 'dB', most=-55.0)
+                 'dB', at_most=-55.0)
 
 
 def air() -> Iterator[Figure]:
@@ -97,7 +73,7 @@ def air() -> Iterator[Figure]:
             frequency = np.linspace(0.0, 10000.0, len(known))
             ours = absorption_db_per_m(frequency, temperature, humidity)
             worst = max(worst, float(np.abs(ours[frequency >= 50] / known[frequency >= 50] - 1.0).max()))
-        yield Figure('ISO 9613-1 against pyroadacoustics, four climates, to 10 kHz', 100 * worst, '%', most=1.0)
+        yield Figure('ISO 9613-1 against pyroadacoustics, four climates, to 10 kHz', 100 * worst, '%', at_most=1.0)
     tones = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
     signal = FormulaSignal(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in tones))
     for distance in (10.0, 50.0, 100.0):
@@ -107,7 +83,7 @@ def air() -> Iterator[Figure]:
                 signal, tones, distance, Medium(temperature, humidity, absorption=True))
             formula = absorption_db_per_m(tones, temperature, humidity) * distance
             worst = max(worst, float(np.abs(20 * np.log10(lost) - formula).max()))
-        yield Figure(f'rendered absorption over {distance:.0f} m, 50 Hz to 10 kHz, greatest', worst, 'dB', most=0.5)
+        yield Figure(f'rendered absorption over {distance:.0f} m, 50 Hz to 10 kHz, greatest', worst, 'dB', at_most=0.5)
 
 
 def _amplitudes(signal: FormulaSignal, tones: NDArray, distance: float, medium: Medium) -> NDArray:
@@ -138,9 +114,9 @@ def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
     sent = signal.stream(rate, [0], source.position).read(0, rate // 2)
     known = np.array([np.convolve(sent, responses[0])[late:late + rate // 2] for responses in theirs.rir]).T
     alike = min(np.corrcoef(received[:, channel], known[:, channel])[0, 1] for channel in range(2))
-    yield Figure(f'room of order {order}, correlation with pyroomacoustics', float(alike), least=0.99)
+    yield Figure(f'room of order {order}, correlation with pyroomacoustics', float(alike), at_least=0.99)
     ratio = _decay_s(received[:, 0], rate) / _decay_s(known[:, 0], rate)
-    yield Figure(f'room of order {order}, T60 over that of pyroomacoustics', ratio, least=0.9, most=1.1)
+    yield Figure(f'room of order {order}, T60 over that of pyroomacoustics', ratio, at_least=0.9, at_most=1.1)
 
 
 def _decay_s(answer: NDArray, rate: int) -> float:
@@ -156,7 +132,7 @@ def speed() -> Iterator[Figure]:
     scene = FlyBy()
     for block in (480, 1600):
         full = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
-        yield Figure(f'drone, ground, absorption and noise, blocks of {block}', full, 's', most=0.2)
+        yield Figure(f'drone, ground, absorption and noise, blocks of {block}', full, 's', at_most=0.2)
     tone, open_air = FormulaSignal(lambda t: np.sin(2 * np.pi * 1000.0 * t)), Surroundings()
     direct = _work(lambda: _tone(scene, tone, Medium(), open_air), 960)
     ground = _work(lambda: _tone(scene, tone, Medium(absorption=True), Surroundings(ground=Ground())), 960)
@@ -172,7 +148,7 @@ def speed() -> Iterator[Figure]:
     for package, what, run, seconds, own in contests:
         if _installed(package):
             theirs = min(run()[1] for _ in range(1 if seconds < 1.0 else 3)) / seconds
-            yield Figure(f'{package}, {what}', theirs, 's', least=own)
+            yield Figure(f'{package}, {what}', theirs, 's', at_least=own)
 
 
 def peers_fly_by() -> Iterator[Figure]:

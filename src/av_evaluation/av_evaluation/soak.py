@@ -1,4 +1,4 @@
-"""Memory, threads and descriptors of a rig's processes over a long run, and whether they stay as they are."""
+"""Memory, threads and descriptors of a rig's processes over a long run, whether they stay as they are, and what was lost."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from av_bags.reader import Bag
 from av_evaluation.processes import MarkedProcesses, ProcessSample, sample
 
 WINDOW_S = 60.0     # medians are taken over this much time
+# Counters of the bridge that stay 0 on one machine.
+LOSSES = ('audio lost', 'audio lost frames', 'audio overwritten frames', 'audio malformed', 'audio foreign')
 DYING_S = 10.0      # processes that end this shortly before the rig has ended were ended by it
 
 
@@ -154,6 +157,42 @@ def save_histories(histories: Sequence[ProcessHistory], path: Path) -> None:
         for one in histories:
             rows.writerows([one.name, one.process_id, f'{time:.1f}', *(f'{getattr(taken, name):.9g}' for name in names)]
                            for time, taken in zip(one.times, one.samples, strict=True))
+
+
+def draw_memory(histories: Sequence[ProcessHistory], path: Path, settle: float) -> None:
+    """Draw the resident memory of each process, and its change since it settled.
+
+    Parameters:
+        histories: of the processes.
+        path: of the PNG.
+        settle (s): as in `Limits`.
+    """
+    from matplotlib.figure import Figure  # which takes a second to load
+
+    figure = Figure(figsize=(11, 7), layout='constrained')
+    size, change = figure.subplots(2, 1, sharex=True)
+    for history in histories:
+        minutes, resident = np.array(history.times) / 60.0, history.column('resident')
+        settled = history.settled(settle)
+        size.plot(minutes, resident, label=f'{history.name} {history.process_id}', linewidth=1.3)
+        change.plot(minutes[settled], resident[settled] - np.median(resident[settled][:5]), linewidth=1.3)
+    size.set(ylabel='resident memory (MiB)', ylim=(0.0, None))
+    change.set(ylabel=f'change since {settle / 60.0:g} min (MiB)', xlabel='time (min)')
+    for axes in (size, change):
+        axes.grid(alpha=0.25)
+    size.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
+    figure.savefig(path, dpi=110)
+
+
+def lost_sound(recording: Path) -> dict[str, int]:
+    """What the bridge says at last in a recording of LOSSES, but for what is 0; empty without a bridge. Raises BagError."""
+    counts: dict[str, str] = {}
+    with Bag(recording) as bag:
+        for topic, _, data in bag.messages(['/diagnostics']):
+            for status in bag.decode(topic, data).status:
+                if 'bridge_node' in status.name:
+                    counts = {value.key: value.value for value in status.values}
+    return {name: int(counts[name]) for name in LOSSES if int(counts.get(name, 0))}
 
 
 def _range(low: int, high: int) -> str:

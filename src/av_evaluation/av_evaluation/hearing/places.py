@@ -1,10 +1,11 @@
-"""Windows of sound in fields of all kinds: random rooms, a head with and without reflections, and the free field."""
+"""Places in which sound is heard: rooms of pyroomacoustics, the measured ears of a head, and the free field."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -16,10 +17,9 @@ from av_audio.localizer import Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.hearing.scenes import EARS, read_responses
-from av_evaluation.hearing.shoebox import shoebox
 from av_evaluation.hearing.signals import RATE, Source, add_noise
 
+EARS = MicrophoneArray(np.array([[0.0, 0.09, 0.0], [0.0, -0.09, 0.0]]), 'kemar')
 T60_S = (0.2, 0.7)
 SPACING_M = (0.1, 0.2)
 DISTANCE_M = (2.0, 6.0)
@@ -54,6 +54,56 @@ class Window:
 Field = Callable[[Generator, float, float], Window]
 
 
+def shoebox(size: NDArray, t60: float, largest_order: int) -> Any:
+    """An empty `pyroomacoustics.ShoeBox` at RATE and 20 degrees Celsius.
+
+    Parameters:
+        size (3,): of the room in m.
+        t60 (s): reverberation time, which gives the absorption by Sabine's formula.
+        largest_order: of reflections.
+
+    Raises ImportError without pyroomacoustics, ValueError for a room that is too large for so short a reverberation.
+    """
+    import pyroomacoustics
+    absorption, order = pyroomacoustics.inverse_sabine(t60, size)
+    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=pyroomacoustics.Material(absorption),
+                                   max_order=min(order, largest_order))
+    room.set_sound_speed(speed_of_sound(20.0))
+    return room
+
+
+def read_responses(path: Path) -> tuple[NDArray, NDArray, int]:
+    """Horizontal responses of a SOFA file: azimuths (n,) in rad, responses (n, 2, taps), and their sample rate in Hz.
+
+    Raises FileNotFoundError.
+    """
+    import h5py
+    if not path.is_file():
+        raise FileNotFoundError(f'{path} does not exist')
+    with h5py.File(path) as file:
+        positions = file['SourcePosition'][:]
+        level = np.flatnonzero(np.abs(positions[:, 1]) < 0.1)
+        order = level[np.argsort(positions[level, 0])]
+        return np.radians(positions[order, 0]), file['Data.IR'][order], int(file['Data.SamplingRate'][0])
+
+
+def at_ears(sound: NDArray, response: Sequence[NDArray] | NDArray) -> NDArray:
+    """Sound (n, 2) of a source (n,) at two ears, or microphones, each with a response (taps,)."""
+    return np.stack([signal.fftconvolve(sound, ear)[:len(sound)] for ear in response], axis=1)
+
+
+def calibrated_ears(azimuths: NDArray, responses: NDArray, rate: int, sounds: Sequence[NDArray]) -> MicrophoneArray:
+    """EARS, calibrated at every other azimuth (n,) in rad, by responses (n, 2, taps), with each of the sounds (m,)."""
+    angles, paths = list[float](), list[float]()
+    for azimuth, response in zip(azimuths[::2], responses[::2], strict=True):
+        for sound in sounds:
+            localizer = Localizer(search_array(EARS), rate, LocalizerSettings(hop_s=0.5))
+            _, path = measured_path(EARS, localizer.process(at_ears(sound, response), 0))
+            paths.extend(path)
+            angles.extend([azimuth] * len(path))
+    return calibrate(EARS, angles, paths).array
+
+
 def pair(spacing: float) -> MicrophoneArray:
     """Two microphones `spacing` m apart, left and right."""
     return MicrophoneArray(np.array([[0.0, 0.5 * spacing, 0.0], [0.0, -0.5 * spacing, 0.0]]))
@@ -85,7 +135,7 @@ def rooms(rng: Generator, count: int, sources: list[Source], rate: int = RATE) -
     def window(rng: Generator, seconds: float, snr_db: float) -> Window:
         response, array, cosine = responses[rng.integers(count)]
         dry = sources[rng.integers(len(sources))](rng, SETTLED_S + seconds, np.zeros(1))[:, 0]
-        wet = np.stack([signal.fftconvolve(dry, ear)[:len(dry)] for ear in response], axis=1)[-round(seconds * RATE):]
+        wet = at_ears(dry, response)[-round(seconds * RATE):]
         common = np.gcd(rate, RATE)
         sound = signal.resample_poly(add_noise(rng, wet, snr_db), rate // common, RATE // common, axis=0)
         return Window(sound, rate, array, cosine)
@@ -125,15 +175,7 @@ class Head:
     def __init__(self, data: Path) -> None:
         self._azimuths, self._responses, self.rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
         noise = 0.05 * np.random.default_rng(1).normal(size=self.rate)
-        angles: list[float] = []
-        paths: list[float] = []
-        for azimuth, response in zip(self._azimuths[::2], self._responses[::2], strict=True):
-            sound = np.stack([signal.fftconvolve(noise, ear)[:len(noise)] for ear in response], axis=1)
-            localizer = Localizer(search_array(EARS), self.rate, LocalizerSettings(hop_s=0.5))
-            _, path = measured_path(EARS, localizer.process(sound, 0))
-            paths.extend(path)
-            angles.extend([azimuth] * len(path))
-        self.array = calibrate(EARS, angles, paths).array
+        self.array = calibrated_ears(self._azimuths, self._responses, self.rate, [noise])
 
     def field(self, sources: list[Source], reflections: bool) -> Field:
         """Windows of sound at the ears.
@@ -148,8 +190,7 @@ class Head:
             dry = sources[rng.integers(len(sources))](rng, seconds + 0.4, np.zeros(1))[:, 0]
             common = np.gcd(self.rate, RATE)
             dry = signal.resample_poly(dry, self.rate // common, RATE // common)
-            wet = np.stack([signal.fftconvolve(dry, ear)[:len(dry)] for ear in response], axis=1)
-            sound = add_noise(rng, wet[-round(seconds * self.rate):], snr_db)
+            sound = add_noise(rng, at_ears(dry, response)[-round(seconds * self.rate):], snr_db)
             return Window(sound, self.rate, self.array, float(np.sin(self._azimuths[k])))
 
         return window

@@ -1,4 +1,4 @@
-"""Calibration of a pair with a share of wrong estimates, against the same without, in random rooms and at a head."""
+"""Calibration of a pair: at a head, and with a share of wrong estimates against the same without."""
 
 from __future__ import annotations
 
@@ -14,14 +14,12 @@ from scipy import signal
 from av_audio.calibration import SEARCH_STRETCH, Calibration, calibrate, measured_path, search_array
 from av_audio.calibration_report import Verdict, judge
 from av_audio.localizer import Localizer, LocalizerSettings
-from av_common.angles import angles_to_direction
+from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.hearing.accuracy import rms
-from av_evaluation.hearing.fields import LARGEST_ORDER, SPACING_M, pair
-from av_evaluation.hearing.figures import Figure
-from av_evaluation.hearing.scenes import EARS, read_responses
-from av_evaluation.hearing.shoebox import shoebox
-from av_evaluation.hearing.signals import RATE, Source, add_noise
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.free_field import azimuth_error, rms
+from av_evaluation.hearing.places import EARS, LARGEST_ORDER, SPACING_M, at_ears, calibrated_ears, pair, read_responses, shoebox
+from av_evaluation.hearing.signals import RATE, Source, add_noise, load_clip
 
 SHARES = (0.1, 0.3, 0.45)    # of wrong estimates
 WORSE = 1.2    # factor by which the result may be worse with 30 % of them
@@ -33,6 +31,27 @@ ASIDE_DEG = 70.0    # from broadside, up to which curves are compared
 
 # A recording: the array, true azimuths (n,) in rad and measured path differences (n,) in m; and the true path of an azimuth.
 Recording = tuple[MicrophoneArray, NDArray, NDArray, Callable[[NDArray], NDArray]]
+
+
+def kemar(data: Path) -> Iterator[Figure]:
+    """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest."""
+    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    common = np.gcd(rate, RATE)
+    clips = [signal.resample_poly(load_clip(path), rate // common, RATE // common)
+             for path in sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))]
+    if not clips:
+        raise FileNotFoundError(f'no drone recordings in {data}')
+    array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips])
+    results = [(np.degrees(wrap(azimuths[k])), azimuth_error(estimate, azimuths[k]))
+               for k in range(1, len(azimuths), 2) for clip in clips
+               for estimate in Localizer(array, rate, LocalizerSettings(hop_s=0.5)).process(
+                   at_ears(clip[5 * rate:7 * rate], responses[k]), 0)]
+    truth, errors = np.array(results).T
+    yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
+    yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
+    yield Figure('KEMAR, all azimuths, folded: RMSE', rms(errors), 'deg')
+    yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', 100.0 * np.mean(errors > 20.0), '%')
+    yield Figure('KEMAR, all azimuths, folded: largest error', errors.max(), 'deg')
 
 
 def outliers(rooms: int, source: Source, data: Path) -> Iterator[Figure]:
@@ -138,7 +157,7 @@ def _recording(rng: Generator, source: Source, array: MicrophoneArray, azimuths:
     found, common = list[tuple[float, float]](), np.gcd(rate, RATE)
     for azimuth, response in zip(azimuths, responses, strict=True):
         dry = signal.resample_poly(source(rng, SETTLED_S + DWELL_S, np.zeros(1))[:, 0], rate // common, RATE // common)
-        wet = np.stack([signal.fftconvolve(dry, ear)[:len(dry)] for ear in response], axis=1)[-round(DWELL_S * rate):]
+        wet = at_ears(dry, response)[-round(DWELL_S * rate):]
         localizer = Localizer(search_array(array), rate, LocalizerSettings(hop_s=0.25))
         try:
             found += [(azimuth, path) for path in measured_path(array, localizer.process(add_noise(rng, wet, SNR_DB), 0))[1]]

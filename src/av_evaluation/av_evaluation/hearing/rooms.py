@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,10 @@ import numpy as np
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
-from av_evaluation.hearing.accuracy import CONFIDENCE_THRESHOLD, rms
-from av_evaluation.hearing.fields import Field, Head, Window, free_field, rooms
-from av_evaluation.hearing.figures import Figure
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, rms
+from av_evaluation.hearing.places import Field, Head, Window, free_field, rooms
 from av_evaluation.hearing.signals import Source
-from av_evaluation.hearing.srp_dnn import SrpDnn
 
 ROOMS = 100
 UPSAMPLING = 16    # of the plain GCC-PHAT
@@ -29,18 +28,14 @@ SETTINGS = {
 EVEN = ('phat', 'GCC-PHAT', 'SRP-PHAT')
 
 
-def robust(count: int, sources: dict[str, Source], data: Path, srp_dnn: Path | None = None) -> Iterator[Figure]:
+def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figure]:
     """Median error, RMSE and share beyond 20 degrees by field and estimator; with sigma and confidence for the default.
 
     Parameters:
         count: windows per field.
         sources: generators of sound by name.
         data: folder with recordings and measured responses.
-        srp_dnn: weights of SRP-DNN; None leaves it out.
     """
-    network = SrpDnn(srp_dnn) if srp_dnn else None
-    if network is None:
-        yield Figure('SRP-DNN: not fetched (--srp-dnn FILE)', float('nan'))
     drones = [source for name, source in sources.items() if name != 'flat noise']
     indoors = rooms(np.random.default_rng(61), min(count, ROOMS), drones)
     slower = rooms(np.random.default_rng(62), min(count, ROOMS), drones, 16_000)
@@ -52,15 +47,12 @@ def robust(count: int, sources: dict[str, Source], data: Path, srp_dnn: Path | N
             ('head, reflections', head.field(drones, True), 0.5, 20.0),
             *(('free field', free, 0.5, snr_db) for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0)),
             ('free field', free, 0.1, 10.0), ('free field', free, 0.1, 0.0)):
-        yield from _field_figures(f'{name}, {window_s:g} s, {snr_db:+.0f} dB', field, window_s, snr_db, count, network)
+        yield from _field_figures(f'{name}, {window_s:g} s, {snr_db:+.0f} dB', field, window_s, snr_db, count)
 
 
-def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int,
-                   network: SrpDnn | None) -> Iterator[Figure]:
+def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:
     rng = np.random.default_rng(63)
     others: dict[str, Callable[[Window], float]] = {'GCC-PHAT': gcc_phat, 'SRP-PHAT': srp_phat}
-    if network is not None:
-        others['SRP-DNN'] = partial(steered_network, network)
     rows: list[list[float]] = []
     marks: list[tuple[float, float]] = []
     for _ in range(count):
@@ -122,12 +114,6 @@ def _srp(aperture: float, rate: int) -> Any:
     length = 512 if rate < 32_000 else 1024
     return pyroomacoustics.doa.algorithms['SRP'](places, rate, length, c=speed_of_sound(20.0), num_src=1,
                                                  azimuth=np.radians(np.arange(-90.0, 91.0)))
-
-
-def steered_network(network: SrpDnn, window: Window) -> float:
-    """Folded azimuth in rad of SRP-DNN."""
-    cosine = network.cosine(window.sound, window.rate, window.array.aperture, speed_of_sound(20.0))
-    return _folded(window.array, cosine)
 
 
 def _folded(array: MicrophoneArray, q: float) -> float:

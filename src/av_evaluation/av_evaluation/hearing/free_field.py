@@ -1,0 +1,364 @@
+"""Pairs and squares of microphones in the free field: accuracy, calibration of sigma, motion, several sources, ego-rotors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import resample
+
+from av_audio.directions import angle_to_axis
+from av_audio.further_sources import MOST_SOURCES
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_common.acoustics import speed_of_sound
+from av_common.angles import angles_to_direction, wrap
+from av_common.microphone_array import MicrophoneArray
+from av_evaluation.figures import Figure
+from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, band_power, flat, rotors
+
+PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
+SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
+C = speed_of_sound(20.0)
+WINDOW_S = 0.5
+CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
+SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
+RATES_DEG, SNRS_DB, RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0, 120.0), (20.0, 10.0, 0.0, -5.0), (5.0, 30.0)
+# Sound before and after the window, for the time that it travels, and the factor by which it is sampled more finely before
+# it is interpolated: in the band the error of the cubic spline is below -90 dB.
+PAD_S, FINER = 0.15, 4
+APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false
+# A quadrotor with arms of 0.25 m around the pair, 5 cm below it.
+EGO_ROTORS = np.array([[0.18, 0.18, -0.05], [-0.18, 0.18, -0.05], [-0.18, -0.18, -0.05], [0.18, -0.18, -0.05]])
+BROADBAND_DB, TARGET_SNR_DB, MAX_ERROR_DEG = -15.0, 10.0, 3.0
+
+Sources = dict[str, Source]
+Maker = Callable[[Generator], tuple[NDArray, float]]  # sound (n, m) of a window, and the azimuth (rad) from which it comes
+# Times of emission (n, m) in s of the sound that reaches the microphones at times (n,) in s from the centre of the window,
+# and the azimuth in rad from which the sound arrives at the centre of the array at time 0.
+Arrival = Callable[[Generator, NDArray, float], tuple[NDArray, float]]
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of n independent windows.
+
+    Parameters:
+        error (n,) (deg): azimuth error of the closer mirror image.
+        sigma (n,) (deg): estimated standard deviation.
+        confidence (n,): confidence 0..1.
+    """
+
+    error: NDArray
+    sigma: NDArray
+    confidence: NDArray
+
+    @classmethod
+    def together(cls, parts: Sequence[Trials]) -> Trials:
+        """The windows of several results."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in ('error', 'sigma', 'confidence')))
+
+    @property
+    def passed(self) -> NDArray:
+        """Which windows (n,) exceed the default confidence."""
+        return self.confidence >= CONFIDENCE_THRESHOLD
+
+    @property
+    def coverage(self) -> float:
+        """Percentage of passed errors within 1.64 sigma, 90 by definition."""
+        return 100.0 * float(np.mean(self.error[self.passed] <= 1.64 * self.sigma[self.passed]))
+
+
+def trials(rng: Generator, make: Maker, count: int, array: MicrophoneArray = PAIR) -> Trials:
+    """Results of independent windows.
+
+    Parameters:
+        rng: random numbers.
+        make: a window of sound and its azimuth.
+        count: number of windows.
+        array: the microphones.
+    """
+    localizer, rows = Localizer(array, RATE, SETTINGS), list[tuple[float, float, float]]()
+    for _ in range(count):
+        sound, azimuth = make(rng)
+        estimate, = localizer.process(sound, localizer.next_sample)
+        rows.append((azimuth_error(estimate, azimuth), float(np.degrees(np.sqrt(estimate.azimuth_variance[0]))),
+                     float(estimate.confidence[0])))
+    return Trials(*np.array(rows).T)
+
+
+def azimuth_error(estimate: DoaEstimate, azimuth: float) -> float:
+    """Error in deg of the mirror image that is closest to the true azimuth in rad."""
+    return float(np.degrees(np.min(np.abs(wrap(estimate.azimuth - azimuth)))))
+
+
+def rms(values: NDArray) -> float:
+    """Root of the mean square; NaN for none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else float('nan')
+
+
+def still(source: Source, snr_db: float, azimuths_deg: tuple[float, float] = (-180.0, 180.0)) -> Maker:
+    """Plane waves of a source at an SNR in dB, from azimuths drawn uniformly from a range in deg."""
+    def make(rng: Generator) -> tuple[NDArray, float]:
+        azimuth = float(np.radians(rng.uniform(*azimuths_deg)))
+        return add_noise(rng, source(rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C), snr_db), azimuth
+    return make
+
+
+def accuracy(count: int, sources: Sources) -> Iterator[Figure]:
+    """RMSE over the full circle with mirror images folded, and the Cramer-Rao bound.
+
+    The limits apply to rotors, except to those with equal power per octave at -10 dB: there the bound itself, which assumes
+    a known spectrum, is 3 degrees.
+    """
+    limits = {10.0: 0.6, 0.0: 1.0, -5.0: 2.0, -10.0: 4.0}
+    for name, source in sources.items():
+        for snr_db in (20.0, *limits):
+            result = trials(np.random.default_rng(31), still(source, snr_db), count)
+            limited = name == 'bright rotors' or (name == 'rotors' and snr_db > -10.0)
+            yield Figure(f'{name}, {snr_db:+.0f} dB: RMSE of all estimates', rms(result.error), 'deg',
+                         limits.get(snr_db) if limited else None)
+            yield Figure(f'{name}, {snr_db:+.0f} dB: Cramer-Rao bound', bound_rms(source, snr_db, count), 'deg')
+            yield Figure(f'{name}, {snr_db:+.0f} dB: median error', float(np.median(result.error)), 'deg')
+            yield Figure(f'{name}, {snr_db:+.0f} dB: share above the default confidence', 100.0 * result.passed.mean(), '%')
+
+
+def bound_rms(source: Source, snr_db: float, count: int) -> float:
+    """RMSE in deg over the full circle of delays with the variance of the Cramer-Rao bound, converted to angles like ours.
+
+    The bound is that of Gaussian sound with a known spectrum (Knapp and Carter, 1976, eq. 45); the spectrum is the
+    periodogram of each window, averaged over three bins. At high SNR the few windows within a degree of the axis dominate
+    both this value and that of the localizer.
+    """
+    rng = np.random.default_rng(36)
+    frequencies = np.fft.rfftfreq(round(WINDOW_S * RATE), 1.0 / RATE)
+    inside = (frequencies >= BAND_HZ[0]) & (frequencies <= BAND_HZ[1])
+    omega = 2.0 * np.pi * frequencies[inside]
+    errors = []
+    for azimuth in np.pi * ((np.arange(count) + 0.5) / count - 0.5):
+        power = np.abs(np.fft.rfft(source(rng, WINDOW_S, np.zeros(1))[:, 0])[inside]) ** 2
+        snr = uniform_filter1d(power / power.mean(), 3) * 10.0 ** (snr_db / 10.0)
+        sigma_q = C / PAIR.aperture / np.sqrt(2.0 * np.sum(omega**2 * snr**2 / (1.0 + 2.0 * snr)))
+        angle, _ = angle_to_axis(np.sin(azimuth) + sigma_q * rng.normal(), sigma_q)
+        errors.append(np.degrees(np.pi / 2.0 - angle - azimuth))
+    return rms(np.array(errors))
+
+
+def bound(count: int) -> Iterator[Figure]:
+    """RMSE over the Cramer-Rao bound (Knapp and Carter, 1976) for a flat source at 30 to 150 degrees from the axis."""
+    low, high = BAND_HZ
+    for snr_db in (20.0, 10.0, 0.0):
+        result = trials(np.random.default_rng(33), still(flat, snr_db, (-60.0, 60.0)), count)
+        snr = 10.0 ** (snr_db / 10.0)
+        delay = np.sqrt(3.0 * (1.0 + 2.0 * snr) / (8.0 * np.pi**2 * WINDOW_S * snr**2 * (high**3 - low**3)))
+        bounds = C * delay / (PAIR.aperture * np.cos(np.radians(np.linspace(-60.0, 60.0, 1001))))
+        yield Figure(f'flat source, {snr_db:+.0f} dB: RMSE over Cramer-Rao bound', rms(result.error) / np.degrees(rms(bounds)),
+                     '', 1.3)
+
+
+def sigma(count: int, sources: Sources) -> Iterator[Figure]:
+    """Shares of errors within 1.64 sigma and of large errors, among estimates above the default confidence."""
+    pooled = []
+    for name, source in sources.items():
+        for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0):
+            pooled.append(trials(np.random.default_rng(34), still(source, snr_db), count))
+            yield Figure(f'{name}, {snr_db:+.0f} dB: errors within 1.64 sigma', pooled[-1].coverage, '%')
+    everything = Trials.together(pooled)
+    yield Figure('all sources, +20 to -10 dB: errors within 1.64 sigma', everything.coverage, '%', 97.0, 85.0)
+    yield Figure('all sources, +20 to -10 dB: errors above 20 deg',
+                 100.0 * np.mean(everything.error[everything.passed] > 20.0), '%', 1.0)
+    for name, source in sources.items():
+        result = trials(np.random.default_rng(35), still(source, -20.0), count)
+        yield Figure(f'{name}, -20 dB: share above the default confidence', 100.0 * result.passed.mean(), '%', 2.0)
+
+
+def turning_rig(rng: Generator, times: NDArray, rate: float) -> tuple[NDArray, float]:
+    """A far source, and a rig that turns at `rate` in rad/s about the vertical. See `Arrival`."""
+    azimuth = rng.uniform(-np.pi, np.pi)
+    towards = angles_to_direction(azimuth - rate * times, np.zeros(len(times)))    # in the frame of the array
+    return times[:, None] + towards @ PAIR.positions.T / C, azimuth
+
+
+def passing_source(rng: Generator, times: NDArray, rate: float) -> tuple[NDArray, float]:
+    """A source 5 to 30 m away on a straight line, up to 45 deg from tangential, seen at `rate` in rad/s. See `Arrival`."""
+    azimuth, distance, slant = rng.uniform(-np.pi, np.pi), rng.uniform(*RANGES_M), rng.uniform(-np.pi / 4.0, np.pi / 4.0)
+    towards = angles_to_direction(azimuth)
+    across = np.array([-towards[1], towards[0], 0.0])
+    velocity = rate * distance * (across + np.tan(slant) * towards)
+    emitted = np.repeat(times[:, None], PAIR.channels, axis=1)
+    for _ in range(6):    # contracts by the Mach number
+        away = distance * towards + (emitted[..., None]) * velocity - PAIR.positions
+        emitted = times[:, None] - (np.linalg.norm(away, axis=-1) - distance) / C
+    return emitted, azimuth
+
+
+def moving(source: Source, arrival: Arrival, rate: float, snr_db: float) -> Maker:
+    """Windows in which a source moves relative to the array at a rate in rad/s, to either side, at an SNR in dB."""
+    times = np.arange(round(WINDOW_S * RATE)) / RATE - 0.5 * WINDOW_S
+
+    def make(rng: Generator) -> tuple[NDArray, float]:
+        emitted, azimuth = arrival(rng, times, rng.choice([-1.0, 1.0]) * rate)
+        sound = source(rng, WINDOW_S + 2.0 * PAD_S, np.zeros(1))[:, 0]
+        fine = resample(sound, FINER * len(sound))
+        heard = CubicSpline(np.arange(len(fine)) / (FINER * RATE) - 0.5 * len(sound) / RATE, fine)(emitted)
+        return add_noise(rng, heard, snr_db), azimuth
+    return make
+
+
+def pulsing(source: Source) -> Source:
+    """A source whose amplitude varies by 0.9 at 1 to 8 Hz, as gusts, rotors that beat, and vegetation do."""
+    def sound(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
+        times = np.arange(round(seconds * RATE))[:, None] / RATE - delays
+        envelope = 1.0 + 0.9 * np.sin(2.0 * np.pi * (rng.uniform(1.0, 8.0) * times + rng.uniform()))
+        return envelope * source(rng, seconds, delays)
+    return sound
+
+
+def motion(count: int, sources: Sources) -> Iterator[Figure]:
+    """Errors within 1.64 sigma, RMSE and median error by relative rate, source, and what moves; confident estimates only."""
+    sources = {**sources, 'pulsing rotors': pulsing(sources['rotors']), 'pulsing noise': pulsing(sources['flat noise'])}
+    arrivals: dict[str, Arrival] = {'rig turns': turning_rig, 'source passes': passing_source}
+    for rate in RATES_DEG:
+        everything = []
+        for what, arrival in arrivals.items():
+            for name, source in sources.items():
+                rng = np.random.default_rng(37)
+                parts = [trials(rng, moving(source, arrival, np.radians(rate), snr_db), max(1, count // len(SNRS_DB)))
+                         for snr_db in SNRS_DB]
+                everything += parts
+                yield from _moving_figures(f'{rate:g} deg/s, {what}, {name}', parts)
+        for snr_db in SNRS_DB:
+            yield from _moving_figures(f'{rate:g} deg/s, {snr_db:+.0f} dB', everything[SNRS_DB.index(snr_db)::len(SNRS_DB)])
+        bounds = (95.0, 85.0) if rate <= 40.0 else (None, None)
+        yield from _moving_figures(f'{rate:g} deg/s, all', everything, *bounds)
+
+
+def _moving_figures(name: str, parts: Sequence[Trials], at_most: float | None = None, at_least: float | None = None
+                    ) -> Iterator[Figure]:
+    result = Trials.together(parts)
+    passed = result.error[result.passed]
+    yield Figure(f'{name}: errors within 1.64 sigma', result.coverage, '%', at_most, at_least)
+    yield Figure(f'{name}: RMSE', rms(passed), 'deg')
+    yield Figure(f'{name}: median error', float(np.median(passed)), 'deg')
+    yield Figure(f'{name}: RMSE of all', rms(result.error), 'deg')
+    yield Figure(f'{name}: share above the default confidence', 100.0 * result.passed.mean(), '%')
+
+
+def square(count: int) -> Iterator[Figure]:
+    """Four microphones: azimuths over the full circle, elevations from 0 to 60 degrees, sound of rotors at 10 dB."""
+    rng, localizer, rows = np.random.default_rng(52), Localizer(SQUARE, RATE, SETTINGS), []
+    for _ in range(count):
+        azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(0.0, 60.0))
+        window = add_noise(rng, rotors(rng, WINDOW_S, -SQUARE.positions @ angles_to_direction(azimuth, elevation) / C), 10.0)
+        estimate, = localizer.process(window, localizer.next_sample)
+        rows.append((azimuth_error(estimate, azimuth), np.degrees(estimate.elevation[0] - elevation),
+                     len(estimate.azimuth), np.degrees(np.sqrt(estimate.azimuth_variance[0]))))
+    azimuth_errors, elevation_errors, hypotheses, sigmas = np.array(rows).T
+    yield Figure('square of 65 mm, +10 dB: azimuth RMSE', rms(azimuth_errors), 'deg', 2.0)
+    yield Figure('square of 65 mm, +10 dB: elevation RMSE', rms(elevation_errors), 'deg', 5.0)
+    yield Figure('square of 65 mm: hypotheses', hypotheses.max(), '', 1.0)
+    yield Figure('square of 65 mm: azimuth errors within 1.64 sigma', 100.0 * np.mean(azimuth_errors < 1.64 * sigmas), '%')
+
+
+def several(count: int, sources: Sources) -> Iterator[Figure]:
+    """Shares found and false, RMSE and coverage, by array, number of sources and their level below the loudest."""
+    for name, array in (('pair of 0.2 m', PAIR), ('square of 65 mm', SQUARE)):
+        for number, below_db in ((1, 0.0), (2, 0.0), (2, 6.0), (2, 10.0), (3, 0.0)):
+            yield from _several_figures(f'{name}, {number} sources, {0.0 - below_db:g} dB', array, number, below_db, count,
+                                        list(sources.values()))
+
+
+def _several_figures(name: str, array: MicrophoneArray, number: int, below_db: float, count: int, sources: list[Source]
+                     ) -> Iterator[Figure]:
+    rng = np.random.default_rng(71)
+    localizer = Localizer(array, RATE, LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S, max_sources=MOST_SOURCES))
+    found, false = list[tuple[float, float]](), 0
+    for _ in range(count):
+        azimuths, sound = _azimuths(rng, array, number), np.zeros((round(WINDOW_S * RATE), array.channels))
+        for k, azimuth in enumerate(azimuths):
+            wave = sources[rng.integers(len(sources))](rng, WINDOW_S, -array.positions @ angles_to_direction(azimuth) / C)
+            sound += wave / wave.std() * 10.0 ** (-(below_db if k else 0.0) / 20.0)
+        estimate, = localizer.process(add_noise(rng, sound, 15.0), localizer.next_sample)
+        assigned = _assigned(estimate, azimuths)
+        false += len(estimate.sources) - len(assigned)
+        found += assigned
+    errors, sigmas = np.array(found).T
+    yield Figure(f'{name}: found', 100.0 * len(errors) / (number * count), '%')
+    yield Figure(f'{name}: false directions in a window', 100.0 * false / count, '%', 10.0)
+    yield Figure(f'{name}: RMSE', rms(errors), 'deg')
+    yield Figure(f'{name}: errors within 1.64 sigma', 100.0 * float(np.mean(errors < 1.64 * sigmas)), '%')
+
+
+def _assigned(estimate: DoaEstimate, azimuths: NDArray) -> list[tuple[float, float]]:
+    """Error and sigma in deg of the direction of each source at azimuths (s,) that is found, the strongest direction first."""
+    left, found = list(azimuths), list[tuple[float, float]]()
+    for source in estimate.sources:
+        errors = [azimuth_error(source, azimuth) for azimuth in left]
+        if errors and min(errors) < FOUND_DEG:
+            left.pop(int(np.argmin(errors)))
+            found.append((min(errors), float(np.degrees(np.sqrt(source.azimuth_variance[0])))))
+    return found
+
+
+def _azimuths(rng: Generator, array: MicrophoneArray, number: int) -> NDArray:
+    """Random azimuths (number,) in rad of sources that are apart; for a pair up to 70 degrees from broadside."""
+    largest = np.radians(70.0) if array.rank == 1 else np.pi
+    while True:
+        azimuths = rng.uniform(-largest, largest, number)
+        places = angles_to_direction(azimuths) @ array.basis
+        if all(np.linalg.norm(a - b) > APART for k, a in enumerate(places) for b in places[:k]):
+            return azimuths
+
+
+def ego_rotors(count: int) -> Iterator[Figure]:
+    """Median error for a target 10 dB above white noise, by the level of the ego-rotors relative to the target."""
+    for name in ('ignored', 'known', 'estimated'):
+        settings = LocalizerSettings(hop_s=WINDOW_S, estimated_rotors=4 if name == 'estimated' else 0)
+        tolerated = -np.inf
+        for level_db in (-10.0, -5.0, 0.0, 5.0, 10.0, 15.0, 20.0):
+            rng, errors = np.random.default_rng(61), []
+            for _ in range(count):
+                azimuth = rng.uniform(-np.pi, np.pi)
+                sound, blade_pass = _among_rotors(rng, azimuth, level_db)
+                localizer = Localizer(PAIR, RATE, settings)
+                localizer.blade_pass_hz = blade_pass if name == 'known' else np.zeros(0)
+                errors.append(azimuth_error(localizer.process(sound, 0)[0], azimuth))
+            if np.median(errors) < MAX_ERROR_DEG:
+                tolerated = level_db
+            label = f'ego-rotors {name}, {level_db:+.0f} dB over the target'
+            yield Figure(f'{label}: median error', float(np.median(errors)), 'deg')
+            yield Figure(f'{label}: beyond 20 deg', 100.0 * float(np.mean(np.array(errors) > 20.0)), '%')
+        yield Figure(f'ego-rotors {name}: loudest with a median error below {MAX_ERROR_DEG:g} deg', tolerated, 'dB')
+
+
+def _among_rotors(rng: Generator, azimuth: float, level_db: float) -> tuple[NDArray, NDArray]:
+    """Sound (n, 2) of a target, ego-rotors and noise, and the blade-pass frequencies (4,) of the ego-rotors in Hz.
+
+    The ego-rotors are point sources near the microphones with spherical spreading; the amplitudes of their harmonics k
+    decrease as 1/k.
+
+    Parameters:
+        rng: random numbers.
+        azimuth (rad): direction of the target.
+        level_db (dB): level of the ego-rotors relative to the target.
+    """
+    target = rotors(rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
+    blade_pass = rng.uniform(150.0, 220.0, len(EGO_ROTORS))
+    time = np.arange(round(WINDOW_S * RATE))[:, None] / RATE
+    ego = np.zeros(target.shape)
+    for fundamental, position in zip(blade_pass, EGO_ROTORS, strict=True):
+        distances = np.linalg.norm(PAIR.positions - position, axis=1)
+        turn = np.exp(2j * np.pi * fundamental * (time - distances / C))
+        orders = np.arange(1, int(4500.0 / fundamental))
+        amplitudes = np.concatenate([[0.0], np.exp(2j * np.pi * rng.uniform(size=orders.size)) / orders])
+        ego += np.polynomial.polynomial.polyval(turn, amplitudes).real / distances
+    ego /= np.sqrt(band_power(ego[:, 0]))
+    hiss = rng.normal(size=ego.shape)
+    ego += 10.0 ** (BROADBAND_DB / 20.0) * hiss / np.sqrt(band_power(hiss[:, 0]))
+    both = target + 10.0 ** (level_db / 20.0) * np.sqrt(band_power(target[:, 0]) / band_power(ego[:, 0])) * ego
+    louder_db = 10.0 * np.log10(band_power(both[:, 0]) / band_power(target[:, 0]))
+    return add_noise(rng, both, TARGET_SNR_DB + louder_db), blade_pass
