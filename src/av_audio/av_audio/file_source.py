@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,12 @@ import soundfile
 from numpy.typing import NDArray
 
 from av_audio.ring_buffer import RingBuffer
+from av_audio.unfinished_wav import unfinished_wav
 from av_common.files import check_file, one_line
 
 SAMPLE_RATES = (1000, 768_000)    # Hz
 MOST_CHANNELS = 256
+FRAMES_UNKNOWN = 2**63 - 1    # `frames` of a file whose header states no length
 MOST_SAMPLES = 50_000_000    # of a file that is read as a whole: two channels at 48 kHz for nine minutes
 
 
@@ -46,20 +48,46 @@ def read_sound(path: str | Path, channels: Sequence[int] = ()) -> tuple[NDArray,
     """
     with open_sound(path) as file:
         picked = pick_channels(file.channels, channels, str(path))
-        if file.frames * file.channels > MOST_SAMPLES:
-            raise ValueError(f'sound file {path} has {file.frames} frames of {file.channels} channels, '
-                             f'expected at most {MOST_SAMPLES} samples')
-        try:
-            return file.read(dtype='float32', always_2d=True)[:, picked], file.samplerate
-        except soundfile.LibsndfileError as error:
-            raise OSError(f'sound file {path}: {one_line(error)}') from error
+        blocks = []
+        for block in blocks_of(file, file.samplerate):
+            blocks.append(block[:, picked])
+            if len(blocks) * file.samplerate * file.channels > MOST_SAMPLES:
+                raise ValueError(f'sound file {path} has more than {len(blocks)} s of {file.channels} channels, '
+                                 f'expected at most {MOST_SAMPLES} samples')
+        if not blocks:
+            raise ValueError(f'sound file {path} is empty')
+        return np.concatenate(blocks), file.samplerate
+
+
+def blocks_of(file: soundfile.SoundFile, samples: int) -> Iterator[NDArray]:
+    """Blocks (n, channels) in float32 of an open file, the last one shorter; a file that breaks off ends there.
+
+    Parameters:
+        file: from `open_sound`.
+        samples: samples per block.
+    """
+    while len(block := read_block(file, samples)):
+        yield block
+
+
+def read_block(file: soundfile.SoundFile, samples: int) -> NDArray:
+    """The next samples (n, channels) in float32; fewer, or none, at the end of the file or where it breaks off.
+
+    Parameters:
+        file: from `open_sound`.
+        samples: number of samples.
+    """
+    try:
+        return np.asarray(file.read(samples, dtype='float32', always_2d=True))
+    except soundfile.LibsndfileError:    # a recorder was killed within a compressed block
+        return np.zeros((0, file.channels), np.float32)
 
 
 def open_sound(path: str | Path) -> soundfile.SoundFile:
     """Open a sound file. Raises OSError or ValueError that names the file and what is wrong."""
     path = check_file(path, kind='sound file')
     try:
-        file = soundfile.SoundFile(path)
+        file = soundfile.SoundFile(unfinished_wav(path) or path)
     except (soundfile.LibsndfileError, TypeError, ValueError) as error:    # a file without header has no rate
         raise OSError(f'sound file {path} cannot be read: {one_line(getattr(error, "error_string", error))}') from error
     for name, (low, high) in {'samplerate': SAMPLE_RATES, 'channels': (1, MOST_CHANNELS)}.items():
@@ -95,8 +123,9 @@ class FileSource:
         self.sample_rate: int = self._file.samplerate
         self.channels = len(self._picked)
         self.finished = False
-        if not self._file.frames:
+        if not len(read_block(self._file, 1)):
             raise ValueError(f'sound file {path} is empty')
+        self._file.seek(0)
 
     def start(self, buffer: RingBuffer, begin: float | None = None) -> None:
         """Start a thread that writes into the buffer.
@@ -149,7 +178,7 @@ class FileSource:
         blocks = []
         missing = self._block
         while missing:
-            block = self._file.read(missing, dtype='float32', always_2d=True)
+            block = read_block(self._file, missing)
             blocks.append(block)
             missing -= len(block)
             if missing and not self._loop:

@@ -14,8 +14,9 @@ from av_audio.ego_noise import EgoNoise, NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.further_sources import MOST_SOURCES, FurtherSources
 from av_audio.health import FULL_SCALE
+from av_audio.lost_phase import has_lost_phases
 from av_audio.narrowband import Music, Mvdr
-from av_audio.spectra import SpectrumAnalyzer
+from av_audio.spectra import CONVERTED_SHARE, SpectrumAnalyzer
 from av_audio.steered_response import Peak
 from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
 from av_common.acoustics import speed_of_sound
@@ -32,13 +33,14 @@ METHODS: dict[str, tuple[type[Adaptive | Correlation], Weighting]] = {
 # fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing sigma` checks them.
 EVEN_SIGNIFICANCE = 2.8
 SIGNIFICANCE_SLOPE = 1.9
-# Phases above the band are used up to this frequency, where the sound of drones fades; up to this share of half of the sample
-# rate, where converters filter; and up to so many wavelengths between the outermost microphones.
+# Phases above the band are used up to this frequency, where the sound of drones fades; up to where converters filter; and up to
+# so many wavelengths between the outermost microphones.
 WIDEBAND_HZ = 8000.0
-WIDEBAND_SHARE = 0.92
 WIDEBAND_WAVELENGTHS = 10.0
 # Windows in which more of the samples clip have no confidence.
 CLIPPED_SHARE = 0.01
+# A direction of less than this (q, a cosine) is that of no delay, which sound without phases has.
+NO_DELAY = 0.05
 # Below this level a window holds quantisation noise only.
 SILENCE_DBFS = -100.0
 
@@ -155,12 +157,13 @@ class Localizer:
         # Blade-pass frequencies (r,) in Hz of the rig's own rotors, whose harmonics are notched. May change at any time.
         self.blade_pass_hz: Array = np.zeros(0)
         self.restarts = 0  # how often a gap or unusable samples restarted the window
+        self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
         self._window = round(settings.window_s * sample_rate)
         self._hop = max(1, round(settings.hop_s * sample_rate))
         estimator, weighting = METHODS[settings.method]
         highest = 0.0
         if settings.wideband and estimator is Adaptive and ego_noise is None:
-            highest = min(WIDEBAND_HZ, WIDEBAND_SHARE * sample_rate / 2.0,
+            highest = min(WIDEBAND_HZ, CONVERTED_SHARE * sample_rate / 2.0,
                           WIDEBAND_WAVELENGTHS * speed_of_sound(settings.temperature_c) / array.aperture)
         self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz, highest_hz=highest)
         self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
@@ -285,6 +288,9 @@ class Localizer:
         return spectra * notch(frequencies, blade_pass) if len(blade_pass) else spectra
 
     def _confidence(self, peak: Peak, window: NDArray[np.float32]) -> float:
+        if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
+            self.without_phases += 1
+            return 0.0
         source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
         loud = max(float(window.max()), -float(window.min())) >= FULL_SCALE
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0

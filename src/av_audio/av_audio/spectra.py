@@ -8,6 +8,8 @@ from scipy import fft  # scipy.signal would double the time in which a node star
 
 # Bins in which the band-pass filter passes less than this share of the power are not used.
 LEAST_RESPONSE = 0.1
+# Up to this share of half of the sample rate converters pass what they sample.
+CONVERTED_SHARE = 0.92
 # A Tukey window with this tapered share keeps most of the energy (a Hann window has 1.4 times the error) and still
 # prevents leakage of strong sounds outside of the band, such as wind.
 TAPER = 0.25
@@ -24,7 +26,7 @@ class SpectrumAnalyzer:
     Parameters:
         sample_rate (Hz): sample rate.
         window_samples: length of the window.
-        band_hz (Hz): lower and upper edge of the band.
+        band_hz (Hz): lower and upper edge of the band, at most half of the sample rate; what converters filter is left out.
         order: order of the filter.
         highest_hz (Hz): bins above the band that are kept, up to this frequency.
 
@@ -34,9 +36,11 @@ class SpectrumAnalyzer:
     def __init__(self, sample_rate: int, window_samples: int, band_hz: tuple[float, float], order: int = 4,
                  highest_hz: float = 0.0) -> None:
         low, high = band_hz
-        if not 0.0 < low < high < sample_rate / 2.0:
+        converted = CONVERTED_SHARE * sample_rate / 2.0
+        if not (0.0 < low < high <= sample_rate / 2.0 and low < converted):
             raise ValueError(f'band_hz={low:g}..{high:g} must rise and lie within 0..{sample_rate / 2:g} Hz, '
                              f'half of the sample rate')
+        high = min(high, converted)
         frequencies = fft.rfftfreq(window_samples, 1.0 / sample_rate)
         response = butterworth_power(frequencies / sample_rate, (low / sample_rate, high / sample_rate), order)
         above = (frequencies > high) & (frequencies <= highest_hz)

@@ -55,6 +55,7 @@ class DoaStage:
         self.sample_rate = 0.0  # Hz, of the newest frame; 0 before the first
         self._gate = StreamGate()
         self.restarts = 0  # windows that were restarted by gaps or unusable samples
+        self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
         self.swaps = 0  # how often the two channels seem to have changed places
 
     @property
@@ -144,9 +145,10 @@ class DoaStage:
                 self._classifier = DroneClassifier(self._array, frame.sample_rate, speed_of_sound(self._settings.temperature_c),
                                                    self._drone_model, self._ego_noise)
         self._localizer.blade_pass_hz = self._blade_pass_hz
-        before = self._localizer.restarts
+        before, without = self._localizer.restarts, self._localizer.without_phases
         estimates = self._localizer.process(samples, frame.first_sample)
         restarts = self._localizer.restarts - before
+        self.without_phases += self._localizer.without_phases - without
         self.restarts += restarts
         if self._classifier is not None:
             if restarts:

@@ -1,6 +1,9 @@
 """A file as a source in real time."""
 
+import io
+import struct
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,3 +90,63 @@ def test_a_player_that_is_early_waits(ramp_file):
     buffer.wait(5.0)
     source.stop()
     assert time.monotonic() - before >= 0.2 and source.time_of(0) == 100.2
+
+
+def chunk(name, content, size=None):
+    return name + struct.pack('<I', len(content) if size is None else size) + content
+
+
+def written(file_format, subtype='PCM_16', seconds=1.0):
+    """The bytes of a file of two channels, and its samples."""
+    samples = 0.1 * np.random.default_rng(0).normal(size=(round(16_000 * seconds), 2))
+    buffer = io.BytesIO()
+    soundfile.write(buffer, samples, 16_000, format=file_format, subtype=subtype)
+    return bytearray(buffer.getvalue()), samples
+
+
+@pytest.mark.parametrize('subtype', ['PCM_16', 'PCM_24', 'FLOAT'])
+@pytest.mark.parametrize('size', [0, 4000, 2**32 - 1])
+@pytest.mark.parametrize('kind', ['WAV', 'WAVEX'])
+def test_a_killed_recorder_leaves_the_samples_that_are_there(tmp_path, kind, subtype, size):
+    """Its header knows of no samples, of those at its last update, or of as many as possible."""
+    content, samples = written(kind, subtype)
+    at = content.find(b'data') + 4
+    content[at:at + 4] = struct.pack('<I', size)
+    content[4:8] = struct.pack('<I', size)
+    (tmp_path / 'killed.wav').write_bytes(content)
+    read, rate = read_sound(tmp_path / 'killed.wav')
+    assert rate == 16_000
+    np.testing.assert_allclose(read, samples, atol=1e-4)
+    source = FileSource(tmp_path / 'killed.wav', block_samples=800)
+    np.testing.assert_allclose(collect(source, 16_000), samples, atol=1e-4)
+
+
+def test_a_killed_recorder_of_large_files(tmp_path):
+    content, samples = written('RF64')
+    content[20:28] = content[28:36] = bytes(8)
+    (tmp_path / 'killed.wav').write_bytes(content)
+    np.testing.assert_allclose(read_sound(tmp_path / 'killed.wav')[0], samples, atol=1e-4)
+
+
+def test_what_follows_the_samples_is_no_sound(tmp_path):
+    content, samples = written('WAV')
+    content += chunk(b'LIST', b'INFO' + chunk(b'ICMT', b'over the field')) + chunk(b'cue ', bytes(28))
+    content[4:8] = struct.pack('<I', len(content) - 8)
+    (tmp_path / 'whole.wav').write_bytes(content)
+    np.testing.assert_allclose(read_sound(tmp_path / 'whole.wav')[0], samples, atol=1e-4)
+
+
+def test_a_compressed_file_is_read_up_to_where_it_breaks_off(tmp_path):
+    content, samples = written('FLAC', seconds=10.0)
+    (tmp_path / 'cut.flac').write_bytes(content[:len(content) // 2])
+    read, _ = read_sound(tmp_path / 'cut.flac')
+    assert 48_000 < len(read) < 80_000
+    np.testing.assert_allclose(read, samples[:len(read)], atol=1e-4)
+    assert len(collect(FileSource(tmp_path / 'cut.flac', block_samples=48_000), 32_000)) >= 32_000
+
+
+def test_the_killed_recorder_of_the_field():
+    path = Path(__file__).resolve().parents[4] / 'shared/data/field_cases/sound'
+    if not path.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    np.testing.assert_array_equal(read_sound(path / 'stream_zero.wav')[0], read_sound(path / 'plain16.wav')[0])

@@ -3,11 +3,13 @@
 import csv
 import io
 import json
+import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
-from known_sound import RATE, SQUARE, flat, scene
+from known_sound import RATE, SQUARE, add_noise, flat, rotors, scene
 
 from av_audio.calibration import calibrate as fit
 from av_audio.cli import calibrate, localize
@@ -103,8 +105,8 @@ def test_localize_notches_ego_rotors(array_file, tmp_path, capsys):
     sound, _ = scene(np.random.default_rng(3), np.radians(10.0), 15.0)
     soundfile.write(tmp_path / 'flying.wav', 0.5 * sound / np.abs(sound).max(), RATE)
     errors = []
-    for rotors in ('0', '4'):
-        localize.main([str(tmp_path / 'flying.wav'), '--array', str(array_file), '--ego-rotors', rotors, '--json'])
+    for count in ('0', '4'):
+        localize.main([str(tmp_path / 'flying.wav'), '--array', str(array_file), '--ego-rotors', count, '--json'])
         errors.append(abs(json.loads(capsys.readouterr().out)[0]['azimuth_deg'][0] - 10.0))
     assert errors[0] > 5.0
     assert errors[1] < 3.0
@@ -149,3 +151,91 @@ def test_calibration_refuses_too_little():
     azimuths = np.radians(np.linspace(-20.0, 20.0, 50))
     with pytest.raises(ValueError, match=r'span 0\.7 of the 2\.0'):
         fit(pair, azimuths, 0.2 * np.sin(azimuths))
+
+
+@pytest.mark.parametrize('rate', [8000, 8500, 11_025])
+def test_the_default_band_suits_a_telephone_rate(array_file, tmp_path, capsys, rate):
+    """Its upper edge is half of 8 kHz: what converters pass below it is used."""
+    rng, count = np.random.default_rng(1), 2 * rate
+    turn = np.exp(-1j * np.pi * np.fft.rfftfreq(count, 1.0 / rate) * 0.2 / 343.2 * math.sin(math.radians(-50.0)))
+    spectrum = np.fft.rfft(rng.normal(size=count))
+    sound = np.stack([np.fft.irfft(spectrum / turn, count), np.fft.irfft(spectrum * turn, count)], axis=1)
+    soundfile.write(tmp_path / 'slow.wav', 0.1 * sound + 0.01 * rng.normal(size=sound.shape), rate)
+    localize.main([str(tmp_path / 'slow.wav'), '--array', str(array_file), '--json'])
+    for row in json.loads(capsys.readouterr().out):
+        assert min(abs(azimuth + 50.0) for azimuth in row['azimuth_deg']) < 1.0 and row['confidence'] > 0.9
+
+
+@pytest.mark.parametrize(('scale', 'words'), [(1000.0, 'these look like millimetres'), (100.0, 'these look like centimetres'),
+                                              (0.1, 'may be too small by 10'), (0.01, 'may be too small by 100')])
+def test_an_array_in_other_units_is_refused(tmp_path, scale, words):
+    """By what no array can be, and by delays that no array of the stated size can have: rotors from 60 degrees at 0.2 m."""
+    rng = np.random.default_rng(6)
+    sound = rotors(rng, 3.0, np.array([0.0, 0.2 * math.sin(math.radians(60.0)) / C]))
+    soundfile.write(tmp_path / 'sound.wav', add_noise(rng, sound, 15.0), RATE)
+    (tmp_path / 'array.yaml').write_text(f'microphones: [[0, {0.1 * scale}, 0], [0, {-0.1 * scale}, 0]]')
+    with pytest.raises(SystemExit, match=words):
+        localize.main([str(tmp_path / 'sound.wav'), '--array', str(tmp_path / 'array.yaml')])
+
+
+@pytest.mark.parametrize(('spacing', 'azimuth_deg', 'snr_db'), [
+    (0.2, 90.0, 10.0), (0.2, -5.0, 0.0), (0.06, 90.0, 5.0), (0.9, 70.0, 10.0)])
+def test_an_array_in_metres_is_not_refused(tmp_path, capsys, spacing, azimuth_deg, snr_db):
+    rng = np.random.default_rng(7)
+    sound = rotors(rng, 3.0, np.array([0.0, spacing * math.sin(math.radians(azimuth_deg)) / C]))
+    soundfile.write(tmp_path / 'sound.wav', add_noise(rng, sound, snr_db), RATE)
+    (tmp_path / 'array.yaml').write_text(f'microphones: [[0, {spacing / 2}, 0], [0, {-spacing / 2}, 0]]')
+    localize.main([str(tmp_path / 'sound.wav'), '--array', str(tmp_path / 'array.yaml')])
+    assert 'centimetres' not in capsys.readouterr().err
+
+
+def test_a_small_array_in_centimetres_is_doubted(tmp_path, capsys):
+    """3 cm as 3 m: an array that might be, but all sound would come from ahead."""
+    rng = np.random.default_rng(8)
+    sound = flat(rng, 3.0, np.array([0.0, 0.03 * math.sin(math.radians(60.0)) / C]))
+    soundfile.write(tmp_path / 'sound.wav', add_noise(rng, sound, 20.0), RATE)
+    (tmp_path / 'array.yaml').write_text('microphones: [[0, 1.5, 0], [0, -1.5, 0]]')
+    localize.main([str(tmp_path / 'sound.wav'), '--array', str(tmp_path / 'array.yaml')])
+    assert 'were the positions in centimetres' in capsys.readouterr().err
+
+
+TABLES = {
+    'a byte order mark': '\ufefftime,azimuth_deg\n0,10\n1.5,\n2,-20.5\n',
+    'semicolons': 'time;azimuth_deg\n0;10\n1,5;\n2;-20,5\n',
+    'tabs': 'time\tazimuth_deg\n0\t10\n1.5\t\n2\t-20.5\n',
+    'carriage returns': 'time,azimuth_deg\r\n0,10\r\n1.5,\r\n\r\n2,-20.5\r\n',
+    'an old Macintosh': 'time,azimuth_deg\r0,10\r1.5,\r2,-20.5\r',
+    'spaces': ' Time , Azimuth_deg \n 0 , 10\n1.5 , \n 2, -20.5 \n',
+    'quotes and more columns': '"note","azimuth_deg","time"\n"left, far","10","0"\n"","","1.5"\nx,-20.5,2\n,,\n',
+    'a spreadsheet': 'sep=;\n"time";"azimuth_deg"\n0;10\n1,5;\n2;-20,5\n;\n'}
+
+
+@pytest.mark.parametrize('name', TABLES)
+@pytest.mark.parametrize('encoding', ['utf-8', 'utf-16'])
+def test_truth_is_read_as_programs_write_it(tmp_path, name, encoding):
+    (tmp_path / 'truth.csv').write_bytes(TABLES[name].lstrip('\ufeff' if encoding == 'utf-16' else '').encode(encoding))
+    times, azimuths = calibrate.read_truth(tmp_path / 'truth.csv')
+    assert times.tolist() == [0.0, 1.5, 2.0]
+    np.testing.assert_allclose(np.degrees(azimuths), [10.0, np.nan, -20.5])
+
+
+@pytest.mark.parametrize(('text', 'words'), [
+    ('time,azimuth\n0,10\n', "first line is 'time,azimuth', expected the columns time and azimuth_deg"),
+    ('', 'expected the columns'),
+    ('time,azimuth_deg\n0,10\n1,north\n', "line 3: '1,north', expected numbers"), ('time,azimuth_deg\n', 'has no rows'),
+    ('time,azimuth_deg\n,10\n', "line 2: ',10', expected numbers"), ('time,azimuth_deg\n1,1\n0,2\n', 'time 0 follows 1')])
+def test_what_is_no_truth_is_said_by_line(tmp_path, text, words):
+    (tmp_path / 'truth.csv').write_text(text)
+    with pytest.raises(ValueError, match=words) as error:
+        calibrate.read_truth(tmp_path / 'truth.csv')
+    assert str(tmp_path / 'truth.csv') in str(error.value)
+
+
+def test_the_tables_of_the_field():
+    folder = Path(__file__).resolve().parents[4] / 'shared/data/field_cases'
+    if not folder.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    marked, plain = (calibrate.read_truth(folder / 'tables' / name) for name in ('bom.csv', 'plain.csv'))
+    np.testing.assert_array_equal(marked, plain)
+    with pytest.raises(SystemExit, match=r'arr_mm\.yaml: .* these look like millimetres'):
+        localize.main([str(folder / 'sound/plain16.wav'), '--array', str(folder / 'tables/arr_mm.yaml')])

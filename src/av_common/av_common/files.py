@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import reprlib
 import stat
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def check_file(path: str | Path, most_bytes: float = float('inf'), kind: str = '
 
 
 def read_text(path: str | Path, most_bytes: int = MEGABYTE, kind: str = '') -> str:
-    """The text of a file in UTF-8. Raises OSError or ValueError in one line that names the file.
+    """The text of a file in UTF-8, or in UTF-16 with its mark. Raises OSError or ValueError in one line that names the file.
 
     Parameters:
         path, most_bytes, kind: as for `check_file`.
@@ -49,7 +50,7 @@ def read_text(path: str | Path, most_bytes: int = MEGABYTE, kind: str = '') -> s
     if len(content) > most_bytes:
         raise OSError(f'{kind} {path} has more than {most_bytes / MEGABYTE:g} MB'.strip())
     try:
-        return content.decode()
+        return content.decode('utf-16' if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else 'utf-8-sig')
     except UnicodeDecodeError as error:
         raise ValueError(f'{kind} {path} is no text: byte {error.start} is {content[error.start]:#04x}'.strip()) from error
 

@@ -19,6 +19,11 @@ from av_common.config_reader import ConfigError, bounded, load
 FLATNESS_M = 1e-3
 MINIMUM_SPACING_M = 1e-3
 MOST_MICROPHONES = 256
+# The wavelength of a blade-pass frequency of 100 Hz, the lowest of drones: farther apart, microphones hear the same period
+# again, whatever the direction.
+WIDEST_GAP_M = 3.4
+UNITS_M = {'millimetres': 1e-3, 'centimetres': 1e-2}
+USUAL_SIZE_M = 0.15
 
 
 @dataclass(frozen=True)
@@ -93,13 +98,12 @@ class MicrophoneArray:
                              f'got shape {positions.shape}')
         if not np.all(np.isfinite(positions)):
             raise ValueError('microphones: positions must be finite numbers in metres')
-        if np.max(np.abs(positions)) > 100.0:
-            raise ValueError(f'microphones: {np.max(np.abs(positions)):g} m from the origin; '
-                             f'positions are metres, not millimetres')
+        _check_gap(positions)
         object.__setattr__(self, 'positions', positions)
         for i, j in combinations(range(len(positions)), 2):
             if np.linalg.norm(positions[i] - positions[j]) < MINIMUM_SPACING_M:
-                raise ValueError(f'microphones: {i} and {j} are at the same place {positions[i].tolist()}')
+                raise ValueError(f'microphones: {i} and {j} are at the same place {positions[i].tolist()}, expected at least '
+                                 f'{MINIMUM_SPACING_M:g} m between them')
         if self.rank == 1 and np.linalg.norm(self.basis[:2, 0]) < 0.1:
             raise ValueError('microphones: a vertical line cannot measure azimuth; turn it or add a microphone')
         if self.delay_curve is not None and len(positions) != 2:
@@ -217,6 +221,22 @@ class _ArrayFile:
     microphones: tuple[tuple[float, float, float], ...] = bounded(longest=MOST_MICROPHONES)
     name: str = ''
     delay_curve: DelayCurve | None = None
+
+
+def _check_gap(positions: NDArray) -> None:
+    """Raise ValueError where some microphones (m, 3) are farther from all others than an array can be, with the likely unit."""
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)
+    joined, gap = np.zeros(len(positions), bool), 0.0
+    joined[0] = True
+    while not joined.all():    # the smallest tree that joins all (Prim, 1957)
+        apart = distances[joined].min(axis=0)
+        nearest = int(np.argmin(np.where(joined, np.inf, apart)))
+        joined[nearest], gap = True, max(gap, float(apart[nearest]))
+    if gap > WIDEST_GAP_M:
+        size = float(distances.max())
+        unit = min(UNITS_M, key=lambda unit: abs(np.log(size * UNITS_M[unit] / USUAL_SIZE_M)))
+        raise ValueError(f'microphones: {gap:g} m between neighbours, expected at most {WIDEST_GAP_M:g} m, as positions are '
+                         f'in metres; these look like {unit} (an array of {size * UNITS_M[unit]:.3g} m)')
 
 
 def _interpolate(x: NDArray, positions: ArrayLike, values: ArrayLike) -> NDArray:

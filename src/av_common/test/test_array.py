@@ -86,3 +86,19 @@ def test_bad_files_say_what_is_wrong(tmp_path, text, message):
     with pytest.raises(ValueError, match=message) as error:
         MicrophoneArray.load(path)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(('positions', 'unit'), [
+    ([[0, 85, 0], [0, -85, 0]], 'millimetres'), ([[0, 8.5, 0], [0, -8.5, 0]], 'centimetres'),
+    ([[46, 0, 0], [0, 46, 0], [-46, 0, 0], [0, -46, 0]], 'millimetres'),
+    ([[x, y, z] for x in (-20, 20) for y in (-20, 20) for z in (0, 30)], 'millimetres'),
+    ([[4.6 * np.cos(k), 4.6 * np.sin(k), 0.0] for k in range(6)], 'centimetres'),
+    ([[0, 0, 0], [0.2, 0, 0], [9, 0, 0]], 'centimetres')])
+def test_positions_in_other_units_are_refused_with_the_likely_one(positions, unit):
+    with pytest.raises(ValueError, match=f'these look like {unit}'):
+        MicrophoneArray(positions)
+
+
+def test_large_arrays_of_many_microphones_are_arrays():
+    assert MicrophoneArray([[2.0 * x, 2.0 * y, 0.0] for x in range(4) for y in range(4)]).aperture > 8.0
+    assert MicrophoneArray([[0.0, 1.5, 0.0], [0.0, -1.5, 0.0]]).aperture == 3.0

@@ -12,7 +12,6 @@ Exit codes: 0 good, 3 usable beyond 20 degrees from end-fire, 4 do not use (no a
 from __future__ import annotations
 
 import argparse
-import csv
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -26,26 +25,19 @@ from av_audio.calibration_report import Verdict, judge, outlier_lines, save_plot
 from av_audio.cli.guided_recording import record
 from av_audio.cli.localize import add_localizer_arguments, localize_file, settings_from
 from av_audio.device_source import DeviceSource
-from av_common.files import MEGABYTE, one_line, read_text
 from av_common.microphone_array import MicrophoneArray
+from av_common.tables import read_table
 
-MOST_BYTES = 10 * MEGABYTE
 # Places of the loudspeaker in guided mode, in degrees: both ends of the axis, in front and behind.
 PLACES_DEG = (*range(-90, 91, 15), 120, 150, 180, -150, -120)
 
 
 def read_truth(path: str | Path) -> tuple[NDArray, NDArray]:
     """Times (n,) in s and azimuths (n,) in rad, unwrapped, NaN if empty. Raises OSError or ValueError that names the file."""
-    lines = read_text(path, MOST_BYTES).splitlines()
-    try:
-        rows = [(float(row['time']), float(row['azimuth_deg'] or 'nan')) for row in csv.DictReader(lines)]
-    except (csv.Error, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f'{path}: expected columns time and azimuth_deg, numbers in each row ({one_line(error)})') from error
-    if not rows:
-        raise ValueError(f'{path} has no rows')
-    times, azimuths = np.array(rows).T
-    if np.any(np.diff(times) <= 0.0):
-        raise ValueError(f'{path}: times must rise')
+    times, azimuths = read_table(path, ('time', 'azimuth_deg'), optional=('azimuth_deg',)).T
+    falls = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(falls):
+        raise ValueError(f'{path}: time {times[falls[0] + 1]:g} follows {times[falls[0]]:g}, expected times that rise')
     known = np.isfinite(azimuths)
     azimuths[known] = np.unwrap(np.radians(azimuths[known]))
     return times, azimuths
@@ -60,6 +52,9 @@ def calibrate_file(options: argparse.Namespace) -> tuple[Calibration, NDArray]:
     measured_times, paths = measured_path(array, estimates)
     true_azimuths = np.interp(measured_times, times, azimuths, np.nan, np.nan)
     known = np.isfinite(true_azimuths)
+    if len(known) and not known.any():
+        raise ValueError(f'{options.truth} tells azimuths at {times[0]:g} to {times[-1]:g} s, {options.file} is heard at '
+                         f'{measured_times[0]:g} to {measured_times[-1]:g} s: expected seconds since its beginning')
     return calibrate(array, true_azimuths[known], paths[known]), measured_times[known]
 
 

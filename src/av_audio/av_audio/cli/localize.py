@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from av_audio.ego_noise import NoiseRecording
-from av_audio.file_source import open_sound, pick_channels
+from av_audio.file_source import FRAMES_UNKNOWN, blocks_of, open_sound, pick_channels
 from av_audio.health import ChannelHealth
 from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
+from av_audio.spacing import SpacingCheck
+from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
 
@@ -72,23 +74,31 @@ def localize_file(path: str | Path, array: MicrophoneArray, settings: LocalizerS
         if noise is not None:
             noise = noise._replace(samples=noise.samples[:, pick_channels(noise.samples.shape[1], channels, noise.name)])
         localizer = Localizer(array, file.samplerate, settings, noise)
-        if file.frames < settings.window_s * file.samplerate:
-            raise ValueError(f'{path} lasts {file.frames / file.samplerate:.3f} s, less than one window of '
-                             f'{settings.window_s:g} s; choose with --window')
         health = ChannelHealth(array.channels)
+        spacing = SpacingCheck(array, file.samplerate, speed_of_sound(settings.temperature_c))
         first_sample = 0
-        for block in file.blocks(blocksize=max(1, file.samplerate // 20), dtype='float32', always_2d=True):
-            block = block[:, picked]
+        for whole in blocks_of(file, max(1, file.samplerate // 20)):
+            block = whole[:, picked]
             health.update(block)
+            spacing.add(block)
             yield from localizer.process(block, first_sample)
             first_sample += len(block)
             if progress:
                 end = '\n' if first_sample >= file.frames else ''
                 print(f'\r{100 * first_sample // max(1, file.frames):3d} %', end=end, file=sys.stderr, flush=True)
-        for problem in health.problems():
+        heard = first_sample / file.samplerate
+        if heard < settings.window_s:
+            raise ValueError(f'{path} lasts {heard:.3f} s, less than one window of {settings.window_s:g} s; '
+                             'choose with --window')
+        if problem := spacing.problem():
+            raise ValueError(f'{path} does not fit the array {array.name}: {problem}')
+        stated = file.frames if file.frames != FRAMES_UNKNOWN else first_sample
+        cut = f'breaks off after {heard:.2f} s' if stated > first_sample + file.samplerate // 20 else ''
+        lossy = (f'{localizer.without_phases} directions without confidence: a lossy code has removed the phases between the '
+                 'channels; record wav or flac') if localizer.without_phases else ''
+        gaps = f'restarted {localizer.restarts} times after samples that are not finite' if localizer.restarts else ''
+        for problem in filter(None, [cut, spacing.doubt(), *health.problems(), lossy, gaps]):
             print(f'{path}: {problem}', file=sys.stderr)
-        if localizer.restarts:
-            print(f'{path}: restarted {localizer.restarts} times after samples that are not finite', file=sys.stderr)
 
 
 def to_record(estimate: DoaEstimate) -> dict[str, Any]:

@@ -82,6 +82,7 @@ class DoaNode(RigNode):
         status.add('windows restarted by gaps or unusable samples', str(self._stage.restarts))
         status.add('frames of other streams', str(self._stage.foreign))
         status.add('sudden swaps of the channels', str(self._stage.swaps))
+        status.add('directions without phases', str(self._stage.without_phases))
         if latest is not None:
             status.add('level', f'{latest.level_dbfs:.1f} dBFS')
             status.add('sources', str(len(latest.sources)))
@@ -94,6 +95,8 @@ class DoaNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, 'the microphones are silent')
         if self._needs_motor_speeds and self._motor_speeds.age > SILENT_S:
             status.mergeSummary(DiagnosticStatus.WARN, 'no motor speeds, ego-rotors are not notched')
+        if self._stage.without_phases:
+            status.mergeSummary(DiagnosticStatus.WARN, 'a lossy code has removed the phases between the channels')
         if self._stage.swaps:
             status.mergeSummary(DiagnosticStatus.WARN, 'the channels have changed places while running')
 
