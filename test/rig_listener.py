@@ -23,7 +23,7 @@ from av_interfaces.msg import AudioFrame, Bearing, DoaArray, PointingCommand
 
 GAP_S = 0.5
 # One topic of each process; the simulator's images come through the bridge.
-TOPICS = {'rig_frames_node': ('/tf_static', TFMessage, LATCHED), 'doa_node': ('doa', DoaArray, STREAM),
+TOPICS = {'rig_frames_node': ('tf_static', TFMessage, LATCHED), 'doa_node': ('doa', DoaArray, STREAM),
           'fusion_node': ('target/bearing', Bearing, RESULT), 'pointing_node': ('pointing/command', PointingCommand, RESULT),
           'bridge_node': ('odometry', Odometry, STREAM), 'simulator': ('audio/frames', AudioFrame, STREAM)}
 

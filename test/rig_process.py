@@ -18,12 +18,18 @@ from av_evaluation.processes import MarkedProcesses
 
 
 class RigProcess:
-    """`ros2 launch av_fusion rig.launch.py ARGUMENTS` in a process group, ROS domain and UDP port range of its own."""
+    """`ros2 launch av_fusion rig.launch.py ARGUMENTS` in a process group, ROS domain and UDP port range of its own.
+
+    Parameters:
+        arguments: of the launch.
+        launch_file: of `av_fusion`.
+        domain: the ROS domain, for a second rig in that of the first; None for a free one.
+    """
 
     running: ClassVar[list[RigProcess]] = []  # killed after each test by the fixture in conftest.py
 
-    def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py') -> None:
-        self.domain = free_domain()
+    def __init__(self, *arguments: str, launch_file: str = 'rig.launch.py', domain: int | None = None) -> None:
+        self.domain = free_domain() if domain is None else domain
         self.marked = MarkedProcesses(['ros2', 'launch', 'av_fusion', launch_file, *arguments],
                                        {'ROS_DOMAIN_ID': str(self.domain), 'PYTHONUNBUFFERED': '1'}, subprocess.PIPE)
         self._process = self.marked.process

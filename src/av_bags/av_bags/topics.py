@@ -11,7 +11,7 @@ from av_bags.reader import Bag
 AUDIO, DOA, IMAGE, CAMERA = 'audio/frames', 'doa', 'camera/image_raw', 'camera/camera_info'
 DETECTIONS, VISIBILITY, ODOMETRY = 'detections', 'visibility', 'odometry'
 BEARING, STATE, COMMAND = 'target/bearing', 'fusion/state', 'pointing/command'
-TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', '/tf_static', 'motor_speeds'
+TRUE_TARGET, TRUE_RIG, FRAMES, MOTORS = 'truth/target', 'truth/rig', 'tf_static', 'motor_speeds'
 GIMBAL, TARGETS, MARKS = 'gimbal/state', 'targets', 'marks'
 
 _POSES = ('nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped')
@@ -68,6 +68,9 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
                 namespace: str = '') -> Found:
     """Find topics of the rig in a bag: by remapping, by the same name in the namespace, or by a unique ending.
 
+    Where the rig's namespace is stated, topics outside of it are taken by their own name only, as the frames of a robot on
+    /tf_static: another rig's are not.
+
     Parameters:
         bag: the bag to search.
         names: the rig's names of the topics to find.
@@ -76,7 +79,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
 
     Raises BagError when a remapping names a topic that is not in the bag or has an unusable type.
     """
-    remappings = {name.lstrip('/') if name != FRAMES else name: topic for name, topic in (remappings or {}).items()}
+    remappings = {name.lstrip('/'): topic for name, topic in (remappings or {}).items()}
     unknown = set(remappings) - set(KINDS)
     if unknown:
         raise BagError(f'{", ".join(sorted(unknown))} cannot be remapped, only {", ".join(KINDS)}')
@@ -127,8 +130,9 @@ def _candidates(bag: Bag, name: str, namespace: str) -> list[str]:
     small = f'{exact}/compressed'
     if exact in bag.topics or small in bag.topics:
         return [exact if exact in bag.topics else small]
-    endings = (f'/{name.lstrip("/")}', f'/{name.lstrip("/")}/compressed')
-    return sorted(topic for topic in bag.topics if topic.endswith(endings))
+    endings, home = (f'/{name}', f'/{name}/compressed'), absolute('', namespace)
+    return sorted(topic for topic in bag.topics
+                  if topic.endswith(endings) and (topic.startswith(home) or topic in endings))
 
 
 def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:

@@ -26,14 +26,15 @@ class TfRotations:
         node: subscribes to tf.
         base_frame: the body frame.
         nearest (s): how long after the newest transform that one is taken.
+        namespace: see `GuardedTransformListener`.
     """
 
-    def __init__(self, node: Node, base_frame: str, nearest: float = NEAREST_S) -> None:
+    def __init__(self, node: Node, base_frame: str, nearest: float = NEAREST_S, namespace: str = '') -> None:
         self.problem = ''
         self._nearest = nearest
         self._base_frame = base_frame
         self._buffer = Buffer()
-        self._listener = GuardedTransformListener(self._buffer, node)
+        self._listener = GuardedTransformListener(self._buffer, node, namespace)
         self._fixed: dict[str, NDArray[np.float64]] = {}  # rotations of frames that do not move
         self._version = 0  # of the fixed frames when these were looked up
 

@@ -1,12 +1,14 @@
 """Transforms that would spoil tf2's buffer for good: refused, while the rig's frames stay known."""
 
 import math
+import time
 
 import pytest
 import rclpy
 from geometry_msgs.msg import Quaternion, TransformStamped, Vector3
 from tf2_msgs.msg import TFMessage
 
+from av_common.qos import LATCHED, RESULT
 from av_common.stamps import to_stamp
 from av_common.tf_rotations import TfRotations
 
@@ -20,6 +22,7 @@ def tf():
     rclpy.init()
     node = rclpy.create_node('tf_listener_test')
     rotations = TfRotations(node, BASE)
+    rotations.node = node
     rotations.now = math.floor(1e-9 * node.get_clock().now().nanoseconds)    # a number that a float holds
     rotations.fixed = rotations._listener.static_callback
     rotations.moving = rotations._listener.callback
@@ -91,3 +94,26 @@ def test_frames_without_number_take_no_memory(tf):
     with pytest.raises(ValueError, match='more than 500 frames'):
         tf.moving(TFMessage(transforms=[transform(f'frame_{number}', time=tf.now) for number in range(2000)]))
     assert tf._buffer.all_frames_as_string().count('\n') < 600
+
+
+def test_frames_of_the_same_names_stay_with_their_rigs(tf):
+    """One node that looks at two rigs, as the page does: each on a tf of its own, and none on /tf."""
+    node = tf.node
+    rigs = {name: TfRotations(node, BASE, namespace=f'/{name}/') for name in ('left', 'right')}
+    senders = {name: [node.create_publisher(TFMessage, f'{name}/{topic}', qos)
+                      for topic, qos in (('tf_static', LATCHED), ('tf', RESULT))] for name in rigs}
+    common = [node.create_publisher(TFMessage, topic, qos) for topic, qos in (('/tf_static', LATCHED), ('/tf', RESULT))]
+    angles = {'left': 0.4, 'right': -1.2}
+    for publishers, angle in [(common, 2.5), *((senders[name], angle) for name, angle in angles.items())]:
+        publishers[0].publish(TFMessage(transforms=[transform(ARRAY, yaw=angle)]))
+        publishers[1].publish(TFMessage(transforms=[transform(GIMBAL, time=tf.now, yaw=angle + 0.1)]))
+
+    def known(frame):
+        return all(rotations.rotation(frame, tf.now) is not None for rotations in (tf, *rigs.values()))
+    deadline = time.monotonic() + 60.0
+    while not (known(ARRAY) and known(GIMBAL)):
+        assert time.monotonic() < deadline
+        rclpy.spin_once(node, timeout_sec=0.1)
+    for rotations, angle in ((tf, 2.5), *((rigs[name], angle) for name, angle in angles.items())):
+        assert yaw(rotations.rotation(ARRAY, tf.now)) == pytest.approx(angle, abs=1e-5)
+        assert yaw(rotations.rotation(GIMBAL, tf.now)) == pytest.approx(angle + 0.1, abs=1e-5)

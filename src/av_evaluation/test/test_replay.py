@@ -64,7 +64,7 @@ def test_the_output_holds_what_was_computed_and_what_it_rests_on(tmp_path):
         bearings = [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(
             [c for c in reader.connections if c.topic == '/rig_1/target/bearing'])]
     assert counts['/rig_1/truth/rig'] == counts['/rig_1/odometry'] == 1000
-    assert (counts['/rig_1/doa'], counts['/rig_1/detections'], counts['/tf_static']) == (200, 250, 1)
+    assert (counts['/rig_1/doa'], counts['/rig_1/detections'], counts['/rig_1/tf_static']) == (200, 250, 1)
     assert len({counts[f'/rig_1/{name}'] for name in ('target/bearing', 'targets', 'fusion/state', 'pointing/command')}) == 1
     np.testing.assert_allclose([b.azimuth for b in bearings], log.fused['azimuth'], atol=1e-6)
     assert bearings[-1].header.frame_id == 'base_link'

@@ -41,7 +41,8 @@ def copy(bag: Bag, out: BagWriter) -> list[str]:
     left_out = []
     for topic in bag.topics.values():
         try:
-            out.add_topic(topic.name, topic.kind, LATCHED if topic.name == FRAMES else DEFAULT_QOS, bag.definition(topic.name))
+            qos = LATCHED if topic.name.endswith(f'/{FRAMES}') else DEFAULT_QOS
+            out.add_topic(topic.name, topic.kind, qos, bag.definition(topic.name))
         except ValueError as error:
             left_out.append(f'{topic.name} is left out: {error}')
     for name, time_ns, data in bag.messages(out.counts):

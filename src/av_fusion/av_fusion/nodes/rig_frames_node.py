@@ -1,4 +1,4 @@
-"""The rig's frames: those that are fixed from its description to /tf_static, that of its gimbal to /tf."""
+"""The rig's frames: those that are fixed from its description to tf_static, that of its gimbal to tf."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
-from tf2_ros import StaticTransformBroadcaster, TransformBroadcaster
+from tf2_msgs.msg import TFMessage
 
 from av_common.node import RigNode, run
-from av_common.qos import RESULT, STREAM
+from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_common.rig_messages import static_transforms
@@ -39,13 +39,14 @@ class RigFramesNode(RigNode):
         if not self.settings.rig_file:
             raise ValueError("rig_file is empty, expected the path of the rig's description such as config/rig.yaml")
         rig = load_rig(self.settings.rig_file)
-        self._fixed = StaticTransformBroadcaster(self)
-        self._frames = static_transforms(rig, self.get_clock().now().to_msg())
-        self._fixed.sendTransform(self._frames)
+        # Relative names, not those of tf2_ros's broadcasters: rigs in namespaces have frames of the same names.
+        self._fixed = self.create_publisher(TFMessage, 'tf_static', LATCHED)
+        self._frames = TFMessage(transforms=static_transforms(rig, self.get_clock().now().to_msg()))
+        self._fixed.publish(self._frames)
         self._stage = GimbalStage(rig, joint_names(self.settings), self.settings.model) if rig.gimbal else None
         if self._stage:
             self._meter = RateMeter()
-            self._moving = TransformBroadcaster(self)
+            self._moving = self.create_publisher(TFMessage, 'tf', RESULT)
             self._publisher = self.create_publisher(GimbalState, 'gimbal/state', STREAM)
 
     def activate(self) -> None:
@@ -61,13 +62,13 @@ class RigFramesNode(RigNode):
         self.while_active(self.create_timer, PERIOD_S, self._on_time)
 
     def _send_fixed(self) -> None:
-        self._fixed.sendTransform(self._frames)
+        self._fixed.publish(self._frames)
 
     def _on_state(self, message: GimbalState) -> None:
         transform = self._stage.on_state(message, self.now()) if self._stage else None
         if transform is not None:
             self._meter.tick()
-            self._moving.sendTransform(transform)
+            self._moving.publish(TFMessage(transforms=[transform]))
 
     def _on_command(self, message: PointingCommand) -> None:
         if self._stage:

@@ -23,7 +23,7 @@ _TOPICS = {
     'audio/frames': 'av_interfaces/msg/AudioFrame', 'camera/image_raw': 'sensor_msgs/msg/Image',
     'camera/camera_info': 'sensor_msgs/msg/CameraInfo', 'detections': 'vision_msgs/msg/Detection2DArray',
     'odometry': 'nav_msgs/msg/Odometry', 'truth/rig': 'nav_msgs/msg/Odometry',
-    'truth/target': 'nav_msgs/msg/Odometry', '/tf_static': 'tf2_msgs/msg/TFMessage',
+    'truth/target': 'nav_msgs/msg/Odometry', 'tf_static': 'tf2_msgs/msg/TFMessage',
 }
 
 
@@ -41,7 +41,7 @@ class BagRecorder:
         gimbal = {'gimbal/state': 'av_interfaces/msg/GimbalState'} if world.rig.gimbal else {}
         for topic, kind in (_TOPICS | gimbal).items():
             self._writer.add_topic(absolute(topic), kind, LATCHED if topic == FRAMES else DEFAULT_QOS)
-        self._write('/tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
+        self._write('tf_static', EPOCH, TFMessage(transforms=static_transforms(self._rig, to_stamp(EPOCH))))
 
     def write(self, step: Step) -> None:
         """Append one step."""

@@ -89,7 +89,8 @@ class RigWatch:
         self._spectrum_time, self._coherence = 0.0, Coherence()
         self._topics: dict[str, _Topic] = {}
         before = set(node.entities())
-        self._rotations = TfRotations(node, self._settings.base_frame, LATEST_S)  # viewers wait for no transform
+        # Viewers wait for no transform.
+        self._rotations = TfRotations(node, self._settings.base_frame, LATEST_S, f'{rig}/')
         self._converter = MeasurementConverter(self._rotations.rotation, self._settings.target_classes)
         # In the order in which they are taken: the camera before what is seen through it.
         self._read(CameraInfo, 'camera/camera_info', lambda message, _: self._converter.set_camera_info(message),
