@@ -106,3 +106,25 @@ def test_malformed_data_are_refused_by_a_value_error_only(kind):
         except ValueError:
             refused += 1
     assert refused > 50
+
+
+def test_with_a_namespace_the_topics_of_other_rigs_are_not_taken(tmp_path):
+    frames = make.static_frames(make.EPOCH)
+    with make.bag(tmp_path / 'two') as write:
+        for topic in ('/left/tf_static', '/right/tf_static'):
+            write(topic, make.EPOCH, frames)
+        write('/right/doa', make.EPOCH, make.doa(make.EPOCH, 0.1))
+        write('/odometry', make.EPOCH, make.odometry(make.EPOCH))
+        write('/left/robot/detections', make.EPOCH, make.detections(make.EPOCH))
+    wanted = ('tf_static', 'doa', 'odometry', 'detections')
+    with Bag(tmp_path / 'two') as bag:
+        found = find_topics(bag, wanted, namespace='left')
+        assert found.topics == {'tf_static': '/left/tf_static', 'odometry': '/odometry', 'detections': '/left/robot/detections'}
+        assert 'doa:=/right/doa' in found.missing['doa']
+        assert find_topics(bag, wanted, {'/tf_static': '/right/tf_static'}, 'left').topics['tf_static'] == '/right/tf_static'
+        assert 'tf_static' in find_topics(bag, wanted).missing
+    with make.bag(tmp_path / 'older') as write:    # of a release whose frames were on /tf_static
+        write('/tf_static', make.EPOCH, frames)
+        write('/left/doa', make.EPOCH, make.doa(make.EPOCH, 0.1))
+    with Bag(tmp_path / 'older') as bag:
+        assert find_topics(bag, ('tf_static',), namespace='left').topics == {'tf_static': '/tf_static'}

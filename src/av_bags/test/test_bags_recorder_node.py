@@ -88,7 +88,7 @@ def test_each_activation_begins_a_bag_of_its_own(rig, tmp_path):
 
 def test_records_streams_results_and_latched_topics_that_appear_late_or_early(rig, tmp_path):
     rig = rig()
-    latched = rig.sender.create_publisher(TFMessage, '/tf_static', LATCHED)
+    latched = rig.sender.create_publisher(TFMessage, 'tf_static', LATCHED)
     latched.publish(TFMessage(transforms=[TransformStamped(child_frame_id='microphones')]))  # before anyone listens
     audio = rig.sender.create_publisher(AudioFrame, 'audio/frames', STREAM)
     bearing = rig.sender.create_publisher(Bearing, 'target/bearing', RESULT)
@@ -106,8 +106,8 @@ def test_records_streams_results_and_latched_topics_that_appear_late_or_early(ri
     assert [frame.first_sample for frame in read['/rig_1/audio/frames']] == [100 * k for k in range(20)]
     np.testing.assert_array_equal(read['/rig_1/audio/frames'][7].samples, samples)
     np.testing.assert_allclose([b.azimuth for b in read['/rig_1/target/bearing']], 0.01 * np.arange(20), atol=1e-6)
-    assert read['/tf_static'][0].transforms[0].child_frame_id == 'microphones'
-    assert durability['/tf_static'] == 'TRANSIENT_LOCAL'
+    assert read['/rig_1/tf_static'][0].transforms[0].child_frame_id == 'microphones'
+    assert durability['/rig_1/tf_static'] == 'TRANSIENT_LOCAL'
     assert durability['/rig_1/target/bearing'] == 'VOLATILE'
 
 

@@ -34,6 +34,7 @@ class TfRotations:
         self._nearest = nearest
         self._base_frame = base_frame
         self._buffer = Buffer()
+        self._topic = node.resolve_topic_name(f'{namespace}tf_static')
         self._listener = GuardedTransformListener(self._buffer, node, namespace)
         self._fixed: dict[str, NDArray[np.float64]] = {}  # rotations of frames that do not move
         self._version = 0  # of the fixed frames when these were looked up
@@ -58,7 +59,7 @@ class TfRotations:
             at = newest if 0.0 < late <= self._nearest else time
             found = self._buffer.lookup_transform(self._base_frame, frame, Time(nanoseconds=round(1e9 * at)))
         except TransformException as error:
-            self.problem = f'no transform from {frame!r} to {self._base_frame!r}: {error}'
+            self.problem = f'no transform from {frame!r} to {self._base_frame!r} on {self._topic}: {error}'
             return None
         rotation: NDArray[np.float64] = quat2mat(attitude_of(found.transform.rotation))
         if not newest:

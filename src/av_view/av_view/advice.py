@@ -24,7 +24,8 @@ ADVICE: tuple[tuple[str, str, str], ...] = (
     ('fusion_node', r'no .*odometry', 'The attitude of the rig is unknown: px4:=true, or publish odometry. On a mast that '
      'never turns this is harmless.'),
     ('fusion_node', r'no .*(doa|detections)', 'A sensor gives nothing: its node above says why.'),
-    ('fusion_node', r'transform', 'Is rig_frames_node running, or the robot\'s own publisher of /tf?'),
+    ('fusion_node', r'transform', 'Is rig_frames_node running, or the robot\'s own publisher of tf, in the '
+     'rig\'s namespace?'),
     ('pointing_node', r'no target/bearing', 'fusion_node gives no bearing: look there.'),
     ('pointing_node', r'no odometry', 'The body stands still without odometry: px4:=true, or publish odometry.'),
     ('recorder_node', r'messages lost', 'The disk is too slow: record fewer topics or images:=jpeg, or onto another disk.'),

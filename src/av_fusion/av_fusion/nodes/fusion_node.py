@@ -144,7 +144,7 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.ERROR, problem)
         late, self._untransformed = self._stage.untransformed - self._untransformed, self._stage.untransformed
         if late:
-            status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is /tf '
+            status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
         self._sources.report(status, self._stage.gate.sources.refused)
