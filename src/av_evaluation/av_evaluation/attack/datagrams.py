@@ -14,8 +14,7 @@ from random import Random
 import numpy as np
 
 from av_evaluation.attack.hostile import HostileValues
-from av_evaluation.attack.pace import paced
-from av_evaluation.attack.worker import serve
+from av_evaluation.attack.worker import paced, serve
 from av_sim_bridge.wire.audio import AudioFormat, AudioHeader, encode_audio
 from av_sim_bridge.wire.gimbal import GimbalSample, encode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, encode_image
@@ -31,6 +30,8 @@ TIMES = (0.0, 1.0, 60.0, 1e4, 1.7e9, 1e300, -1.0, float('nan'), float('inf'))
 BOMB_SIDE = 12_000      # px of an image that is small as a datagram and large in memory
 BOMB_EVERY = 500        # datagrams of the image port
 SOCKETS = 4
+# Of the right layout with hostile values; bytes; times that jump and drift; such as a simulator's.
+KINDS = ('structured', 'random', 'clocks', 'genuine')
 
 
 class Datagrams:
@@ -42,26 +43,23 @@ class Datagrams:
             one.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
         self._bomb = encode_image(EncodedImage(5.0, _bomb(BOMB_SIDE)))
 
-    def attack(self, kind: str, seconds: float, rate: float, seed: int, offset: int = 0,
-               host: str = '127.0.0.1', spare: tuple[str, ...] = ()) -> dict[str, int]:
+    def attack(self, seconds: float, rate: float, seed: int, offset: int = 0, host: str = '127.0.0.1',
+               kinds: tuple[str, ...] = KINDS) -> dict[str, int]:
         """Send datagrams; returns their number by port.
 
         Parameters:
-            kind: `structured` (of the right layout, with hostile values), `random` (bytes), `clocks` (times that jump and
-                drift), or `genuine` (such as a simulator's).
             seconds: duration.
             rate (Hz): of the datagrams to each port.
             seed: of the random values.
             offset: of all ports.
             host: address of the receiver.
-            spare: ports to leave alone.
+            kinds: of KINDS, in turns.
         """
         values, sent = HostileValues(Random(seed)), Counter[str]()
         ports = vars(Ports().shifted(offset)) | {'depth': Ports().shifted(offset).depth}
-        names = [name for name in sorted(ports) if name not in spare]
-        begun = time.monotonic()
+        names, begun = sorted(ports), time.monotonic()
         for number in paced(seconds, rate * len(names)):
-            name = names[number % len(names)]
+            name, kind = names[number % len(names)], kinds[number // len(names) % len(kinds)]
             elapsed = time.monotonic() - begun
             for datagram in self._datagrams(kind, name, number // len(names), elapsed, values):
                 sent[name] += self._send(datagram, (host, ports[name]), values.random)
@@ -73,6 +71,8 @@ class Datagrams:
         random = values.random
         if kind == 'random':
             return [random.randbytes(random.choice(RANDOM_SIZES))]
+        if kind == 'clocks' and name == 'control':
+            return []    # of which each would be obeyed
         if kind == 'structured' and name in ('image', 'depth') and number % BOMB_EVERY == 0:
             return self._bomb
         moments = {'clocks': (0.4 * number, 1e300, elapsed + random.choice((-10.0, -0.4, 0.4, 10.0, 1e4)), 1.001 * elapsed),

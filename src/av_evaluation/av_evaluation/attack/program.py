@@ -1,41 +1,47 @@
-"""Runs attacks on a rig, one after the other, until the time is over, and judges each."""
+"""Attacks on a running rig, one after the other until the time is over, and the verdict on what must hold throughout."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-import shutil
+import random
+import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass, field
 from itertools import count
 from pathlib import Path
-from random import Random
 
-from av_evaluation.attack.attacks import ATTACKS, HERE, NOT_RESPAWNED, PROCESS_ATTACKS, THERE, Arena, victims
-from av_evaluation.attack.rig import Memory, Rig, free_domain, growth
-from av_evaluation.attack.verdicts import GOAL_PER_HOUR, Result, sent_by_target, table, too_few, verdicts
+from av_evaluation.attack.judges import Findings
+from av_evaluation.attack.observer import Observer
 from av_evaluation.attack.worker import Worker, WorkerError
 from av_evaluation.namespaces import Host, is_inside
+from av_evaluation.processes import MarkedProcesses, ProcessSample, launched_rig, sample
 
-PLANNED = 1.25             # times the messages that must be sent; a busy machine sends fewer than planned
-MESSAGE_ATTACKS = 3.5      # of one round, which send to every topic
-DATAGRAM_ATTACKS = 3.5     # of one round, which send to every port
-SHORTEST, LONGEST = 3.0, 10.0   # s of one attack: for a longer one, in which the body stands still, the target is anywhere
-OVERHEAD = 4.0             # s between attacks
-MOST_RATE = 2000.0         # Hz for each topic and each port
-START = 90.0               # s in which the rig must track
-PATIENCE = 12.0            # s for which tracking is awaited after an attack
-SETTLE = 11.0              # s of tracking before the first attack, and at most before the others
-FACED = math.radians(10.0)    # from the body's front to the target where an attack begins: each shows its own effect
+SECONDS = 6.0              # of one attack: for a longer one, in which the body stands still, the target is anywhere
+MESSAGE_RATE, DATAGRAM_RATE, REQUEST_RATE = 30.0, 60.0, 20.0    # Hz, to each topic, to each port, of all requests
+START_S, PATIENCE_S, SETTLE_S = 90.0, 12.0, 11.0    # in which the rig tracks first, tracks again, faces the target
+FACED = math.radians(10.0)    # from the body's front to the target where an attack begins
+STOPPED_S = 2.0            # for which a process is stopped
+STILL_AFTER_S = 0.5        # from the end of inputs or of permission to the moment from which nothing may move
+ANSWER_S = 30.0            # for which a worker may be late
+MOST_GROWTH = 20.0         # MiB, of a process over all attacks
+MOST_RECOVERY_S, MOST_RECOVERY_PROCESS_S, MOST_RESPAWN_S = 1.0, 3.0, 2.0
+LEAST_SHARE = 0.95         # of the bearings that stay true while another host attacks
+OLD_S = 10.0               # age from which a process has all the memory that it needs
+NOT_RESPAWNED = ('monitor_node',)    # its table would begin again
+COMMANDS = '/pointing/command'
+HERE, THERE = '10.87.0.1', '10.87.0.2'    # addresses of this host and of the other one
 # Cyclone DDS would choose the cable to the other host.
 LOOPBACK_ONLY = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
 ARGUMENTS = ('scenario:=circle', 'oracle:=true')
+IN_TIME = 'tracking and processes are back in time'
+Memory = dict[int, tuple[str, ProcessSample]]
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,7 @@ class Options:
     """What to run.
 
     Parameters:
-        minutes: duration of all attacks.
-        messages: to send to each topic, and datagrams to each port; 0 for GOAL_PER_HOUR, or its part of less than an hour.
+        minutes: duration of all attacks; the first round has all kinds.
         out: folder for the table, the data and what the rig prints.
         only: names of attacks, empty for all.
         seed: of all random values.
@@ -58,245 +63,346 @@ class Options:
     seed: int = 0
     offset: int = 0
     arguments: tuple[str, ...] = ()
-    messages: int = 0
-
-    @property
-    def planned(self) -> float:
-        """Messages to send to each topic, and datagrams to each port."""
-        return PLANNED * (self.messages or GOAL_PER_HOUR * self.minutes / 60.0)
-
-    @property
-    def goal(self) -> int:
-        """Messages that each topic and each port must get for the verdict on it; 0 without one."""
-        return self.messages or (GOAL_PER_HOUR if self.minutes >= 60.0 and not self.only else 0)
-
-    @property
-    def seconds(self) -> float:
-        """Duration of one attack: all kinds have their turn."""
-        return min(max(60.0 * self.minutes / (2.0 * len(ATTACKS)) - OVERHEAD, SHORTEST), LONGEST)
-
-    @property
-    def victims(self) -> int:
-        """Processes that are killed, and stopped, in one round."""
-        return 1 if self.minutes < 3.0 else 3
 
 
-class Program:
-    """The attacks on one rig.
+@dataclass
+class Result:
+    """What one attack did.
+
+    Attributes:
+        name: of the attack, with the process that it concerns.
+        sent: number of messages, datagrams or requests by their target.
+        deaths: processes that ended though nobody killed them.
+        found: commands that were bad, or moved what must not move.
+        ended (s): time of its end, of a kill that of the signal; None until then.
+        recovery (s): from the end until tracking was back; None where it did not come back.
+        most_recovery (s): that is permitted.
+        meanwhile: bearings until then by what was wrong with them.
+        faults, late: further reasons why the attack succeeded; `late` those that a busy machine alone may cause.
+    """
+
+    name: str
+    sent: dict[str, int] = field(default_factory=dict)
+    deaths: list[str] = field(default_factory=list)
+    found: Findings = field(default_factory=Findings)
+    ended: float | None = None
+    recovery: float | None = None
+    most_recovery: float = MOST_RECOVERY_S
+    meanwhile: dict[str, int] = field(default_factory=dict)
+    faults: list[str] = field(default_factory=list)
+    late: list[str] = field(default_factory=list)
+
+    def add(self, sent: dict[str, int]) -> None:
+        """Add numbers of what was sent."""
+        self.sent = {name: self.sent.get(name, 0) + sent.get(name, 0) for name in self.sent | sent}
+
+
+class Attack:
+    """The attacks on one rig, each a method that takes its result, and of some the name of a process.
 
     Parameters:
         options: what to run.
     """
 
     def __init__(self, options: Options) -> None:
-        self._options, self._random, self._log = options, Random(options.seed), options.out / 'attack.log'
+        self._options, self._random = options, random.Random(options.seed)
         self._results: list[Result] = []
         self._first: Memory = {}    # before the first attack on each process, and after the last
         self._last: Memory = {}
-        self._opened = ExitStack()
-        self._next_victims: dict[str, list[str]] = {kind: [] for kind in PROCESS_ATTACKS}
+        self._killed: set[int] = set()
+        self._opened, self._launched = ExitStack(), ExitStack()
+        self.kinds: dict[str, Callable[[Result], None]] = {
+            'messages': self._messages, 'datagrams': self._datagrams, 'another host': self._another_host,
+            'requests': self._requests, 'no inputs': self._no_inputs, 'disabled': self._disabled}
+        self.process_kinds: dict[str, Callable[[Result, str], None]] = {'kill': self._kill, 'stop': self._stop}
 
     def run(self) -> int:
-        """Attack, print and write the results; returns 1 where a verdict fails."""
+        """Attack, print and write the results; returns 1 where a verdict fails, 2 where the attack itself fails."""
         options = self._options
         options.out.mkdir(parents=True, exist_ok=True)
         with self._opened:
-            self._open()
-            if not self._tracks(time.time() - 5.0, START):
-                print(f'attack: the rig does not track without an attack, see {options.out / "rig.log"}', file=sys.stderr)
-                return 1
-            print(f'topics: {" ".join(self._arena.messages.call("find"))}', flush=True)
-            time.sleep(SETTLE)
-            self._begun = time.monotonic()
-            failed = 0
             try:
+                self._open()
+                if not self._tracks(time.time(), START_S):
+                    print(f'attack: the rig does not track without an attack, see {options.out / "rig.log"}', file=sys.stderr)
+                    return 2
+                print(f'topics: {" ".join(self._peer.call("find"))}', flush=True)
+                time.sleep(SETTLE_S)
                 for kind, name in self._plan():
                     self._attack(kind, name)
             except KeyboardInterrupt:
                 print('attack: interrupted', file=sys.stderr)
             except WorkerError as error:
-                print(f'attack: {error}, see {self._log}', file=sys.stderr)
-                failed = 2
-            return self._report() if not failed else max(failed, self._report())
+                print(f'attack: {error}, see {options.out / "attack.log"}', file=sys.stderr)
+                return 2
+            return self._report()
 
     def _open(self) -> None:
-        options, opened = self._options, self._opened
-        environment = {'ROS_DOMAIN_ID': str(free_domain()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                       'CYCLONEDDS_URI': LOOPBACK_ONLY}
-        other_host = self._other_host()
-        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.arguments)]
-        given = [*defaults, f'record:={self._bag()}', f'port_offset:={options.offset}', *options.arguments]
-        rig = Rig(given, options.out / 'rig.log', environment)
-        opened.callback(rig.close)
-        observer, messages, datagrams = (self._worker(module, environment) for module in ('observer', 'messages', 'datagrams'))
-        rounds = max(60.0 * options.minutes / self._round_seconds(), 1.0)
-        message_rate, datagram_rate = (min(options.planned / (rounds * attacks * options.seconds), MOST_RATE)
-                                       for attacks in (MESSAGE_ATTACKS, DATAGRAM_ATTACKS))
-        self._arena = Arena(rig, observer, messages, datagrams, other_host, options.offset, options.seconds, message_rate,
-                            datagram_rate, self._random)
+        os.environ |= {'ROS_DOMAIN_ID': str(random.SystemRandom().randrange(1, 101)), 'CYCLONEDDS_URI': LOOPBACK_ONLY,
+                       'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+        self._bags = self._opened.enter_context(tempfile.TemporaryDirectory(prefix='attack_'))
+        self._opened.callback(self._launched.close)
+        self._launch()
+        self._observer = Observer()
+        self._opened.callback(self._observer.close)
+        self._peer, self._sender = self._worker('messages'), self._worker('datagrams')
+        self._foreigner: Worker | None = None
+        if is_inside():
+            with suppress(OSError, subprocess.SubprocessError):
+                host = Host('attack0', f'{THERE}/24', f'{HERE}/24')
+                self._opened.callback(host.close)
+                self._foreigner = self._worker('datagrams', host.prefix)
 
-    def _bag(self) -> Path:
-        """A bag that the recorder writes during the attacks, in a folder that is removed with it."""
-        folder = tempfile.mkdtemp(prefix='attack_')
-        self._opened.callback(shutil.rmtree, folder, ignore_errors=True)
-        return Path(folder) / 'rig_%H%M%S.mcap'
-
-    def _round_seconds(self) -> float:
+    def _launch(self) -> None:
+        """Start the rig, and end the one before with all its processes."""
+        self._launched.close()
         options = self._options
-        return len(ATTACKS) * (options.seconds + OVERHEAD) + len(PROCESS_ATTACKS) * options.victims * 2.0 * OVERHEAD
+        defaults = [one for one in ARGUMENTS if not any(given.startswith(one.partition('=')[0]) for given in options.arguments)]
+        given = [*defaults, f'record:={self._bags}/rig_%H%M%S.mcap', f'port_offset:={options.offset}', *options.arguments]
+        log = self._launched.enter_context((options.out / 'rig.log').open('ab'))
+        self._rig: MarkedProcesses = self._launched.enter_context(launched_rig(given, log))
+        self._since = time.monotonic()
 
-    def _other_host(self) -> Worker | None:
-        if not is_inside():
-            return None
-        try:
-            host = Host('attack0', f'{THERE}/24', f'{HERE}/24')
-        except (OSError, subprocess.SubprocessError) as error:
-            print(f'attack: no other host: {error}', file=sys.stderr)
-            return None
-        self._opened.callback(host.close)
-        return self._worker('datagrams', prefix=host.prefix)
-
-    def _worker(self, module: str, environment: Mapping[str, str] | None = None, prefix: Sequence[str] = ()) -> Worker:
-        worker = Worker(module, self._log, environment, prefix)
+    def _worker(self, module: str, prefix: Sequence[str] = ()) -> Worker:
+        worker = Worker(module, self._options.out / 'attack.log', prefix)
         self._opened.callback(worker.close)
         return worker
 
+    def _parts(self) -> dict[str, int]:
+        """Process ids of the rig's programs by name."""
+        return {name: number for number, name in self._rig.alive().items() if name.endswith('_node') or name == 'simulator'}
+
     def _plan(self) -> Iterator[tuple[str, str]]:
         """Kinds of attacks with the process that they concern, round after round until the time is over."""
-        end = self._begun + 60.0 * self._options.minutes
-        kinds = [kind for kind in (*ATTACKS, *PROCESS_ATTACKS) if not self._options.only or kind in self._options.only]
-        if self._arena.other_host is None and 'another host' in kinds:
+        kinds = [kind for kind in (*self.kinds, *self.process_kinds) if not self._options.only or kind in self._options.only]
+        if self._foreigner is None and 'another host' in kinds:
             kinds.remove('another host')
+            print('attack: no other host can be made here, so none attacks', file=sys.stderr)
+        self._begun, next_victims = time.monotonic(), dict[str, list[str]]()
         for number in count():
             for kind in kinds:
-                names = self._victims(kind) if kind in PROCESS_ATTACKS else ['']
-                for name in names:
-                    if number and time.monotonic() > end:    # the first round has all kinds
-                        return
-                    yield kind, name
-
-    def _victims(self, kind: str) -> list[str]:
-        """The next processes, each in its turn."""
-        chosen = []
-        for _ in range(self._options.victims):
-            if not self._next_victims[kind]:
-                self._next_victims[kind] = victims(self._arena.rig)
-                self._random.shuffle(self._next_victims[kind])
-            chosen += self._next_victims[kind][:1]
-            del self._next_victims[kind][:1]
-        return chosen
+                if number and time.monotonic() > self._begun + 60.0 * self._options.minutes:
+                    return
+                name = ''
+                if kind in self.process_kinds:
+                    left = next_victims.get(kind) or self._random.sample(names := sorted(self._parts()), len(names))
+                    name, *next_victims[kind] = left
+                yield kind, name
 
     def _attack(self, kind: str, name: str) -> None:
-        arena = self._arena
-        self._settle()
-        result = Result(' '.join(filter(None, (kind, name))))
-        deaths, begun = len(arena.rig.deaths), time.monotonic()
-        before = arena.rig.measure()
-        self._first = before | self._first
-        arena.observer.call('begin')
+        with suppress(TimeoutError):
+            self._wait(SETTLE_S, lambda: abs(self._observer.bearings.azimuth) < FACED)
+        result, before = Result(' '.join(filter(None, (kind, name)))), self._parts()
+        self._first = self._memory() | self._first
+        with self._observer.lock:
+            self._observer.commands.begin()
         try:
-            if kind in ATTACKS:
-                ATTACKS[kind](arena, result)
+            if kind in self.kinds:
+                self.kinds[kind](result)
             else:
-                PROCESS_ATTACKS[kind](arena, result, name)
+                self.process_kinds[kind](result, name)
         except KeyError as error:
             result.faults.append(f'{error} does not run')
-        result.seconds = time.monotonic() - begun
-        self._judge(result, kind)
-        result.growth = growth(before, self._measure())
-        result.deaths = [f'{name} at {moment:.1f}' for moment, name in arena.rig.deaths[deaths:]]
+        self._judge(result)
+        self._last |= self._memory()
+        after = set(self._parts().values())
+        result.deaths = [dead for dead, number in before.items() if number not in after | self._killed]
         self._results.append(result)
         self._show(result)
-        if result.recovery is None or arena.rig.ended:
-            arena.rig.restart()
-            self._tracks(time.time(), START)
-            arena.observer.call('forget')
+        if result.recovery is None or self._rig.process.poll() is not None:
+            self._launch()
+            self._tracks(time.time(), START_S)
+            self._observer.commands.forget()
 
-    def _settle(self) -> None:
-        deadline = time.monotonic() + SETTLE
-        while time.monotonic() < deadline and not self._arena.observer.call('faces', angle=FACED):
-            time.sleep(0.2)
+    def _judge(self, result: Result) -> None:
+        """Wait for tracking, and collect what was observed."""
+        result.ended = since = result.ended or time.time()
+        observer = self._observer
+        with observer.lock:
+            observer.bearings.forget_truth(since)
+        result.recovery = self._tracks(since, PATIENCE_S)
+        with observer.lock:
+            result.meanwhile = dict(observer.bearings.faults(since, since + (result.recovery or PATIENCE_S)))
+            result.found = observer.commands.findings
 
-    def _judge(self, result: Result, kind: str) -> None:
-        """Restore what a permitted peer changed, wait for tracking, and collect what was observed."""
-        arena = self._arena
-        result.ended = result.ended or time.time()
-        if kind in ('lifecycle requests', 'parameter requests', 'disabled'):
-            lost = arena.messages.call('restore', timeout=60.0)   # a shutdown ends a process that is not started again
-            result.faults += [f'{name} cannot be active again' for name in lost if not name.endswith(NOT_RESPAWNED)]
-            result.ended = time.time()
-        arena.observer.call('quiet', since=result.ended)
-        result.recovery = self._tracks(result.ended, PATIENCE)
-        until = result.ended + (PATIENCE if result.recovery is None else result.recovery)
-        result.meanwhile = arena.observer.call('faults', begin=result.ended, end=until)
-        found = arena.observer.call('findings')
-        for key in ('commands', 'bad', 'moves', 'bad_count', 'move_count', 'largest_yaw_rate'):
-            setattr(result, key, found[key])
-        result.diagnostics |= found['diagnostics']
-
-    def _measure(self) -> Memory:
-        now = self._arena.rig.measure()
-        self._last |= now
-        return now
+    def _memory(self) -> Memory:
+        """Measurements of each process that need no more memory than it has."""
+        if time.monotonic() - self._since < OLD_S:
+            return {}
+        taken = {number: (name, sample(number)) for name, number in self._parts().items()}
+        return {number: (name, one) for number, (name, one) in taken.items() if one is not None}
 
     def _tracks(self, since: float, timeout: float) -> float | None:
         """Time (s) after `since` at which tracking was back, None where it was not within `timeout` (s)."""
-        deadline = time.time() + timeout
-        while time.time() < deadline:
-            recovered = self._arena.observer.call('recovered', since=since)
-            if recovered is not None:
-                return float(recovered)
-            if self._arena.rig.ended:
-                return None
-            time.sleep(0.2)
-        return None
+        with suppress(TimeoutError):
+            self._wait(timeout, lambda: self._observer.bearings.recovered(since) is not None)
+        return self._observer.bearings.recovered(since)
+
+    def _wait(self, timeout: float, condition: Callable[[], bool]) -> None:
+        """Wait for what the observer sees. Raises TimeoutError after a time (s), or where the rig has ended."""
+        deadline = time.monotonic() + timeout
+        while True:
+            with self._observer.lock:
+                if condition():
+                    return
+            if time.monotonic() > deadline or self._rig.process.poll() is not None:
+                raise TimeoutError
+            time.sleep(0.1)
+
+    def _seed(self) -> int:
+        return self._random.randrange(2**31)
+
+    def _send(self, result: Result, datagrams: Sequence[str] = (), **messages: object) -> None:
+        """Attack ports by kinds of datagrams, and topics where options of `Messages.attack` are given, at once."""
+        if datagrams:
+            self._sender.send('attack', seconds=SECONDS, rate=DATAGRAM_RATE, seed=self._seed(), offset=self._options.offset,
+                              kinds=datagrams)
+        if messages:
+            result.add(self._peer.call('attack', SECONDS + ANSWER_S, seconds=SECONDS, rate=MESSAGE_RATE, seed=self._seed(),
+                                       **messages))
+        if datagrams:
+            result.add(self._sender.receive(SECONDS + ANSWER_S))
+
+    def _messages(self, result: Result) -> None:
+        """Messages with hostile fields, damaged ones, and genuine ones at another time, on every topic."""
+        self._send(result, stale=False)
+
+    def _datagrams(self, result: Result) -> None:
+        """Datagrams of the right layout with hostile values, of random bytes, and of times that jump, to every port."""
+        self._send(result, ('structured', 'random', 'clocks'))
+
+    def _another_host(self, result: Result) -> None:
+        """Datagrams from another host, some as a simulator sends them: nobody may notice."""
+        assert self._foreigner is not None
+        begun = time.time()
+        result.add(self._foreigner.call('attack', SECONDS + ANSWER_S, seconds=SECONDS, rate=DATAGRAM_RATE, seed=self._seed(),
+                                        offset=self._options.offset, host=HERE, kinds=('structured', 'genuine')))
+        with self._observer.lock:
+            found = self._observer.bearings.faults(begun + 0.5)
+        if (share := found[''] / max(found.total(), 1)) < LEAST_SHARE:
+            result.late.append(f'only {share:.0%} of the bearings were true while another host sent')
+
+    def _requests(self, result: Result) -> None:
+        """Transitions and parameters; what a permitted peer changed is restored."""
+        result.add(self._peer.call('request', SECONDS + ANSWER_S, seconds=SECONDS, rate=REQUEST_RATE, seed=self._seed()))
+        lost = self._peer.call('restore', timeout=60.0)
+        result.faults += [f'{name} cannot be active again' for name in lost if not name.endswith(NOT_RESPAWNED)]
+
+    def _no_inputs(self, result: Result) -> None:
+        """The simulator is stopped, and messages whose stamps are far from now, and random datagrams, must move nothing."""
+        result.most_recovery = MOST_RECOVERY_PROCESS_S
+        simulator = self._parts()['simulator']
+        os.kill(simulator, signal.SIGSTOP)
+        try:
+            self._forbid_motion()
+            self._send(result, ('random',), stale=True, spare=[COMMANDS])
+        finally:
+            self._permit_motion()
+            with suppress(ProcessLookupError):
+                os.kill(simulator, signal.SIGCONT)
+
+    def _disabled(self, result: Result) -> None:
+        """Pointing is disabled, and no message or datagram moves the rig, however genuine it looks."""
+        if not self._peer.call('enable', enabled=False):
+            result.faults.append('pointing could not be disabled')
+            return
+        self._forbid_motion()
+        self._send(result, ('structured',), spare=[COMMANDS])
+        self._permit_motion()
+        self._peer.call('restore', timeout=60.0)
+
+    def _forbid_motion(self) -> None:
+        with self._observer.lock:
+            self._observer.commands.begin(time.time() + STILL_AFTER_S)
+        time.sleep(STILL_AFTER_S)
+
+    def _permit_motion(self) -> None:
+        with self._observer.lock:
+            self._observer.commands.end(time.time())
+
+    def _kill(self, result: Result, name: str) -> None:
+        """A process is killed: it runs again within MOST_RESPAWN_S."""
+        result.most_recovery, number = MOST_RECOVERY_PROCESS_S, self._parts()[name]
+        self._killed.add(number)
+        os.kill(number, signal.SIGKILL)
+        result.sent, result.ended = {f'SIGKILL to {name}': 1}, time.time()
+        if name == 'pointing_node':
+            self._observer.commands.forget()
+        with suppress(TimeoutError):
+            self._wait(MOST_RESPAWN_S, lambda: name in NOT_RESPAWNED or self._parts().get(name, number) != number)
+            return
+        result.late.append(f'{name} was not back in {MOST_RESPAWN_S:.0f} s')
+
+    def _stop(self, result: Result, name: str) -> None:
+        """A process is stopped, and continues later."""
+        result.most_recovery, number = MOST_RECOVERY_PROCESS_S, self._parts()[name]
+        os.kill(number, signal.SIGSTOP)
+        result.sent = {f'SIGSTOP to {name}': 1}
+        time.sleep(STOPPED_S)
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGCONT)
 
     def _show(self, result: Result) -> None:
-        spent, load = time.monotonic() - self._begun, os.getloadavg()[0]
         back = 'never' if result.recovery is None else f'{result.recovery:.1f} s'
-        print(f'{spent:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} deaths, '
-              f'{result.bad_count} bad commands, {result.move_count} wrong moves, memory {result.largest_growth:+.1f} MiB, '
-              f'tracking back: {back} (load {load:.0f})', flush=True)
+        print(f'{time.monotonic() - self._begun:5.0f} s  {result.name}: {sum(result.sent.values())} sent, {len(result.deaths)} '
+              f'deaths, {result.found.bad_count} bad commands, {result.found.move_count} wrong moves, tracking back: {back}',
+              flush=True)
         if result.recovery is None or result.recovery > result.most_recovery:
-            print(f'         bearings meanwhile: {result.meanwhile}', flush=True)
-        for fault in (*result.deaths, *result.bad[:2], *result.moves[:2], *result.faults, *result.late):
+            print(f'         bearings meanwhile: {result.meanwhile}; {self._problems()}', flush=True)
+        for fault in (*result.deaths, *result.found.bad[:2], *result.found.moves[:2], *result.faults, *result.late):
             print(f'         {fault}', flush=True)
 
+    def _problems(self) -> str:
+        """What the rig's nodes complain of."""
+        return '; '.join(f'{name.removesuffix(": status")}: {text[:200]}' for name, text in self._observer.problems.items()
+                         if name.endswith('_node: status') and text != 'active')
+
     def _report(self) -> int:
-        if not self._results:
-            print('attack: no attack came to its end, so nothing is known', file=sys.stderr)
-            return 2
-        failed = verdicts(self._results, growth(self._first, self._last))
-        sent = sent_by_target(self._results)
-        if goal := self._options.goal:
-            failed[f'{goal:,} to each topic and each port'] = too_few(sent, goal)
+        grown = {name: last.resident - self._first[number][1].resident
+                 for number, (name, last) in self._last.items() if number in self._first}
+        failed = verdicts(self._results, grown)
         lines = [table(self._results), '', '| verdict | |', '|---|---|']
         lines += [f'| {verdict} | {"holds" if not reasons else "FAILED: " + "; ".join(reasons[:5])} |'
                   for verdict, reasons in failed.items()]
-        lines += ['', 'Sent: ' + ', '.join(f'{target} {count:,}' for target, count in sorted(sent.items())) + '.']
         text = '\n'.join(lines)
         print(f'\n{text}', flush=True)
         (self._options.out / 'table.md').write_text(text + '\n')
-        data = {'options': {**asdict(self._options), 'out': str(self._options.out)}, 'verdicts': failed, 'sent': sent,
-                'results': [asdict(result) for result in self._results], 'load': os.getloadavg(), 'cores': os.cpu_count(),
-                'processes': self._processes()}
+        data = {'options': asdict(self._options), 'verdicts': failed, 'results': [asdict(result) for result in self._results],
+                'growth': grown, 'load': os.getloadavg(), 'cores': os.cpu_count(), 'diagnostics': self._problems()}
         (self._options.out / 'attack.json').write_text(json.dumps(data, indent=1, default=str) + '\n')
-        return 1 if any(failed.values()) else 0
-
-    def _processes(self) -> list[dict[str, object]]:
-        """Memory, threads and descriptors of each process before its first attack and after its last."""
-        return [{'name': name, 'pid': process_id, 'first': asdict(self._first[process_id][1]), 'last': asdict(last)}
-                for process_id, (name, last) in self._last.items() if process_id in self._first]
+        return 1 if any(failed.values()) or not self._results else 0
 
 
-def attack(options: Options) -> int:
-    """Run the attacks; returns the exit code: 0, 1 where a verdict fails, 2 where the attack itself failed."""
-    if not math.isfinite(options.minutes) or options.minutes <= 0.0:
-        raise ValueError(f'minutes is {options.minutes}, expected a positive number')
-    if options.messages < 0:
-        raise ValueError(f'messages is {options.messages}, expected a number from 0')
-    try:
-        return Program(options).run()
-    except WorkerError as error:
-        print(f'attack: {error}', file=sys.stderr)
-        return 2
+def verdicts(results: Sequence[Result], growth: dict[str, float]) -> dict[str, list[str]]:
+    """What did not hold, by verdict; a verdict without an entry in its list holds.
+
+    Parameters:
+        results: of all attacks.
+        growth (MiB): of each process from the first attack to the end.
+    """
+    late = [f'{one.name}: {fault}' for one in results for fault in one.late]
+    late += [f'{one.name}: tracking is not back {one.meanwhile}' if one.recovery is None else
+             f'{one.name}: tracking is back after {one.recovery:.1f} s' for one in results
+             if one.recovery is None or one.recovery > one.most_recovery]
+    return {
+        'no process dies by a message': [f'{one.name}: {death}' for one in results for death in one.deaths],
+        'commands are finite and within their limits': [f'{one.name}: {bad}' for one in results for bad in one.found.bad],
+        'nothing moves that must not': [f'{one.name}: {move}' for one in results for move in one.found.moves],
+        f'memory grows by less than {MOST_GROWTH:.0f} MiB': [
+            f'{name} {grown:.0f} MiB' for name, grown in growth.items() if grown >= MOST_GROWTH],
+        'all nodes obey afterwards': [f'{one.name}: {fault}' for one in results for fault in one.faults],
+        IN_TIME: late}
+
+
+def table(results: Sequence[Result]) -> str:
+    """The results in Markdown, one row for each kind of attack; of several runs of one the sum, or the worst."""
+    lines = ['| attack | runs | sent | deaths | commands | bad | moves that must not be | tracking back (s) |',
+             '|---|---|---|---|---|---|---|---|']
+    for name in dict.fromkeys(result.name for result in results):
+        runs = [result for result in results if result.name == name]
+        times = [math.inf if one.recovery is None else one.recovery for one in runs]
+        lines.append(f'| {name} | {len(runs)} | {sum(sum(one.sent.values()) for one in runs):,} '
+                     f'| {sum(len(one.deaths) for one in runs)} | {sum(one.found.commands for one in runs):,} '
+                     f'| {sum(one.found.bad_count for one in runs)} | {sum(one.found.move_count for one in runs)} '
+                     f'| {max(times):.1f} |')
+    return '\n'.join(lines)

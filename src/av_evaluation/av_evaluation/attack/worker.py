@@ -1,19 +1,18 @@
-"""A process beside the program that takes requests as lines of JSON and answers each with one."""
+"""Processes that attack: they take calls as lines of JSON, answer each with one, and send at a steady rate."""
 
 from __future__ import annotations
 
 import json
-import os
-import queue
+import select
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-CLOSED = ''
+STEP_S = 0.01    # between looks at what is due
 
 
 class WorkerError(RuntimeError):
@@ -25,20 +24,16 @@ class Worker:
 
     Parameters:
         module: name of the module, which calls `serve`.
-        environment: variables to set or replace.
         log: file to which is appended what the process says; the middleware says much.
         prefix: words of a command that runs the process, such as `nsenter`.
     """
 
-    def __init__(self, module: str, log: Path, environment: Mapping[str, str] | None = None,
-                 prefix: Sequence[str] = ()) -> None:
+    def __init__(self, module: str, log: Path, prefix: Sequence[str] = ()) -> None:
         self._module = module
         with log.open('ab') as output:
             self._process = subprocess.Popen(
                 [*prefix, sys.executable, '-m', f'av_evaluation.attack.{module}'], stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE, stderr=output, text=True, env={**os.environ, **(environment or {})})
-        assert self._process.stdout is not None
-        self._answers = _lines(self._process.stdout)
+                stdout=subprocess.PIPE, stderr=output, text=True)
 
     def send(self, function: str, **arguments: Any) -> None:
         """Request a call without waiting for its result. Raises WorkerError where the process has ended."""
@@ -50,12 +45,12 @@ class Worker:
             raise WorkerError(f'{self._module} has ended') from error
 
     def receive(self, timeout: float) -> Any:
-        """The result of the oldest call without one. Raises WorkerError after `timeout` (s), or where the call failed."""
-        try:
-            line = self._answers.get(timeout=timeout)
-        except queue.Empty as error:
-            raise WorkerError(f'{self._module} does not answer') from error
-        if line == CLOSED:
+        """The result of the call before. Raises WorkerError after `timeout` (s), or where the call failed."""
+        assert self._process.stdout is not None
+        if not select.select([self._process.stdout], [], [], timeout)[0]:
+            raise WorkerError(f'{self._module} does not answer')
+        line = self._process.stdout.readline()
+        if not line:
             raise WorkerError(f'{self._module} has ended')
         answer = json.loads(line)
         if 'error' in answer:
@@ -73,23 +68,9 @@ class Worker:
         self._process.wait(10.0)
 
 
-def serve(functions: Mapping[str, Callable[..., Any]], idle: Callable[[float], None] | None = None) -> None:
-    """Answer requests until standard input is closed: the body of a worker's `main`.
-
-    Parameters:
-        functions: what can be called, by name.
-        idle: called again and again between requests with the time to spend (s); None waits.
-    """
-    requests = _lines(sys.stdin)
-    while True:
-        try:
-            line = requests.get(block=idle is None)
-        except queue.Empty:
-            assert idle is not None
-            idle(0.02)
-            continue
-        if line == CLOSED:
-            return
+def serve(functions: Mapping[str, Callable[..., Any]]) -> None:
+    """Answer calls by name until standard input is closed: the body of a worker's `main`."""
+    for line in sys.stdin:
         name, arguments = json.loads(line)
         try:
             answer = {'result': functions[name](**arguments)}
@@ -99,12 +80,19 @@ def serve(functions: Mapping[str, Callable[..., Any]], idle: Callable[[float], N
             print(json.dumps(answer), flush=True)
 
 
-def _lines(stream: Iterable[str]) -> queue.Queue[str]:
-    lines: queue.Queue[str] = queue.Queue()
+def paced(seconds: float, rate: float, meanwhile: Callable[[], None] = lambda: None) -> Iterator[int]:
+    """Numbers from 0, at a rate; after a delay as many at once as keep the rate.
 
-    def read() -> None:
-        for line in stream:
-            lines.put(line)
-        lines.put(CLOSED)
-    threading.Thread(target=read, daemon=True).start()
-    return lines
+    Parameters:
+        seconds: duration.
+        rate (Hz): of the numbers.
+        meanwhile: called in each pause.
+    """
+    begun, done = time.monotonic(), 0
+    while (elapsed := time.monotonic() - begun) < seconds:
+        due = min(int(elapsed * rate), done + max(int(rate), 1))
+        while done < due and time.monotonic() - begun < seconds:
+            yield done
+            done += 1
+        meanwhile()
+        time.sleep(STEP_S)

@@ -1,0 +1,182 @@
+"""Judges of a rig under attack: are its bearings true, its commands within their limits, its motions justified."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, deque
+from dataclasses import dataclass, field
+
+from nav_msgs.msg import Odometry
+
+from av_common.angles import wrap
+from av_common.frames import attitude_of, yaw_of
+from av_common.stamps import to_seconds
+from av_evaluation.metrics.command_limits import CommandLimits
+from av_interfaces.msg import Bearing, PointingCommand
+from av_pointing.controller import PointingSettings
+
+LARGEST_ERROR = math.radians(5.0)
+STEADY_S = 0.5           # for which all bearings are true before tracking counts as back
+LARGEST_GAP_S = 0.3      # between bearings
+FARTHEST_TRUTH_S = 0.1   # from a bearing to the truth that it is compared with
+ARRIVED_S = 0.5          # after which what was published before a bearing or a command has arrived
+MOTION_LIFETIME_S = 0.4  # after the newest measurement: 0.3 of pointing, and 0.1 through the middleware
+OLDEST_S = 1.0           # age on publication from which a measurement justifies nothing
+LONGEST_STEP_S = 1.0     # commands may be lost on the way to the observer
+ROUNDING = 1e-4          # of float32
+JITTER_S = 0.03          # between the two clocks that give a command's stamp and its motion, read one after the other
+MOST_KEPT = 20
+
+
+class BearingCheck:
+    """Compares bearings with the truth. Times are in s of the system's clock.
+
+    Attributes:
+        azimuth (rad): true azimuth of the target from the body, of the newest bearing with a truth; NaN before.
+    """
+
+    def __init__(self) -> None:
+        self._truth: dict[str, deque[tuple[float, float, float, float, float]]] = {   # stamp, x, y, yaw, published
+            'rig': deque(maxlen=400), 'target': deque(maxlen=400)}
+        self._waiting: deque[tuple[float, float, Bearing]] = deque(maxlen=1000)
+        self._verdicts: deque[tuple[float, str]] = deque(maxlen=6000)
+        self._truth_from = -math.inf
+        self.azimuth = math.nan
+
+    def on_truth(self, name: str, message: Odometry, published: float) -> None:
+        """The true state of `rig` or `target`, published at a time (s)."""
+        if published >= self._truth_from:
+            place, attitude = message.pose.pose.position, attitude_of(message.pose.pose.orientation)
+            self._truth[name].append((to_seconds(message.header.stamp), place.x, place.y, yaw_of(attitude), published))
+
+    def on_bearing(self, message: Bearing, published: float) -> None:
+        """A bearing, and the time (s) of its publication. Raises ValueError for a stamp that is none."""
+        self._waiting.append((published, to_seconds(message.header.stamp), message))
+
+    def judge(self, now: float) -> None:
+        """Compare the bearings published long enough before `now` (s)."""
+        while self._waiting and self._waiting[0][0] < now - ARRIVED_S:
+            published, stamp, message = self._waiting.popleft()
+            self._verdicts.append((published, self._fault(stamp, message)))
+
+    def forget_truth(self, until: float) -> None:
+        """Drop what an attack, which ended at `until` (s), may have said about the truth."""
+        self._truth_from = until
+        for name, rows in self._truth.items():    # an observer that is behind has heard some of the truth since
+            self._truth[name] = deque((row for row in rows if row[-1] >= until), rows.maxlen)
+        self._waiting = deque((row for row in self._waiting if row[0] >= until), self._waiting.maxlen)
+
+    def recovered(self, since: float) -> float | None:
+        """Time (s) after `since` from which on bearings are true for STEADY_S; None where they are not yet."""
+        start: float | None = None
+        before = math.nan
+        for time, fault in self._verdicts:
+            if time < since:
+                continue
+            if fault or time - before > LARGEST_GAP_S:
+                start = None
+            if not fault and start is None:
+                start = time
+            before = time
+            if start is not None and time - start >= STEADY_S:
+                return start - since
+        return None
+
+    def faults(self, begin: float, end: float = math.inf) -> Counter[str]:
+        """Numbers of bearings between two times (s) by what is wrong with them, '' for the true ones."""
+        return Counter(fault for time, fault in self._verdicts if begin <= time <= end)
+
+    def _fault(self, stamp: float, message: Bearing) -> str:
+        """What is wrong with a bearing with a `stamp` (s), empty for a true one."""
+        if message.state == Bearing.STATE_NONE or not math.isfinite(message.azimuth):
+            return 'no bearing'
+        rig, target = (min(rows, key=lambda row: abs(row[0] - stamp), default=None) for rows in self._truth.values())
+        if rig is None or target is None or max(abs(rig[0] - stamp), abs(target[0] - stamp)) > FARTHEST_TRUTH_S:
+            return 'no truth of its time'
+        self.azimuth = float(wrap(math.atan2(target[2] - rig[2], target[1] - rig[1]) - rig[3]))
+        if abs(float(wrap(message.azimuth - self.azimuth))) >= LARGEST_ERROR:
+            return 'elsewhere'
+        return '' if message.resolved else 'not resolved'
+
+
+@dataclass
+class Findings:
+    """What was found since the last `begin`.
+
+    Attributes:
+        commands: number of commands of the rig.
+        bad, moves: descriptions of the first commands that are bad, and of those that moved what must not move.
+        bad_count, move_count: numbers of all of them.
+    """
+
+    commands: int = 0
+    bad: list[str] = field(default_factory=list)
+    moves: list[str] = field(default_factory=list)
+    bad_count: int = 0
+    move_count: int = 0
+
+
+class CommandJudge:
+    """Compares commands with what arrived before them. Times are in s of the system's clock.
+
+    Parameters:
+        settings: limits of the commands.
+    """
+
+    def __init__(self, settings: PointingSettings) -> None:
+        self._limits = CommandLimits(settings, ROUNDING, JITTER_S)
+        self._waiting: deque[tuple[float, float, PointingCommand]] = deque()
+        self._arrivals: dict[str, deque[float]] = {'measurement': deque(maxlen=2000), 'odometry': deque(maxlen=2000)}
+        self._still_from = self._still_until = math.inf
+        self._stamp = math.nan
+        self.findings = Findings()
+
+    def begin(self, still_from: float = math.inf) -> None:
+        """Start a new attack; from `still_from` (s) on nothing may move whatever arrives."""
+        self.findings, self._still_from, self._still_until = Findings(), still_from, math.inf
+
+    def end(self, now: float) -> None:
+        """From `now` (s) on motion is permitted again."""
+        self._still_until = now
+
+    def forget(self) -> None:
+        """The process that makes the commands starts again."""
+        self._waiting.clear()
+        self._limits.forget()
+
+    def on_input(self, kind: str, published: float, stamp: float) -> None:
+        """A `measurement` or `odometry`, with the times (s) of its publication and capture; old ones justify no motion."""
+        if -0.1 <= published - stamp <= OLDEST_S:
+            self._arrivals[kind].append(published)
+
+    def on_command(self, command: PointingCommand, stamp: float, now: float) -> None:
+        """A command of the rig with its stamp (s), which arrives at `now` (s)."""
+        self._waiting.append((now, stamp, command))
+
+    def judge(self, now: float) -> None:
+        """Judge the commands that arrived long enough before `now` (s)."""
+        while self._waiting and self._waiting[0][0] < now - ARRIVED_S:
+            _, stamp, command = self._waiting.popleft()
+            self._judge(command, stamp)
+
+    def _judge(self, command: PointingCommand, stamp: float) -> None:
+        found = self.findings
+        found.commands += 1
+        elapsed = min(max(stamp - self._stamp, 0.0), LONGEST_STEP_S) if math.isfinite(self._stamp) else LONGEST_STEP_S
+        self._stamp = stamp
+        if fault := self._limits.check(command, elapsed):
+            found.bad_count += 1
+            found.bad = [*found.bad, f'{stamp:.3f} {fault}'][:MOST_KEPT]
+        if command.move_body and abs(command.yaw_rate) >= ROUNDING and (reason := self._unjustified(stamp)):
+            found.move_count += 1
+            found.moves = [*found.moves, f'{stamp:.3f} {math.degrees(command.yaw_rate):+.1f} deg/s {reason}'][:MOST_KEPT]
+
+    def _unjustified(self, stamp: float) -> str:
+        """Why nothing may move at `stamp` (s), '' where it may."""
+        if self._still_from <= stamp < self._still_until:
+            return f'{stamp - self._still_from:.2f} s after all motion had to end'
+        for kind, arrivals in self._arrivals.items():
+            age = stamp - max((time for time in arrivals if time <= stamp), default=-math.inf)
+            if age > MOTION_LIFETIME_S:
+                return f'{age:.2f} s after the newest {kind}'
+        return ''
