@@ -14,6 +14,7 @@ from av_vision.image import to_bgr8
 from av_vision.yolo.letterbox import fitting_size, letterbox, to_tensor
 from av_vision.yolo.model import Model, ModelError
 from av_vision.yolo.region import Region
+from av_vision.yolo.rows import LayoutError, check_scores
 from av_vision.yolo.slicing import tile_corners, whole_in_tile
 
 NEAR = 0.25  # share of the image's longer side above which objects may be too large for a network with a large input
@@ -118,10 +119,8 @@ class Detector:
         boxes, probabilities = self._search(image, regions or self._whole(*image.shape[:2]), floor)
         limit = np.array([image.shape[1], image.shape[0]] * 2, np.float32)
         candidates = Candidates(np.clip(boxes, 0.0, limit).astype(np.float32), probabilities)
-        if self.model.layout.needs_nms or self.settings.slice_size:
-            selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
-        else:
-            selected = np.argsort(-candidates.scores)
+        # Exports without duplicates of their own may have one object as two classes.
+        selected = suppress(boxes, candidates.scores, self.settings.nms_iou, self.settings.nms_nested)
         return Candidates(candidates.boxes[selected], probabilities[selected])
 
     def select(self, candidates: Candidates, threshold: float = 0.0) -> tuple[Detections, NDArray[np.intp]]:
@@ -169,7 +168,14 @@ class Detector:
     def _decoded(self, model: Model, output: NDArray, size: tuple[int, int], scale: float, region: Region,
                  shape: tuple[int, ...], floor: float) -> tuple[NDArray, NDArray]:
         """Boxes in the image and probabilities, of those that are whole in the region and not smaller than its least."""
-        boxes, probabilities = model.layout.decode(output, size, floor)
+        try:
+            boxes, probabilities = model.layout.decode(output, size, floor)
+            finite = np.isfinite(boxes).all(axis=1) & np.isfinite(probabilities).all(axis=1)
+            boxes, probabilities = boxes[finite], probabilities[finite]
+            check_scores(probabilities)
+        except LayoutError as error:
+            raise ModelError(f'{model.path}: {error}') from error
+        probabilities = np.minimum(probabilities, 1.0)
         boxes = self._in_image(boxes, scale, model.box_padding) + np.array([region.x, region.y] * 2, np.float32)
         selected = whole_in_tile(boxes, region, shape[1], shape[0])
         if region.least:
@@ -187,10 +193,9 @@ class Detector:
         return fitting_size(height, width, longest) if self.model.dynamic_size else self.model.size
 
     def _named(self, boxes: NDArray, probabilities: NDArray) -> tuple[NDArray, NDArray]:
-        """Largest probability of each name, without boxes of unnamed classes or with values that are not finite."""
+        """Largest probability of each name, without boxes of unnamed classes."""
         count = len(self._by_name)
-        inside = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
-        good = inside & np.isfinite(boxes).all(axis=1)
+        good = probabilities[:, :count].max(axis=1, initial=0.0) == probabilities.max(axis=1, initial=0.0)
         table = np.zeros((np.count_nonzero(good), count), np.float32)
         table[:, :probabilities.shape[1]] = probabilities[good, :count]
         return boxes[good], np.maximum.reduceat(table[:, self._by_name], self._first, axis=1)

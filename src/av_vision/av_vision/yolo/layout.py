@@ -1,22 +1,22 @@
 """The layouts of YOLO exports: recognition, and conversion to boxes.
 
-Sources: YOLOX (Ge et al. 2021, arXiv:2107.08430) and the documented outputs of the YOLOv5, v8 and v10 exports.
+Sources: YOLOX (Ge et al. 2021, arXiv:2107.08430) and the documented outputs of the YOLOv5, v8 and v10 exports. Tables of boxes,
+of which there are more kinds, are read by `rows.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-Decoded = tuple[NDArray[np.float32], NDArray[np.float32]]  # boxes (n, 4), probabilities (n, classes)
+from av_vision.yolo.rows import SHARES, Decoded, LayoutError, RowReader, check_scores, corners
 
-
-class LayoutError(ValueError):
-    """The output is not that of a known YOLO export."""
+MOST_ROWS = 2000    # of a table of boxes
+Decode = Callable[[NDArray, tuple[int, int], float], Decoded]
 
 
 @dataclass(frozen=True)
@@ -28,16 +28,15 @@ class Layout:
         rgb: whether the input is RGB instead of BGR.
         scale: factor from 8-bit values to the input.
         class_count: number of classes from the shape of the output of one image; 0 if it is unknown.
-        decode: function from output, input size (height, width) and threshold to boxes and probabilities.
-        needs_nms: whether boxes need non-maximum suppression.
+        decode: function from output, input size (height, width) and threshold to boxes and probabilities. It may raise
+            LayoutError.
     """
 
     name: str
     rgb: bool
     scale: float
     class_count: Callable[[tuple[int, int]], int]
-    decode: Callable[[NDArray, tuple[int, int], float], Decoded]
-    needs_nms: bool = True
+    decode: Decode
 
 
 @lru_cache(maxsize=16)
@@ -60,16 +59,6 @@ def cell_counts(size: tuple[int, int]) -> tuple[int, int]:
     """Numbers of cells with strides 8, 16, 32 and, for the larger variants, 8 to 64."""
     count = [(size[0] // stride) * (size[1] // stride) for stride in (8, 16, 32, 64)]
     return sum(count[:3]), sum(count)
-
-
-def corners(centre: NDArray, size: NDArray) -> NDArray[np.float32]:
-    """Boxes (n, 4) x1, y1, x2, y2 from centres and sizes (n, 2).
-
-    Parameters:
-        centre (n, 2): centres.
-        size (n, 2): widths and heights.
-    """
-    return np.concatenate([centre - 0.5 * size, centre + 0.5 * size], axis=1)
 
 
 def decode_centred(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
@@ -113,17 +102,17 @@ def decode_columns(columns: NDArray, size: tuple[int, int], threshold: float) ->
     return corners(rows[:, :2], rows[:, 2:4]), rows[:, 4:]
 
 
-def decode_end_to_end(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
-    """YOLOv10 and 26: x1, y1, x2, y2 in input pixels, score, class; duplicates are already gone.
+def decode_columns_turned(rows: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
+    """The same with rows and columns exchanged, (n, 4+C); parameters as for `decode_columns`."""
+    return decode_columns(rows.T, size, threshold)
 
-    Parameters:
-        rows (n, 6): output for one image.
-        size: height and width of the input in pixels.
-        threshold (0-1): least probability of a box.
-    """
-    rows = rows[rows[:, 4] > threshold]
-    classes = rows[:, 5].astype(np.intp)
-    return rows[:, :4], rows[:, 4:5] * (classes[:, None] == np.arange(classes.max(initial=-1) + 1))
+
+def in_shares(decode: Decode) -> Decode:
+    """A function that decodes boxes in shares of the input's width and height."""
+    def decoded(output: NDArray, size: tuple[int, int], threshold: float) -> Decoded:
+        boxes, probabilities = decode(output, size, threshold)
+        return boxes * np.array([size[1], size[0]] * 2, np.float32), probabilities
+    return decoded
 
 
 LAYOUTS = {layout.name: layout for layout in (
@@ -131,37 +120,51 @@ LAYOUTS = {layout.name: layout for layout in (
     Layout('yolox', False, 1.0, lambda shape: shape[1] - 5, decode_centred),
     Layout('v8', True, 1.0 / 255.0, lambda shape: shape[0] - 4, decode_columns),
     Layout('v5', True, 1.0 / 255.0, lambda shape: shape[1] - 5, decode_centred),
-    Layout('end_to_end', True, 1.0 / 255.0, lambda shape: 0, decode_end_to_end, needs_nms=False),
+    Layout('end_to_end', True, 1.0 / 255.0, lambda shape: 0, RowReader('end_to_end')),
+    Layout('detr', True, 1.0 / 255.0, lambda shape: shape[1] - 4, RowReader('detr')),
 )}
 
 
-def recognise(output: NDArray, size: tuple[int, int]) -> Layout:
+def recognise(output: NDArray, size: tuple[int, int], classes: int = 0) -> Layout:
     """The layout of a model from its output (1, a, b) for any image of an input size (height, width).
 
     The number of rows identifies the family: it is the number of cells (v8, YOLOX), three times this number (v5), or
-    neither (end to end). Decoded and undecoded YOLOX differ only in values: decoded centres follow the grid.
-    Raises LayoutError with the shape found and those expected.
+    neither (a table of boxes). Decoded and undecoded YOLOX differ only in values: decoded centres follow the grid.
+    Raises LayoutError with the shape or the values found and those expected.
 
     Parameters:
         output (1, a, b): output of the model.
         size: height and width of the input in pixels.
+        classes: number of classes where the model names them, else 0.
     """
     if output.ndim != 3 or output.shape[0] != 1:
         raise LayoutError(f'the output has shape {output.shape}, expected (1, rows, columns) of a YOLO detector')
     _, a, b = output.shape
     counts = cell_counts(size)
+    if a in counts and classes and b == 4 + classes:
+        return _in_pixels(replace(LAYOUTS['v8'], class_count=lambda shape: shape[1] - 4, decode=decode_columns_turned),
+                          output[0, :, :4], output[0, :, 4:])
     if a in counts and b > 5:
         cells, strides = grid(size, (8, 16, 32) if a == counts[0] else (8, 16, 32, 64))
         decoded = np.median(np.abs(output[0, :, :2] - (cells + 0.5) * strides) / strides) < 4.0
         if not decoded and a != counts[0]:
             raise LayoutError('undecoded YOLOX with a stride of 64 is not known')
+        check_scores(output[0, :, 4:])
         return LAYOUTS['yolox' if decoded else 'yolox_raw']
     if b in counts and a > 4:
-        return LAYOUTS['v8']
+        return _in_pixels(LAYOUTS['v8'], output[0, :4].T, output[0, 4:])
     if a in [3 * count for count in counts] and b > 5:
-        return LAYOUTS['v5']
-    if b == 6 and a <= 2000:
-        return LAYOUTS['end_to_end']
+        return _in_pixels(LAYOUTS['v5'], output[0, :, :4], output[0, :, 4:])
+    if b >= 5 and a <= MOST_ROWS and (b == 6 or output.any()):
+        reader = RowReader()
+        reader.learn(output[0], size)
+        return replace(LAYOUTS[reader.kind], decode=reader)
     raise LayoutError(
         f'the output (1, {a}, {b}) at input {size[0]}x{size[1]} is of no known YOLO export: YOLOX has (1, {counts[0]}, 5+C), '
-        f'v8/9/11/12 (1, 4+C, {counts[0]}), v5/v7 (1, {3 * counts[0]}, 5+C), end-to-end (1, N, 6)')
+        f'v8/9/11/12 (1, 4+C, {counts[0]}), v5/v7 (1, {3 * counts[0]}, 5+C), end-to-end (1, N, 6), RT-DETR (1, N, 4+C)')
+
+
+def _in_pixels(layout: Layout, boxes: NDArray, scores: NDArray) -> Layout:
+    """A layout, or that of boxes in shares of the input, which all fit into two pixels. Raises LayoutError for the scores."""
+    check_scores(scores)
+    return replace(layout, decode=in_shares(layout.decode)) if np.nanmax(boxes, initial=0.0) <= SHARES else layout

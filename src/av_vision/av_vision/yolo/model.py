@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from av_common.files import check_file, one_line, shown
 from av_vision.yolo.coco import COCO
-from av_vision.yolo.layout import LAYOUTS, Layout, LayoutError, recognise
+from av_vision.yolo.layout import LAYOUTS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
+from av_vision.yolo.rows import LayoutError
 
 RENAMED_METADATA = {'margin': 'padding', 'evidence': 'score_fusion'}
 MOST_BYTES = 500_000_000
@@ -64,7 +65,7 @@ class Model:
         self.score_threshold = self._score_threshold()
         self._output_name = self.session.get_outputs()[0].name
         output = self._probe()
-        self.layout = self._layout(layout, output)
+        self.layout = self._layout(layout, output, tuple(class_names))
         self.class_names = self._class_names(tuple(class_names), self.layout.class_count(output.shape[1:]))
         # Constants that onnxruntime computes when it opens a model do not count towards MOST_MEMORY. Those of this model are
         # known to be small now.
@@ -141,19 +142,23 @@ class Model:
         grey = np.full((1, 3, *self.size), LETTERBOX_GREY / 255.0, self.dtype)
         return self.run(grey)
 
-    def _layout(self, name: str, output: NDArray) -> Layout:
+    def _layout(self, name: str, output: NDArray, given: tuple[str, ...]) -> Layout:
         if name not in ('auto', *LAYOUTS):
             raise ModelError(f'layout is {name!r}, expected auto or one of {", ".join(LAYOUTS)}')
         try:
-            return recognise(output, self.size) if name == 'auto' else LAYOUTS[name]
+            return recognise(output, self.size, len(self._names(given))) if name == 'auto' else LAYOUTS[name]
         except LayoutError as error:
             raise ModelError(f'{self.path}: {error}') from error
 
-    def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
+    def _names(self, given: tuple[str, ...]) -> tuple[str, ...]:
+        """The names given, else those of the metadata; empty where there are none."""
         try:
-            names = given or names_of(self.metadata)
+            return given or names_of(self.metadata)
         except ValueError as error:
             raise ModelError(f'{self.path}: the keys of names in its metadata are no numbers: {one_line(error)}') from error
+
+    def _class_names(self, given: tuple[str, ...], count: int) -> tuple[str, ...]:
+        names = self._names(given)
         if names and count and len(names) != count:
             raise ModelError(f'{self.path} has {count} classes, but {len(names)} class names are given: {shown(names)}')
         if not names and count == len(COCO):

@@ -1,0 +1,175 @@
+"""Tables of boxes of other exports: recognised by their values, or refused with what was seen."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import yolo_models
+from onnx import TensorProto, helper, numpy_helper
+
+from av_vision.cli import detect
+from av_vision.yolo import Detector, DetectorSettings, ModelError
+
+SIDE = 416
+NAMES = {'names': "{0: 'bird', 1: 'drone', 2: 'kite'}"}
+IMAGE = np.zeros((SIDE, SIDE, 3), np.uint8)
+# x1, y1, x2, y2 in pixels, class, score; the others are background.
+SEEN = ((96.0, 160.0, 160.0, 200.0, 1, 0.9), (300.0, 40.0, 340.0, 100.0, 0, 0.6))
+
+
+def table(seed=0, count=100, seen=SEEN):
+    """Boxes (n, 4) in pixels, classes and scores: what is seen among doubtful background."""
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(0.0, 0.8 * SIDE, (count, 2))
+    boxes = np.concatenate([low, low + rng.uniform(5.0, 0.2 * SIDE, (count, 2))], axis=1)
+    labels, scores = rng.integers(0, 3, count), rng.uniform(0.0, 0.05, count)
+    for row, (*box, label, score) in zip((7, 31), seen, strict=False):
+        boxes[row], labels[row], scores[row] = box, label, score
+    return boxes, labels, scores
+
+
+def centred(boxes):
+    return np.concatenate([0.5 * (boxes[:, :2] + boxes[:, 2:]), boxes[:, 2:] - boxes[:, :2]], axis=1)
+
+
+def by_class(labels, scores, classes=3):
+    return scores[:, None] * np.eye(classes)[labels] + 0.001
+
+
+def columns(*parts):
+    return np.concatenate([np.reshape(part, (len(part), -1)) for part in parts], axis=1)[None]
+
+
+def exports():
+    boxes, labels, scores = table()
+    zeros = np.zeros(len(boxes))
+    return {
+        'YOLOv10': columns(boxes, scores, labels),
+        'class before score': columns(boxes, labels, scores),
+        'class, score, box': columns(labels, scores, boxes),
+        'score, class, box': columns(scores, labels, boxes),
+        'corners in shares': columns(boxes / SIDE, scores, labels),
+        'centres in pixels': columns(centred(boxes), scores, labels),
+        'batch, box, class, score': columns(zeros, boxes, labels, scores),
+        'batch, class, score, box in shares': columns(zeros, labels, scores, boxes / SIDE),
+        'RT-DETR': columns(centred(boxes) / SIDE, by_class(labels, scores)),
+        'a score for each class': columns(boxes, by_class(labels, scores)),
+        'a regression without bounds': columns(
+            np.where(np.arange(len(boxes))[:, None] % 20 == 5, boxes[:, [2, 1, 0, 3]], boxes), scores, labels),
+        'filled up by -1': np.concatenate([columns(boxes, scores, labels), np.full((1, 50, 6), -1.0)], axis=1),
+    }
+
+
+@pytest.mark.parametrize('half', [False, True])
+@pytest.mark.parametrize('name', exports())
+def test_tables_of_boxes_are_read_by_their_values(tmp_path, name, half):
+    path = yolo_models.write(tmp_path / 'model.onnx', output=exports()[name], metadata=NAMES, half=half)
+    found = Detector(path).detect(IMAGE)
+    assert found.class_names == ('drone', 'bird')
+    assert found.boxes == pytest.approx(np.array([row[:4] for row in SEEN]), abs=1.0 if half else 0.01)
+    assert found.scores == pytest.approx([0.9, 0.6], abs=2e-3)
+
+
+@pytest.mark.parametrize(('classes', 'names'), [(1, "['drone']"), (2, "['bird', 'drone']"), (80, '')])
+def test_detr_with_any_number_of_classes(tmp_path, classes, names):
+    boxes, labels, scores = table(1)
+    label = min(1, classes - 1)
+    output = columns(centred(boxes) / SIDE, by_class(np.where(scores > 0.5, label, labels % classes), scores, classes))
+    path = yolo_models.write(tmp_path / 'model.onnx', output=output, metadata={'names': names} if names else {})
+    found = Detector(path).detect(IMAGE)
+    assert len(found) == 2
+    assert found.boxes[0] == pytest.approx(SEEN[0][:4], abs=0.01)
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    (lambda boxes, labels, scores: columns(centred(boxes) / SIDE, 8.0 * by_class(labels, scores) - 6.0), 'no logits'),
+    (lambda boxes, labels, scores: columns(boxes, 100.0 * scores, labels),
+     r'\(1, 100, 6\) go from 2.* to 90, 0 to 2: expected'),
+    (lambda boxes, labels, scores: columns(boxes[:, ::-1], scores, labels), 'expected x1, y1, x2, y2 in pixels'),
+    (lambda boxes, labels, scores: np.full((1, 100, 6), np.nan), 'of finite numbers')])
+def test_what_is_no_table_of_boxes_is_refused_with_what_was_seen(tmp_path, change, reason):
+    path = yolo_models.write(tmp_path / 'model.onnx', output=change(*table()), metadata=NAMES)
+    with pytest.raises(ModelError, match=reason) as error:
+        Detector(path)
+    assert str(path) in str(error.value) and '\n' not in str(error.value)
+
+
+def test_boxes_of_cells_may_be_in_shares_or_turned(tmp_path):
+    output = yolo_models.rows_of('v8', SIDE, 3)
+    shares = np.concatenate([output[:4] / SIDE, output[4:]])
+    for number, changed in enumerate((shares, output.T)):
+        found = Detector(yolo_models.write(tmp_path / f'{number}.onnx', output=changed[None], metadata=NAMES)).detect(IMAGE)
+        assert found.class_names == ('drone', 'bird')
+        assert found.boxes[0] == pytest.approx(yolo_models.TRUTH[0][:4], abs=0.01)
+
+
+@pytest.mark.parametrize('layout', ['yolox', 'v8', 'v5'])
+def test_logits_of_cells_are_refused(tmp_path, layout):
+    output = yolo_models.rows_of(layout, SIDE, 3)
+    scores = output[4:] if layout == 'v8' else output[:, 4:]
+    scores[:] = np.log(np.maximum(scores, 1e-4) / (1.0 - np.minimum(scores, 0.999)))
+    with pytest.raises(ModelError, match=r'scores go from -9\.\d+ to .*logits'):
+        Detector(yolo_models.write(tmp_path / 'model.onnx', layout, output=output[None], metadata=NAMES))
+
+
+def write_with_contents(path, output):
+    """A model that answers `output` to bright images, and zeros to the grey one by which it is opened."""
+    nodes = [helper.make_node('ReduceMean', ['images'], ['mean'], keepdims=0),
+             helper.make_node('Greater', ['mean', 'bright'], ['is']),
+             helper.make_node('Where', ['is', 'answer', 'nothing'], ['output'])]
+    values = [numpy_helper.from_array(np.array(value, np.float32), name) for name, value in
+              (('bright', 0.8), ('answer', output), ('nothing', np.zeros_like(output)))]
+    images = helper.make_tensor_value_info('images', TensorProto.FLOAT, [1, 3, SIDE, SIDE])
+    answer = helper.make_tensor_value_info('output', TensorProto.FLOAT, None)
+    graph = helper.make_graph(nodes, 'contents', [images], [answer], values)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid('', 17)], ir_version=8)
+    helper.set_model_props(model, NAMES)
+    onnx.save(model, str(path))
+    return path
+
+
+def test_a_model_that_sees_nothing_at_first_is_read_by_its_first_boxes(tmp_path):
+    detector = Detector(write_with_contents(tmp_path / 'model.onnx', exports()['corners in shares']))
+    assert len(detector.detect(IMAGE)) == 0
+    found = detector.detect(np.full_like(IMAGE, 250))
+    assert found.boxes[0] == pytest.approx(SEEN[0][:4], abs=0.01) and found.class_names == ('drone', 'bird')
+
+
+@pytest.mark.parametrize('score', [np.inf, 1.7, -0.4])
+def test_no_score_beyond_one_leaves_the_detector(tmp_path, score):
+    boxes, labels, scores = table()
+    scores[7] = score
+    detector = Detector(write_with_contents(tmp_path / 'model.onnx', columns(boxes, scores, labels)))
+    cells = yolo_models.rows_of('v8', SIDE, 3)
+    cells[4, 40] = score
+    by_cell = Detector(write_with_contents(tmp_path / 'cells.onnx', cells[None]), DetectorSettings(layout='v8'))
+    if np.isinf(score):    # an overflow of one box
+        assert detector.detect(np.full_like(IMAGE, 250)).class_names == ('bird',)
+        assert by_cell.detect(np.full_like(IMAGE, 250)).scores.max() < 1.0
+        return
+    with pytest.raises(ModelError, match='columns of the output'):
+        detector.detect(np.full_like(IMAGE, 250))
+    with pytest.raises(ModelError, match='scores go from'):
+        by_cell.detect(np.full_like(IMAGE, 250))
+
+
+@pytest.mark.parametrize('shift', [0.0, 1.0])
+def test_an_object_is_one_detection(tmp_path, shift):
+    """As two classes, or twice with a jitter of a pixel: also 8 pixels wide, of an export that leaves suppression to others."""
+    for size in (8.0, 60.0):
+        twice = ((100.0, 50.0, 100.0 + size, 50.0 + size, 1, 0.8),
+                 (100.0 + shift, 50.0, 100.0 + size + shift, 50.0 + size, 2, 0.7))
+        boxes, labels, scores = table(seen=twice)
+        path = yolo_models.write(tmp_path / 'model.onnx', output=columns(boxes, scores, labels), metadata=NAMES)
+        assert Detector(path).detect(IMAGE).class_names == ('drone',)
+        assert len(Detector(path, DetectorSettings(rename={'kite': 'drone'}, keep=('drone',))).detect(IMAGE)) == 1
+
+
+def test_the_export_of_the_field(capsys):
+    folder = Path(__file__).resolve().parents[4] / 'shared/data/field_cases/exports'
+    if not folder.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    assert detect.main([str(folder / 'grey.png'), '--model', str(folder / 'rtdetr_2.onnx'), '--csv']) == 0
+    row, = capsys.readouterr().out.splitlines()[1:]
+    assert row.startswith('0,0.0,drone,0.9,140.0,90.0,40.0,20.0')
