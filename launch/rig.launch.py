@@ -65,7 +65,7 @@ ARGUMENTS = {
     'audio': ('', 'source:=file: a sound file; empty: no sound', None),
     'video': ('', 'source:=file: a video or a folder of images; empty: no images', None),
     'video_offset': ('0', 'source:=file: when the video begins (s), after the sound; negative: before it', None),
-    'model': ('shipped', "a detector's ONNX file, or `shipped`", None),
+    'model': ('shipped', "a detector's ONNX file, `shipped`, or the name of a detector of another package", None),
     'oracle': ('false', "source:=sim or udp: the simulator's visual oracle gives the detections, and no detector runs",
                ['true', 'false']),
     **RIG_ARGUMENTS,
@@ -101,7 +101,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     except ValueError as error:
         raise ValueError(f"duration is {arguments['duration']!r}, expected seconds") from error
     for name in ('audio', 'video', 'drone_recording', 'model', 'rig', 'array', 'params'):
-        if arguments[name] not in ('', 'shipped') and not Path(arguments[name]).exists():
+        named = name == 'model' and not Path(arguments[name]).suffix  # a detector of a package
+        if arguments[name] and not named and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
     arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}

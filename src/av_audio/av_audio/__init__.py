@@ -1,1 +1,14 @@
 """Microphones to direction of arrival."""
+
+from av_common.exports import exports
+
+__all__, __getattr__ = exports(__name__, {
+    'calibration': 'Calibration calibrate',
+    'drone_classifier': 'DroneClassifier load_model',
+    'ego_noise': 'NoiseRecording',
+    'file_source': 'FileSource open_sound read_sound',
+    'health': 'ChannelHealth',
+    'localizer': 'DoaEstimate Localizer LocalizerSettings',
+    'methods': 'DOA_METHODS Direction',
+    'stage': 'DoaStage make_doa_stage',
+})

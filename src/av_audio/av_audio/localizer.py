@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from av_audio.ego_rotors import find_blade_pass, notch
 from av_audio.further_sources import MOST_SOURCES, FurtherSources
 from av_audio.health import FULL_SCALE
 from av_audio.lost_phase import has_lost_phases
+from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
 from av_audio.narrowband import Music, Mvdr
 from av_audio.spectra import CONVERTED_SHARE, SpectrumAnalyzer
 from av_audio.steered_response import Peak
@@ -53,7 +55,7 @@ class LocalizerSettings:
         window_s (s): length of the analysis window, 0.02 to 10.
         hop_s (s): time between the beginnings of consecutive windows, 0.001 to 60.
         band_hz (Hz): lower and upper edge of the band-pass filter.
-        method: name of the estimator, one of METHODS.
+        method: name of the estimator, one of METHODS or of another package (see `methods.py`).
         temperature_c (degrees Celsius): temperature of the air, for the speed of sound.
         elevation_deg (deg): range of elevation of possible sources; mirror images outside are discarded.
         estimated_rotors: number of the rig's own rotors whose speeds are estimated from the sound and notched, 0 to 16.
@@ -78,8 +80,7 @@ class LocalizerSettings:
             raise ValueError(f'window_s={self.window_s}, expected 0.02..10 s')
         if not 0.001 <= self.hop_s <= 60.0:
             raise ValueError(f'hop_s={self.hop_s}, expected 0.001..60 s')
-        if self.method not in METHODS:
-            raise ValueError(f'method={self.method!r}, expected one of {", ".join(METHODS)}')
+        DOA_METHODS.check(self.method)
         if not 0 <= self.estimated_rotors <= 16:
             raise ValueError(f'estimated_rotors={self.estimated_rotors}, expected 0..16')
         if not 1 <= self.max_sources <= MOST_SOURCES:
@@ -160,7 +161,10 @@ class Localizer:
         self.without_phases = 0  # directions without confidence, as a lossy code has removed phases
         self._window = round(settings.window_s * sample_rate)
         self._hop = max(1, round(settings.hop_s * sample_rate))
-        estimator, weighting = METHODS[settings.method]
+        self._foreign: WindowMethod | None = None
+        if settings.method not in METHODS:
+            self._foreign = DOA_METHODS.load(settings.method)(array, sample_rate)
+        estimator, weighting = METHODS.get(settings.method, METHODS['plain'])
         highest = 0.0
         if settings.wideband and estimator is Adaptive and ego_noise is None:
             highest = min(WIDEBAND_HZ, CONVERTED_SHARE * sample_rate / 2.0,
@@ -170,7 +174,7 @@ class Localizer:
                                     speed_of_sound(settings.temperature_c), weighting,
                                     None if ego_noise is None else self._ego_noise_model(ego_noise))
         self._further = None
-        if settings.max_sources > 1:
+        if settings.max_sources > 1 and self._foreign is None:
             self._further = FurtherSources(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c),
                                            self._estimator.ego_noise)
         self._elevations = np.radians(settings.elevation_deg)
@@ -243,9 +247,12 @@ class Localizer:
         spectra = self._analyzer.spectra(window)
         level = self._analyzer.level_dbfs(spectra)
         if level < SILENCE_DBFS:
-            empty = np.zeros(0)
-            return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
-                               np.zeros(0, int), np.zeros(0, bool), level, empty)
+            return self._nothing(centre, level)
+        if self._foreign is not None:
+            peaks = [peak_of(found, self.array) for found in self._foreign(window.T)[:self.settings.max_sources]]
+            if not peaks:
+                return self._nothing(centre, level)
+            return self._estimates_of(peaks[0], peaks[1:], window, centre, level)
         spectra = self._without_ego_rotors(spectra)
         peak = self._estimator.estimate(spectra)
         peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
@@ -254,7 +261,16 @@ class Localizer:
             better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
             peak = replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
                            main_share=max(peak.main_share, peaks[0].main_share))
-        further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(peaks[1:]))
+        return self._estimates_of(peak, peaks[1:], window, centre, level)
+
+    def _nothing(self, centre: float, level: float) -> DoaEstimate:
+        empty = np.zeros(0)
+        return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
+                           np.zeros(0, int), np.zeros(0, bool), level, empty)
+
+    def _estimates_of(self, peak: Peak, others: Sequence[Peak], window: NDArray[np.float32], centre: float,
+                      level: float) -> DoaEstimate:
+        further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(others))
         return replace(self._estimate_of(peak, 0, window, centre, level), further=further)
 
     def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:

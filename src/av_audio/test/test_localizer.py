@@ -145,7 +145,7 @@ def test_level_is_that_of_the_band():
 
 
 @pytest.mark.parametrize('settings, message', [
-    ({'window_s': 0.0}, 'window_s=0.0'), ({'hop_s': -1.0}, 'hop_s=-1.0'), ({'method': 'magic'}, "method='magic'"),
+    ({'window_s': 0.0}, 'window_s=0.0'), ({'hop_s': -1.0}, 'hop_s=-1.0'), ({'method': 'magic'}, "method 'magic'"),
     ({'band_hz': (200.0, 30_000.0)}, 'half of the sample rate'), ({'band_hz': (4000.0, 200.0)}, 'band_low is 4000'),
     ({'elevation_deg': (50.0, 10.0)}, 'elevation_min_deg is 50')])
 def test_bad_settings_say_what_is_wrong(settings, message):

@@ -1,1 +1,14 @@
 """Fusion of directions of arrival and detections to the bearing of one target; launch files of the suite."""
+
+from av_common.exports import exports
+
+__all__, __getattr__ = exports(__name__, {
+    'measurement.measurements': 'CameraMeasurement Cone Detection DoaMeasurement Hypothesis',
+    'measurement.rig_motion': 'Pose RigMotion',
+    'methods': 'TRACKERS',
+    'plain.baselines': 'KalmanTracker MovingAverage',
+    'plain.tracker': 'PlainTracker',
+    'settings': 'make_tracker',
+    'stage': 'FusionOutput FusionStage make_fusion_stage',
+    'tracker_protocol': 'Tracker',
+})

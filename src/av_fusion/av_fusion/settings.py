@@ -13,6 +13,7 @@ from av_fusion.disambiguation.rotation import RotationSettings
 from av_fusion.filter.settings import BayesSettings
 from av_fusion.filter.state_machine import MachineSettings
 from av_fusion.gimbal_stage import JointNames
+from av_fusion.methods import TRACKERS
 from av_fusion.multi_target.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.multi_target.tracker import MultiTargetTracker
@@ -23,8 +24,18 @@ def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
     """The tracker that the parameters of fusion_node describe. Raises ValueError for values that contradict each other.
 
     Parameters:
-        parameters: the node's parameters.
+        parameters: the node's parameters; `method` may name a tracker of another package.
         gimbal: carries the camera; None where that is fixed.
+    """
+    tracker: Tracker = TRACKERS.load(parameters.method)(parameters, gimbal)
+    return tracker
+
+
+def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
+    """The suite's filter, or the published switch. See `make_tracker`.
+
+    Parameters:
+        parameters, gimbal: as for `make_tracker`.
     """
     p = parameters
     machine = MachineSettings(p.tau, p.hysteresis, p.dwell, p.sight_timeout, p.sound_timeout)

@@ -1,1 +1,12 @@
 """Several rigs: their tracks to targets with positions."""
+
+from av_common.exports import exports
+
+__all__, __getattr__ = exports(__name__, {
+    'settings': 'NetworkSettings RigSettings',
+    'stage': 'NetworkStage NetworkStageSettings RigPlace',
+    'tracker': 'NetworkTracker',
+    'observation': 'Observation',
+    'report': 'Report Sighting',
+    'network_target': 'TargetState',
+})

@@ -1,1 +1,9 @@
 """The rig in a browser and in other viewers, and a check of the machine."""
+
+from av_common.exports import exports
+
+__all__, __getattr__ = exports(__name__, {
+    'rig_state': 'RigState',
+    'server': 'ServerSettings ViewServer',
+    'foxglove_port': 'FoxglovePort',
+})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from av_interfaces.msg import Bearing, Visibility
 from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
 from av_vision.encoded_image import MOST_PIXELS, check_pixels
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
+from av_vision.methods import DETECTORS, ForeignDetector
 from av_vision.models import shipped_model
 from av_vision.search import BearingCue, RegionPlanner
 from av_vision.temporal_detector import TemporalDetector
@@ -174,14 +176,31 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
 
 
 def make_detector(parameters: Any) -> Detector:
-    """The detector of one image from the parameters of detector_node; empty names in lists are ignored.
+    """The detector of one image from the parameters of detector_node: of a file, or of another package.
 
     Raises ModelError or ValueError.
     """
-    p = parameters
-    return Detector(p.model or shipped_model(), DetectorSettings(
+    name = parameters.model or 'shipped'
+    if name not in DETECTORS.names and (Path(name).suffix or Path(name).exists()):
+        return own_detector(parameters)
+    made = DETECTORS.load(name)(parameters)
+    return made if isinstance(made, Detector) else ForeignDetector(made, _settings(parameters), parameters.target_class)
+
+
+def own_detector(parameters: Any) -> Detector:
+    """A YOLO model in a file, by default the shipped one. Raises ModelError or ValueError.
+
+    Parameters:
+        parameters: those of detector_node.
+    """
+    return Detector(shipped_model() if parameters.model in ('', 'shipped') else parameters.model, _settings(parameters))
+
+
+def _settings(p: Any) -> DetectorSettings:
+    """Settings from the parameters of detector_node; empty names in lists are ignored."""
+    return DetectorSettings(
         score_threshold=p.score_threshold, nms_iou=p.nms_iou, nms_nested=p.nms_nested,
         max_detections=p.max_detections, keep=(p.target_class,),
         rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
         class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
-        providers=tuple(p.providers), threads=p.threads))
+        providers=tuple(p.providers), threads=p.threads)

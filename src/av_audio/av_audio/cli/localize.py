@@ -15,7 +15,8 @@ import numpy as np
 from av_audio.ego_noise import NoiseRecording
 from av_audio.file_source import FRAMES_UNKNOWN, blocks_of, open_sound, pick_channels
 from av_audio.health import ChannelHealth
-from av_audio.localizer import METHODS, DoaEstimate, Localizer, LocalizerSettings
+from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
+from av_audio.methods import DOA_METHODS
 from av_audio.spacing import SpacingCheck
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
@@ -28,7 +29,7 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='array file, such as config/arrays/two_microphones.yaml')
     parser.add_argument('--channels', type=int, nargs='+', default=[], metavar='N',
                         help='channels of the file in the order of the microphones (default: all)')
-    parser.add_argument('--method', choices=METHODS, default=defaults.method, help='estimator (default: %(default)s)')
+    parser.add_argument('--method', choices=DOA_METHODS.names, default=defaults.method, help='estimator (default: %(default)s)')
     parser.add_argument('--window', type=float, default=defaults.window_s, metavar='S',
                         help='length of the analysis window in s (default: %(default)s)')
     parser.add_argument('--hop', type=float, default=defaults.hop_s, metavar='S',

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from av_evaluation.experiments.methods import METHODS
+from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
 from av_evaluation.metrics.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
 from av_evaluation.metrics.results import RunResult
 from av_evaluation.metrics.sigma import INTERVAL, sigma_by_sensor
@@ -36,6 +36,7 @@ def evaluate(options: argparse.Namespace) -> int:
 def cases_of(options: argparse.Namespace) -> list[Case]:
     """One case for each bag, and for each seed of a scenario. Raises ValueError or OSError for inputs, see `find_inputs`."""
     inputs = find_inputs(options.inputs)
+    check_methods(tuple(options.methods))
     remap = tuple(text for text in options.remap if text)
     common = {'methods': tuple(options.methods), 'taus': tuple(options.taus), 'duration': options.duration}
     if options.oracle and options.model:
@@ -81,11 +82,12 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('inputs', nargs='+', metavar='INPUT', help='bags, scenarios (shipped names or .yaml files), or folders of them')
     add('--seeds', type=int, default=3, help='runs of each scenario (%(default)s)')
-    add('--methods', nargs='+', choices=METHODS, default=list(METHODS), help='to evaluate; all by default')
+    add('--methods', nargs='+', metavar='METHOD', default=list(METHODS),
+        help=f'to evaluate (default: those of the publication and ours): {", ".join(known_methods())}')
     add('--taus', nargs='*', type=float, default=[], help='further gates on the score of detections, for fused and gated')
     add('--duration', type=float, default=0.0, help='of each run in s; 0: that of the scenario or bag')
-    add('--model', default='', help="a detector's ONNX file, or 'shipped'; without it scenarios have the shipped one, and bags "
-        'their recorded detections')
+    add('--model', default='', help="a detector's ONNX file, 'shipped', or a detector of another package; without it scenarios "
+        'have the shipped one, and bags their recorded detections')
     add('--oracle', action='store_true', help="scenarios: the simulator's visual oracle gives the detections")
     add('--static', action='store_true', help='scenarios: the rig moves as the scenario defines, not towards the target')
     add('--max-sources', type=int, default=Case.max_sources, metavar='N',

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from av_evaluation.experiments.methods import METHODS, check_methods
 from av_evaluation.experiments.publication import cases_of, make_page, metrics_by_experiment
 from av_evaluation.metrics.comparison import format_rows, rows_of, write_json
 from av_evaluation.report.measured import write_readme
@@ -28,13 +29,15 @@ def report(options: argparse.Namespace) -> int:
         print(f'report: no real recordings in {options.data}: the stand-ins for physical experiments are omitted',
               file=sys.stderr)
     seeds = options.seeds or (1 if options.quick else SEEDS)
-    runs, failures = compute(cases_of(seeds, options.quick, options.data), options)
+    check_methods(tuple(options.methods))
+    methods = tuple(dict.fromkeys((*METHODS, *options.methods)))
+    runs, failures = compute(cases_of(seeds, options.quick, options.data, methods), options)
     runs = {name: group for name, group in runs.items() if group}
     given = (' QUICK=1' if options.quick else '') + (f' SEEDS={options.seeds}' if options.seeds else '')
     command, metrics = f'make report{given}', metrics_by_experiment(runs)
     content = {'command': command, 'experiments': metrics}
     write_json(options.out / 'metrics.json', content)
-    make_page(runs, command, options.quick).write(options.out / 'report.html')
+    make_page(runs, command, options.quick, methods).write(options.out / 'report.html')
     print(format_rows(*rows_of(metrics['all'])))
     print(f'\n{sum(map(len, runs.values()))} runs in {time.monotonic() - began:.0f} s; see {options.out / "report.html"}')
     if options.readme and not failures:
@@ -51,6 +54,7 @@ def make_parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add('--quick', action='store_true', help='one run of each experiment')
     add('--seeds', type=int, default=0, help=f'runs of each experiment ({SEEDS}, or 1 if quick)')
+    add('--methods', nargs='+', default=[], metavar='METHOD', help='methods of other packages, beside those of the publication')
     add('--data', type=Path, default=Path('../shared/data'), help='folder of the real recordings (%(default)s)')
     add('--readme', type=Path, help='README whose table of measured values is updated')
     add('--measured', type=Path, default=Path('docs/measured/metrics.json'),

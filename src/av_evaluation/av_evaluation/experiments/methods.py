@@ -1,35 +1,31 @@
-"""Methods of the publication's comparison and ours: the bearings of each on identical measurements.
+"""Methods of the publication's comparison, ours, and those of other packages: the bearings of each on identical measurements.
 
 A direction of arrival is evaluated at its stamp, the centre of its window; its delay counts as latency. A tracker is evaluated
-at the time of its estimate. Methods of sound alone cannot resolve front and back: they are given the true hemisphere, as in the
-publication, or the hypothesis of the published controller (`unaided.py`). Trackers use no truth.
+at the time of its estimate. Methods that cannot resolve front and back are given the true hemisphere, as in the
+publication, or the hypothesis of the published controller (`unaided.py`). Other trackers use no truth.
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from av_audio.methods import DOA_METHODS
 from av_common.angles import wrap
+from av_common.parameters import node_parameters
 from av_common.track import State
 from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
-from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
-from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.state_machine import MachineSettings
-from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
+from av_fusion.methods import TRACKERS
+from av_fusion.settings import make_tracker
 
-BASELINES = {'gcc_phat': 'phat', 'music': 'music', 'mvdr': 'mvdr'}
-TRACKERS = ('fused', 'gated')
-METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', *BASELINES)
-FOLDED = ('sound', 'moving_average', 'kalman', *BASELINES)  # methods that are given the true hemisphere
-KALMAN_DENSITY = 0.02  # rad^2/s^3, of the white angular acceleration
-AVERAGED = 5  # windows of the moving average, half a second
+METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
+# Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
+ESTIMATORS = {'gcc_phat': 'phat', 'sound': OWN_METHOD, 'kalman': 'phat', 'moving_average': 'phat'}
+OWN_TRACKERS = {'fused': 'bayes'}
+DEFAULT_TAU = 0.5
 MEDIAN = 5  # bearings of the median filter of every method
 
 
@@ -37,7 +33,44 @@ class UnavailableError(ValueError):
     """The run lacks the measurements that a method needs."""
 
 
-def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5, aided: bool = True
+def known_methods() -> list[str]:
+    """METHODS, and those of other packages: their estimators of directions and their trackers."""
+    others = [name for name in (*DOA_METHODS.names, *TRACKERS.names) if name not in ('plain', 'ml', 'phat', 'bayes')]
+    return list(dict.fromkeys((*METHODS, *others)))
+
+
+def check_methods(methods: tuple[str, ...]) -> None:
+    """Raises ValueError for an unknown method, with those that are installed."""
+    for method in methods:
+        if method not in known_methods():
+            raise ValueError(f'method {method!r}, expected one of {", ".join(known_methods())}; others are found as entry '
+                             f'points {DOA_METHODS.group} and {TRACKERS.group} of installed packages')
+
+
+def code_of(methods: tuple[str, ...]) -> list[str]:
+    """Digests of the code of those methods that other packages offer."""
+    return [group.code(name) for name in methods if name not in METHODS for group in (DOA_METHODS, TRACKERS)]
+
+
+def is_tracker(method: str) -> bool:
+    """Whether a method takes measurements of sound and sight, and gives one bearing."""
+    return OWN_TRACKERS.get(method, method) in TRACKERS.names
+
+
+def is_folded(method: str) -> bool:
+    """Whether a method leaves it to others to tell front from back, so that it is given the true hemisphere."""
+    if is_tracker(method):
+        return bool(getattr(TRACKERS.load(OWN_TRACKERS.get(method, method)), 'FOLDED', False))
+    return method != 'sight'
+
+
+def estimators_of(methods: tuple[str, ...]) -> tuple[str, ...]:
+    """Estimators of directions that methods need beside the rig's own."""
+    names = [ESTIMATORS.get(method, method) for method in methods]
+    return tuple(dict.fromkeys(name for name in names if name in DOA_METHODS.names and name != OWN_METHOD))
+
+
+def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU, aided: bool = True
              ) -> tuple[NDArray, NDArray]:
     """Times (n, s) and azimuths (n, rad, body frame) of one method, median-filtered in the world frame.
 
@@ -45,70 +78,73 @@ def bearings(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0
     method needs, ValueError for an unknown method.
 
     Parameters:
-        method: one of METHODS.
+        method: one of `known_methods`.
         record: measurements of the run.
         log: truth, measurements and bearings of the run.
         tau: score from which a detection counts.
-        aided: whether methods of FOLDED are given the true hemisphere.
+        aided: whether methods that need it are given the true hemisphere.
     """
+    check_methods((method,))
     observed = False
-    if method not in METHODS:
-        raise ValueError(f'method {method!r}, expected one of {", ".join(METHODS)}')
-    if method in TRACKERS:
-        series = track(method, record, log, tau)
-        time, world = _tracked(series, log)
+    if is_tracker(method):
+        series = track(method, record, log, tau, aided)
+        known = series['state'] != State.NONE
+        time = series['time'][known]
+        world = wrap(series['azimuth'][known] + log.heading(time))
         observed = len(series) > 0
+        if method == 'moving_average':  # of directions of arrival, which are evaluated at their stamps
+            time, first = np.unique(time - series['delay'][known], return_index=True)
+            world = world[first]
     elif method == 'sight':
         detected = log.sight['score'] >= tau
         time = log.sight['time'][detected]
         world = wrap(log.sight['azimuth'][detected] + log.heading(time))
         observed = len(log.sight) > 0
-    elif method == 'kalman':
-        time, world = _kalman(record, log, tau, aided)
     else:
-        measurements = _doa_measurements(method, record)
-        time, world = _nearest(measurements, log) if aided else chosen_hypotheses(measurements, record, tau)
-        if method == 'moving_average':
-            time, world = _averaged(time, world)
+        directions = _directions(method, record)
+        time, world = _nearest(directions, log) if aided else chosen_hypotheses(directions, record, tau)
     if not time.size and not observed:
         raise UnavailableError(f'{method}: no measurements')
     return time, wrap(_median(world) - log.heading(time))
 
 
-def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = 0.5) -> Series:
+def track(method: str, record: MeasurementRecord, log: RunLog, tau: float = DEFAULT_TAU, aided: bool = True) -> Series:
     """Bearings of a tracker, as a series like `RunLog.fused`. Raises UnavailableError for a run of bearings alone.
 
     Parameters:
-        method: `fused` for the filter, `gated` for the published controller.
+        method: `fused` for the filter, `gated` for the published controller, or another tracker.
         record: measurements of the run.
         log: of the run.
         tau: gate on the score of detections.
+        aided: as for `bearings`.
     """
-    machine = MachineSettings(tau=tau)
-    if method == 'fused' and tau == MachineSettings().tau:
+    if method == 'fused' and tau == DEFAULT_TAU:
         return log.fused
     if not any(isinstance(event, DoaMeasurement | CameraMeasurement) for event in record.events):
         raise UnavailableError(f'{method}: only bearings were recorded, without measurements')
-    if method == 'gated':
-        return record.replay(GatedTracker(GatedSettings(machine=machine)))
-    return record.replay(MultiTargetTracker(MultiTargetSettings(BayesSettings(machine=machine))))
+    if is_folded(method):
+        record = record.with_directions(_resolved(_directions(method, record), record, log, tau, aided))
+    return record.replay(make_tracker(node_parameters(
+        'av_fusion', 'fusion_node', overrides={'method': OWN_TRACKERS.get(method, method), 'tau': tau})))
 
 
-def _doa_measurements(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
+def _directions(method: str, record: MeasurementRecord) -> list[DoaMeasurement]:
     """Directions of arrival that a method uses; a bag without sound holds those of the rig's own estimator only."""
     own = record.doa.get(OWN_METHOD, [])
-    if method == 'sound':
-        return own
-    if method in BASELINES:
-        return record.doa.get(BASELINES[method], [])
-    return record.doa.get(BASELINES['gcc_phat'], own)
+    if is_tracker(method):
+        return record.doa.get(ESTIMATORS.get(method, OWN_METHOD), own)
+    return record.doa.get(ESTIMATORS.get(method, method), [])
 
 
-def _tracked(series: Series, log: RunLog) -> tuple[NDArray, NDArray]:
-    """Times (n, s) and world azimuths (n, rad) with a track."""
-    known = series['state'] != State.NONE
-    time = series['time'][known]
-    return time, wrap(series['azimuth'][known] + log.heading(time))
+def _resolved(directions: list[DoaMeasurement], record: MeasurementRecord, log: RunLog, tau: float,
+              aided: bool) -> list[DoaMeasurement]:
+    """Directions with one hypothesis each: the one nearest to the truth, or that of the published controller."""
+    directions = sorted((one for one in directions if one.hypotheses), key=lambda one: one.time + 0.5 * one.window)
+    _, world = _nearest(directions, log) if aided else chosen_hypotheses(directions, record, tau)
+    time = np.array([one.time for one in directions])[len(directions) - len(world):]
+    azimuths = wrap(world - log.heading(time))
+    return [one._replace(hypotheses=(Hypothesis(float(azimuth), one.hypotheses[0].across_variance),), cone=None)
+            for one, azimuth in zip(directions[len(directions) - len(world):], azimuths, strict=True)]
 
 
 def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, NDArray]:
@@ -120,45 +156,6 @@ def _nearest(measurements: list[DoaMeasurement], log: RunLog) -> tuple[NDArray, 
         azimuths = [hypothesis.azimuth for hypothesis in measurement.hypotheses]
         azimuth[k] = azimuths[int(np.argmin(np.abs(wrap(np.array(azimuths) - true))))]
     return time, wrap(azimuth + log.heading(time))
-
-
-def _averaged(time: NDArray, world: NDArray) -> tuple[NDArray, NDArray]:
-    """Circular mean of the newest AVERAGED azimuths at each time."""
-    sums = np.cumsum(np.concatenate([np.zeros(AVERAGED), np.exp(1j * world)]))
-    return time, np.angle(sums[AVERAGED:] - sums[:-AVERAGED])
-
-
-def _kalman(record: MeasurementRecord, log: RunLog, tau: float, aided: bool) -> tuple[NDArray, NDArray]:
-    """A Kalman filter of azimuth and rate over GCC-PHAT and detections from `tau`, with fixed noise.
-
-    Measurements count at their arrival, without compensation of delays.
-    """
-    measurements = _doa_measurements('kalman', record)
-    delay = 0.5 * measurements[0].window if measurements and aided else 0.0
-    doa = _nearest(measurements, log) if aided else chosen_hypotheses(measurements, record, tau)
-    events = [(time + delay, azimuth, math.radians(4.0) ** 2) for time, azimuth in zip(*doa, strict=True)]
-    for camera in (event for event in record.events if isinstance(event, CameraMeasurement)):
-        if camera.best is not None and camera.best.score >= tau:
-            events.append((camera.time, float(camera.best.azimuth + log.heading(camera.time)), math.radians(1.0) ** 2))
-    if not events:
-        return np.zeros(0), np.zeros(0)
-    events.sort()
-    return np.array([event[0] for event in events]), _filtered(events)
-
-
-def _filtered(events: list[tuple[float, float, float]]) -> NDArray:
-    """Azimuths (n, rad) of a Kalman filter, given times (s), azimuths (rad) and variances (rad^2) of measurements."""
-    state, covariance, filtered, now = np.array([events[0][1], 0.0]), 0.1 * np.eye(2), [], events[0][0]
-    for time, azimuth, variance in events:
-        dt, now = time - now, time
-        step = np.array([[1.0, dt], [0.0, 1.0]])
-        noise = KALMAN_DENSITY * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-        state, covariance = step @ state, step @ covariance @ step.T + noise
-        gain = covariance[:, 0] / (covariance[0, 0] + variance)
-        state = state + gain * wrap(azimuth - state[0])
-        covariance = covariance - np.outer(gain, covariance[0])
-        filtered.append(state[0])
-    return wrap(np.array(filtered))
 
 
 def _median(azimuth: NDArray) -> NDArray:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from av_evaluation.experiments.methods import METHODS
+from av_evaluation.experiments.methods import METHODS, is_tracker
 from av_evaluation.experiments.physical import CLIPS, FILMED, ROOM
 from av_evaluation.metrics.comparison import add_taus, cell, domain_rows, metrics_of, rows_of, taus_of
 from av_evaluation.metrics.results import RunResult
@@ -52,28 +52,30 @@ PUBLISHED = {'circle': ('Published, simulated', '4.11°', '2.61° (52 %)', '3.28
 PUBLISHED_METHODS = {'fused': 'RMSE 5.85°', 'kalman': 'RMSE 5.89°', 'sound': 'MAE ~3.1°'}
 
 
-def cases_of(seeds: int, quick: bool, data: Path) -> dict[str, list[Case]]:
+def cases_of(seeds: int, quick: bool, data: Path, methods: tuple[str, ...] = METHODS) -> dict[str, list[Case]]:
     """The runs of the report by experiment.
 
     Parameters:
         seeds: runs of each experiment.
         quick: whether to omit the runs with the detector and most recordings.
         data: folder of the recordings; where it does not exist, runs on recordings are omitted.
+        methods: to evaluate.
     """
     clips, rooms = (2, 1) if quick else (3 * seeds, seeds)
+    sound = (*SOUND_METHODS, *(name for name in methods if name not in METHODS and not is_tracker(name)))
     cases = {}
     if not quick:
         for experiment in EXPERIMENTS:
             cases[f'{experiment.scenario}{DETECTOR}'] = [
-                Case(experiment.scenario, seed, METHODS, model='shipped') for seed in (1, 2)[:seeds]]
+                Case(experiment.scenario, seed, methods, model='shipped') for seed in (1, 2)[:seeds]]
     for experiment in EXPERIMENTS:
         taus = TAUS if experiment.scenario in ('fog_woodland', 'occluded_room') else ()
-        cases[experiment.scenario] = [Case(experiment.scenario, seed, METHODS, taus) for seed in range(1, seeds + 1)]
+        cases[experiment.scenario] = [Case(experiment.scenario, seed, methods, taus) for seed in range(1, seeds + 1)]
     for name in ('circle', 'tripod'):
         cases[f'{name}, rig still'] = [replace(case, follow=False) for case in cases[name][:max(seeds // 2, 1)]]
     if data.exists():
-        cases['filmed'] = [Case(f'{FILMED}{clip}', methods=METHODS, data=str(data)) for clip in CLIPS[:clips]]
-        cases['room'] = [Case(f'{ROOM}{number}', methods=SOUND_METHODS, data=str(data)) for number in range(rooms)]
+        cases['filmed'] = [Case(f'{FILMED}{clip}', methods=methods, data=str(data)) for clip in CLIPS[:clips]]
+        cases['room'] = [Case(f'{ROOM}{number}', methods=sound, data=str(data)) for number in range(rooms)]
     return cases
 
 
@@ -85,13 +87,14 @@ def metrics_by_experiment(runs: Runs) -> dict[str, dict[str, dict[str, float | N
     return {**pooled, **{name: metrics_of(several) for name, several in runs.items() if several}}
 
 
-def make_page(runs: Runs, command: str, quick: bool) -> Page:
+def make_page(runs: Runs, command: str, quick: bool, methods: Sequence[str] = METHODS) -> Page:
     """The report.
 
     Parameters:
         runs: results by experiment.
         command: by which the report is made.
         quick: whether there is one run of each experiment only.
+        methods: that were evaluated.
     """
     page = Page('Audio-visual bearings of a drone: the experiments repeated',
                 f'Made by `{command}`' + (', the quick version: one run of each.' if quick else '.'))
@@ -102,7 +105,7 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
         'only sound alone is given the true hypothesis, fused is not. Intervals: bootstrap over blocks of 2 s.')
     _table_1(page, runs)
     _table_2(page, runs)
-    _table_3(page, runs)
+    _table_3(page, runs, methods)
     for experiment in EXPERIMENTS:
         several = runs.get(experiment.scenario, ())
         if several:
@@ -119,7 +122,7 @@ def make_page(runs: Runs, command: str, quick: bool) -> Page:
     _sensitivity(page, [run for name in ('fog_woodland', 'occluded_room') for run in runs.get(name, ())])
     _stand_ins(page, runs)
     page.heading('All errors')
-    page.figure(distribution_chart(_four(runs), METHODS),
+    page.figure(distribution_chart(_four(runs), methods),
                 'Cumulative distribution of the absolute errors in the four experiments.')
     return page
 
@@ -165,10 +168,10 @@ def _table_2(page: Page, runs: Runs) -> None:
                    'published figures of this table are not known here.')
 
 
-def _table_3(page: Page, runs: Runs) -> None:
+def _table_3(page: Page, runs: Runs, methods: Sequence[str]) -> None:
     page.heading('Table 3. Methods side by side')
-    head, rows = rows_of(metrics_of(_four(runs), METHODS))
-    for method, row in zip((None, *METHODS), (head, *rows), strict=True):
+    head, rows = rows_of(metrics_of(_four(runs), methods))
+    for method, row in zip((None, *methods), (head, *rows), strict=True):
         row.insert(4, PUBLISHED_METHODS.get(method, '') if method else 'published')
     page.table(head, rows, ours=label('fused'))
     page.paragraph('The four experiments together. Methods of sound alone are evaluated at the centre of their window, whose '

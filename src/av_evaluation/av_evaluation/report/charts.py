@@ -19,6 +19,15 @@ LABELS = {'fused': 'fused (ours)', 'sound': 'sound alone (ours)', 'sight': 'sigh
           'mvdr': 'MVDR'}
 
 
+OTHERS = ('#e377c2', '#17becf', '#bcbd22', '#393b79', '#637939')  # methods of other packages
+
+
+def colour(method: str) -> str:
+    """Colour of a method, or of `name@tau`, in figures."""
+    name = method.partition('@')[0]
+    return COLOURS.get(name, OTHERS[sum(map(ord, name)) % len(OTHERS)])
+
+
 def label(method: str) -> str:
     """Name of a method, or of `name@tau`, in tables and figures."""
     name, _, tau = method.partition('@')
@@ -48,8 +57,8 @@ def bearing_chart(run: RunResult, methods: Sequence[str] = ('sound', 'sight', 'f
         result, line = run.methods[method], method not in ('sound', 'sight')
         style = {'linewidth': 1.3} if line else {'linestyle': '', 'marker': '.', 'markersize': 3.0, 'alpha': 0.7}
         values = np.degrees(broken(result.azimuth) if line else wrap(result.azimuth))
-        bearing.plot(result.time - start, values, color=COLOURS[method], label=label(method), **style)
-        error.plot(result.error_time - start, result.error_deg, color=COLOURS[method], **style)
+        bearing.plot(result.time - start, values, color=colour(method), label=label(method), **style)
+        error.plot(result.error_time - start, result.error_deg, color=colour(method), **style)
         azimuths.append(values)
         errors.append(result.error_deg)
     reach = _reach(azimuths, (15, 30, 60, 90, 180), 1.0)
@@ -76,7 +85,7 @@ def distribution_chart(runs: Sequence[RunResult], methods: Sequence[str]) -> Fig
         error = np.sort(np.abs(errors_together(runs, method)))
         if len(error):
             axes.plot(np.maximum(error, 0.02), 100.0 * np.arange(1, len(error) + 1) / len(error), label=label(method),
-                      color=COLOURS[method], linewidth=2.2 if method == 'fused' else 1.3)
+                      color=colour(method), linewidth=2.2 if method == 'fused' else 1.3)
     axes.set(xscale='log', xlim=(0.02, 180.0), ylim=(0, 101), xlabel='error (deg)', ylabel='share of errors below (%)')
     axes.set_xticks([0.03, 0.1, 0.3, 1, 3, 10, 30, 100], ['0.03', '0.1', '0.3', '1', '3', '10', '30', '100'])
     axes.legend(loc='center left', bbox_to_anchor=(1.0, 0.5), frameon=False)
@@ -96,7 +105,7 @@ def curve_chart(curves: Mapping[str, tuple[Sequence[float], Sequence[float]]], x
     figure = Figure(figsize=(11, 3.8), layout='constrained')
     axes = figure.subplots()
     for name, (x, y) in curves.items():
-        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=COLOURS[name], linewidth=1.8, markersize=4.5)
+        axes.plot(x, np.array(y, float), 'o-', label=label(name), color=colour(name), linewidth=1.8, markersize=4.5)
     axes.set(xlabel=xlabel, ylabel=ylabel, yscale='log' if log else 'linear')
     if log:
         axes.yaxis.set_major_formatter('{x:g}')

@@ -19,7 +19,9 @@ import av_sim_bridge
 import av_simulator
 import av_vision
 from av_audio.localizer import LocalizerSettings
+from av_evaluation.experiments.methods import code_of
 from av_simulator.config_files import find_config, shipped
+from av_vision.methods import DETECTORS
 from av_vision.models import shipped_model
 
 PACKAGES = (av_audio, av_bags, av_common, av_evaluation, av_fusion, av_pointing, av_sim_bridge, av_simulator, av_vision)
@@ -84,9 +86,10 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Digest of everything that the result depends on: case, files, code and shipped detector."""
+        """Digest of everything that the result depends on: case, files, detector, and code, also that of others' methods."""
         files = ('' if self.data else self.input, self.model, self.array, *self.parameters)
-        content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code()])
+        others = [*code_of(self.methods), DETECTORS.code(self.model) if self.model != 'shipped' else '']
+        content = json.dumps([asdict(self), *map(_content, files), _rigs(), _code(), *others])
         return hashlib.sha256(content.encode()).hexdigest()[:12]
 
 
@@ -135,7 +138,7 @@ def _search(folder: Path) -> list[str]:
 def _content(name: str) -> str:
     """Digest of a file's content; of bags and models their sizes and times of change."""
     path = Path(name)
-    if name in ('', 'shipped'):
+    if name in ('', *DETECTORS.names):
         return ''
     if is_bag(path) or path.suffix == '.onnx':
         files = sorted(path.rglob('*')) if path.is_dir() else [path]

@@ -17,6 +17,8 @@ from av_fusion.tracker_protocol import Tracker
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
+Event = Pose | DoaMeasurement | CameraMeasurement | float
+
 
 @dataclass
 class MeasurementRecord:
@@ -28,7 +30,7 @@ class MeasurementRecord:
     """
 
     doa: dict[str, list[DoaMeasurement]] = field(default_factory=dict)
-    events: list[Pose | DoaMeasurement | CameraMeasurement | float] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
 
     def replay(self, tracker: Tracker) -> Series:
         """Give another tracker the same events; its bearings as a series like `RunLog.fused`."""
@@ -46,6 +48,18 @@ class MeasurementRecord:
                            event - track.measured)
         return series
 
+    def with_directions(self, directions: Sequence[DoaMeasurement]) -> MeasurementRecord:
+        """The record with other directions of arrival in the place of the rig's own, each where its window ends."""
+        waiting = sorted(directions, key=_end, reverse=True)
+        events: list[Event] = []
+        for event in self.events:
+            if isinstance(event, DoaMeasurement):
+                continue
+            while waiting and _end(waiting[-1]) <= (event if isinstance(event, float) else event.time):
+                events.append(waiting.pop())
+            events.append(event)
+        return MeasurementRecord(events=[*events, *reversed(waiting)])
+
     def _windows(self) -> Iterator[Pose | list[DoaMeasurement] | CameraMeasurement | float]:
         """The events, with the directions of one window together."""
         window: list[DoaMeasurement] = []
@@ -59,6 +73,11 @@ class MeasurementRecord:
                 yield event
         if window:
             yield window
+
+
+def _end(measurement: DoaMeasurement) -> float:
+    """End (s) of a measurement's window."""
+    return measurement.time + 0.5 * measurement.window
 
 
 class RecordingTracker:

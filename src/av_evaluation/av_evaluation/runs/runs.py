@@ -10,14 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from av_audio.localizer import METHODS as ESTIMATORS
 from av_audio.localizer import LocalizerSettings
 from av_bags.reader import Bag
 from av_bags.topics import parse_remappings
 from av_common.config_reader import ConfigError, load
 from av_common.files import shown
 from av_common.rig import load_rig
-from av_evaluation.experiments.methods import BASELINES, FOLDED, TRACKERS, UnavailableError, bearings, track
+from av_evaluation.experiments.methods import UnavailableError, bearings, estimators_of, is_folded, is_tracker, track
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.experiments.physical import FILMED, ROOM, detection_stage, filmed, room
 from av_evaluation.metrics.metrics import compare, coverage_of, instants, summarise, switches, time_to_resolve
@@ -35,8 +34,6 @@ from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Scenario
 
-KALMAN_NEEDS = 'phat'
-
 
 def run_case(case: Case) -> RunResult:
     """Compute one case. Raises ValueError or OSError with a message about the input."""
@@ -53,9 +50,9 @@ def run_case(case: Case) -> RunResult:
 def _measure(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     """Log, record of measurements, and notes on the origin of the data."""
     if case.input.startswith(FILMED):
-        return filmed(case.input.removeprefix(FILMED), Path(case.data), _estimators(case.methods))
+        return filmed(case.input.removeprefix(FILMED), Path(case.data), estimators_of(case.methods))
     if case.input.startswith(ROOM):
-        return room(int(case.input.removeprefix(ROOM)), Path(case.data), _estimators(case.methods))
+        return room(int(case.input.removeprefix(ROOM)), Path(case.data), estimators_of(case.methods))
     return _replay(case) if case.is_bag else _simulate(case)
 
 
@@ -100,15 +97,16 @@ def _evaluate(method: str, log: RunLog, record: MeasurementRecord, tau: float, a
     time, azimuth = bearings(method, record, log, tau)
     compared = compare(time, azimuth, log, acquired)
     grid = instants(acquired, acquired + span) if span > 0.0 else np.zeros(0)
-    opposite = np.zeros(0, bool) if method in FOLDED else compared.opposite
-    unaided = compare(*bearings(method, record, log, tau, aided=False), log, acquired) if method in FOLDED else compared
+    folded = is_folded(method)
+    opposite = np.zeros(0, bool) if folded else compared.opposite
+    unaided = compare(*bearings(method, record, log, tau, aided=False), log, acquired) if folded else compared
     result = MethodResult(time, azimuth, compared.time, compared.error_deg, opposite, unaided.error_deg,
                           coverage_of(grid, time))
-    if method in TRACKERS:
+    if is_tracker(method) and not folded:
         series = track(method, record, log, tau)
         result.time_to_resolve_s, result.switches = time_to_resolve(log, series), float(switches(series))
         delay = series['delay'][series['state'] > 0]
-    elif method == 'kalman':
+    elif is_tracker(method) and method != 'moving_average':
         delay = np.zeros(0)
     elif method == 'sight':
         delay = log.sight['delay']
@@ -128,7 +126,7 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
     settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
     pointing = PointingController(settings) if case.follow else None
     tracker = MultiTargetTracker(MultiTargetSettings(BayesSettings(gimbal=rig.gimbal)))
-    run = OfflineRun(scenario, rig, tracker, case.seed, pointing, _estimators(case.methods),
+    run = OfflineRun(scenario, rig, tracker, case.seed, pointing, estimators_of(case.methods),
                      detection_stage(case.model) if case.model else None,
                      settings=LocalizerSettings(band_hz=case.band_hz, max_sources=case.max_sources))
     run.run(case.duration or None)
@@ -167,13 +165,5 @@ def _replay(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
                               remappings=parse_remappings(case.remap), array=case.array,
                               duration=case.duration or math.inf)
     with Bag(case.input) as bag:
-        replay = Replay(bag, settings, record, _estimators(case.methods))
+        replay = Replay(bag, settings, record, estimators_of(case.methods))
         return replay.run(), record, replay.notes
-
-
-def _estimators(methods: tuple[str, ...]) -> tuple[str, ...]:
-    """Estimators of directions that the methods need beside the rig's own."""
-    needed = {BASELINES[method] for method in methods if method in BASELINES}
-    if {'kalman', 'moving_average'} & set(methods):
-        needed.add(KALMAN_NEEDS)
-    return tuple(name for name in ESTIMATORS if name in needed)

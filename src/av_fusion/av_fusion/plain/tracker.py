@@ -1,0 +1,141 @@
+"""The base of a tracker of one target that knows nothing but azimuths and their variances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from av_common.angles import wrap
+from av_common.track import Source, State, Target, Targets, Track
+from av_fusion.disambiguation.rotation import RotationPlanner, RotationSettings
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+
+FORGET_S = 3.0  # as `GatedSettings.memory`: without a measurement for so long, there is no track
+
+
+class PlainTracker:
+    """Implements `Tracker`; a subclass says what a measurement changes, and where the target is.
+
+    Of mirror images it takes the one nearest to where the target is, or in front of the rig. Detections below `tau` are not
+    used.
+
+    Attributes:
+        FOLDED: whether the tracker leaves it to others to tell front from back: in evaluations it is given the true one.
+        motion: the rig's attitude and path.
+        planner: requests no rotation.
+        tau: least score of a detection.
+
+    Parameters:
+        parameters: those of fusion_node; None for defaults.
+        gimbal: carries the camera; not used.
+    """
+
+    FOLDED: ClassVar[bool] = True
+
+    def __init__(self, parameters: Any = None, gimbal: object = None) -> None:
+        self.motion, self.planner = RigMotion(), RotationPlanner(RotationSettings(enabled=False))
+        self.tau = 0.5 if parameters is None else float(parameters.tau)
+        self._newest = {Source.SOUND: -math.inf, Source.SIGHT: -math.inf}
+        self._id, self._tracked = 0, False
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the target."""
+
+    def update(self, time: float, azimuth: float, variance: float, source: Source) -> None:
+        """Use one measurement.
+
+        Parameters:
+            time (s): capture time; may be before that of the last one.
+            azimuth (rad), variance (rad^2): direction in the world, counter-clockwise from east.
+            source: SOUND or SIGHT.
+        """
+        raise NotImplementedError
+
+    def predict(self, time: float) -> tuple[float, float] | None:
+        """Azimuth (rad, world) and its variance (rad^2) at `time` (s); None while unknown."""
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """See `Tracker`."""
+        self._newest = dict.fromkeys(self._newest, -math.inf)
+        self.restart()
+
+    def add_pose(self, pose: Pose) -> Any:
+        """See `Tracker`."""
+        return self.motion.add(pose)
+
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """See `Tracker`."""
+        for measurement in filter(None, map(usable_doa, measurements)):
+            yaw, known = self.motion.yaw(measurement.time), self.predict(measurement.time)
+            expected = 0.0 if known is None else known[0] - yaw
+            nearest = min(measurement.hypotheses, key=lambda one: abs(wrap(one.azimuth - expected)))
+            self._use(measurement.time, nearest.azimuth + yaw, nearest.across_variance, Source.SOUND)
+
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """See `Tracker`."""
+        usable = usable_camera(measurement)
+        if usable is not None and usable.best is not None and usable.best.score >= self.tau:
+            azimuth = usable.best.azimuth + self.motion.yaw(usable.time)
+            self._use(usable.time, azimuth, usable.best.across_variance, Source.SIGHT)
+
+    def _use(self, time: float, azimuth: float, variance: float, source: Source) -> None:
+        self._newest[source] = max(self._newest[source], time)
+        self.update(time, float(wrap(azimuth)), variance, source)
+
+    def estimate(self, time: float) -> Track:
+        """See `Tracker`."""
+        heard, seen = (time - self._newest[source] for source in (Source.SOUND, Source.SIGHT))
+        known = self.predict(time) if min(heard, seen) <= FORGET_S else None
+        if known is None:
+            return Track(time)
+        azimuth, variance = known
+        sight, recent = seen <= heard, min(heard, seen) <= 1.0
+        state = State.COASTING if not recent else State.VISUAL_ACTIVE if sight else State.ACOUSTIC_ACTIVE
+        body = float(wrap(azimuth - self.motion.yaw(time)))
+        leading = Source.SIGHT if sight else Source.SOUND
+        return Track(
+            time, state, 'sight' if sight else 'sound', source=leading if recent else Source.NOTHING,
+            azimuth=body, azimuth_variance=variance, azimuth_world=azimuth, covariance_world=(variance, 0.0, 0.0, math.inf),
+            attitude_known=self.motion.is_known(time), measured=max(self._newest.values()),
+            front_probability=0.95 if math.cos(body) > 0.0 else 0.05, sound_weight=float(not sight), sight_weight=float(sight))
+
+    def targets(self, track: Track) -> Targets:
+        """See `Tracker`."""
+        tracked = track.state != State.NONE
+        self._id, self._tracked = self._id + (tracked and not self._tracked), tracked
+        if not tracked:
+            return Targets(track.time)
+        heard, seen = self._newest[Source.SOUND], self._newest[Source.SIGHT]
+        return Targets(track.time, (Target(self._id, 1.0, track, heard=heard, seen=seen),), self._id)
+
+    def select(self, identifier: int) -> None:
+        """See `Tracker`."""
+        if identifier not in (0, self._id if self._tracked else 0):
+            raise ValueError(f'target {identifier} is not tracked')
+
+    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+        """See `Tracker`: there is no gate."""
+        return []
+
+    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+        """See `expected_doas`."""
+        return None
+
+    def use_cue(self, cue: Any, variance: float, wrong: float) -> None:
+        """See `Tracker`: what others say is not used."""
+
+    def forget_emitters(self) -> int:
+        """See `Tracker`: none are known."""
+        return 0
+
+    def densities(self) -> list[Any]:
+        """See `Tracker`: there are none."""
+        return []
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        return {}
