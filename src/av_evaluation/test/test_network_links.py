@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from av_evaluation.network import cases
-from av_evaluation.network.figures import CUTOFF_M, Estimate, OwnTracker, run
-from av_evaluation.network.partition import agree, partition_figures
+from av_evaluation.network.figures import CUTOFF_M, Estimate, OwnTracker, agree, partition_figures, run
 
 
 def estimate(*place):

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from av_evaluation.network import cases
-from av_evaluation.network.bound import mean_bound, position_bound
-from av_evaluation.network.figures import OwnTracker, nees_bounds, run
-from av_evaluation.network.known_association import KnownAssociation
+from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, position_bound, run
 from av_network.report import Report, Sighting
 
 
@@ -67,12 +65,3 @@ def test_origins_are_the_drones_behind_the_tracks():
                 x, y, z = simulation.truth(report.time)[drone] - report.position
                 assert math.hypot(math.remainder(one.azimuth - math.atan2(y, x), math.tau) * math.cos(one.elevation),
                                   one.elevation - math.atan2(z, math.hypot(x, y))) < math.radians(6.0)
-
-
-def test_true_association_needs_no_candidates():
-    """One drone by two rigs: a position from the second report on, within the bound."""
-    simulation = cases.two_rigs(12)
-    arrivals = simulation.arrivals()
-    found = run(KnownAssociation(cases.settings_of(simulation), simulation.origins), simulation, arrivals)
-    assert [len(each) for each in found.estimates[20:]] == [1] * len(found.estimates[20:])
-    assert found.rmse(10.0) < 1.3 * mean_bound(simulation, arrivals, 10.0) and 1.0 < np.mean(found.nees(10.0)) < 5.0

@@ -33,10 +33,11 @@ class HostileValues:
 
     Parameters:
         random: source of the draws.
+        clock: gives the time (s) that stamps are near to.
     """
 
-    def __init__(self, random: Random) -> None:
-        self.random = random
+    def __init__(self, random: Random, clock: Callable[[], float] = time.time) -> None:
+        self.random, self._clock = random, clock
         self.stale = False
 
     def disturb(self, message: Any, share: float) -> None:
@@ -103,7 +104,7 @@ class HostileValues:
         if self.random.random() < (0.5 if self.stale else 0.3):
             return Time(sec=self.random.choice((0, -1, -2**31, 2**31 - 1, 2**31 - 2, 1, 10**9)),
                         nanosec=self.random.choice((0, 999_999_999, 10**9, 2**32 - 1)))
-        seconds, fraction = divmod(time.time() + off, 1.0)
+        seconds, fraction = divmod(self._clock() + off, 1.0)
         return Time(sec=int(seconds), nanosec=int(fraction * 1e9))
 
     def mutilate(self, data: bytes) -> bytes:

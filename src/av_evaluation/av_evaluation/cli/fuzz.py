@@ -1,37 +1,169 @@
-"""ros2 run av_evaluation fuzz: random and invalid measurements; every pointing command must be within its limits."""
+"""ros2 run av_evaluation fuzz: random and invalid messages through fusion and pointing, whose answers must be safe to obey.
+
+Each sequence mixes plausible messages with hostile ones, in a time that stalls and jumps. Stages may raise ValueError only;
+bearings and tracks are finite; commands are finite and within their limits, and move the body on fresh inputs only.
+"""
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from random import Random
+from typing import Any, NamedTuple
 
-from av_evaluation.experiments.fuzz import fuzz
+import numpy as np
+from geometry_msgs.msg import Vector3
+from nav_msgs.msg import Odometry
+from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithPose
+
+from av_common.freshness import Instant
+from av_common.parameters import node_parameters
+from av_common.rig import CameraMount
+from av_common.stamps import to_stamp
+from av_evaluation.attack.hostile import HostileValues
+from av_evaluation.attack.judges import CommandJudge
 from av_evaluation.runs.progress import RunProgress
+from av_fusion.stage import FusionOutput, make_fusion_stage
+from av_interfaces.msg import Bearing, Doa, DoaArray
+from av_pointing.stage import make_pointing_stage
 
-CHUNK = 250
+CHUNK = 50    # sequences that a process runs at a time
+METHODS = ('bayes', 'bayes', 'gated')    # the default one in two of three sequences
+STEPS_S = (0.0, 0.02, 0.05, 0.5, -0.1, 30.0)
+STEP_SHARES = (0.1, 0.5, 0.3, 0.06, 0.03, 0.01)
+SHARES = (0.0, 0.0, 0.02, 0.2)    # of a message's fields that are hostile
+FINITE = ('azimuth', 'elevation', 'azimuth_world', 'azimuth_world_rate', 'requested_rotation')
 
 
-def main(arguments: list[str] | None = None) -> int:
+class Broken(NamedTuple):
+    """A sequence, by the seed that repeats it, and its first fault."""
+
+    seed: int
+    reason: str
+
+
+class Mixture:
+    """Random messages for a fusion and a pointing stage.
+
+    Parameters:
+        seed: of the random draws.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._random, self._steady, self._now = Random(seed), 100.0, 1000.0 + 1e5 * seed    # of which the latter may step back
+        self._hostile = HostileValues(self._random, lambda: self._now)
+        method = self._random.choice(METHODS)
+        self._fusion = make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides={'method': method}),
+                                         lambda frame, time: np.eye(3), CameraMount().model)
+        self._pointing = make_pointing_stage(node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True}))
+        self._judge = CommandJudge(self._pointing.controller.settings)
+
+    def run(self, messages: int) -> str:
+        """Use a number of messages; returns the first fault, '' for none."""
+        try:
+            for _ in range(messages):
+                step = self._random.choices(STEPS_S, STEP_SHARES)[0]
+                self._now, self._steady = self._now + step, self._steady + max(step, 0.0)
+                if fault := self._use(self._random.choice((self._doa, self._image, self._odometry))()):
+                    return fault
+        except Exception as error:  # noqa: BLE001  every exception but ValueError is a fault
+            return f'{type(error).__name__}: {error}'
+        self._judge.judge(math.inf)
+        return next(iter((*self._judge.findings.bad, *self._judge.findings.moves)), '')
+
+    def _use(self, message: Any) -> str:
+        """Give a message to the stages, and what follows; returns a fault."""
+        if share := self._random.choice(SHARES):
+            self._hostile.disturb(message, share)
+        now, outputs = Instant(self._steady, self._now), list[FusionOutput | None]()
+        self._judge.on_input('odometry' if isinstance(message, Odometry) else 'measurement', self._steady, self._steady)
+        takes = {DoaArray: self._fusion.on_doa, Detection2DArray: self._fusion.on_detections,
+                 Odometry: self._fusion.on_odometry}
+        try:
+            outputs.append(takes[type(message)](message, self._now))
+            if isinstance(message, Odometry):
+                self._pointing.on_odometry(message, now)
+        except ValueError:
+            outputs.clear()
+        outputs += self._fusion.outputs_until(self._now)
+        for output in filter(None, outputs):
+            if fault := check(output):
+                return fault
+            self._obey(self._pointing.on_bearing(output.bearing, now))
+        self._obey(self._pointing.on_time(now))
+        return ''
+
+    def _obey(self, command: Any) -> None:
+        self._judge.on_command(command, self._steady, self._steady)
+
+    def _stamped(self, message: Any, late: float) -> Any:
+        message.header.stamp, message.header.frame_id = to_stamp(self._now - late), 'sensor'
+        return message
+
+    def _doa(self) -> DoaArray:
+        azimuth, variance = self._random.gauss(0.0, 1.0), 10.0 ** self._random.uniform(-5.0, 0.0)
+        return self._stamped(DoaArray(window=0.5, axis=Vector3(y=1.0), hypotheses=[
+            Doa(direction=Vector3(x=math.cos(a), y=math.sin(a)), azimuth=a, azimuth_variance=variance, cosine=math.sin(azimuth),
+                elevation_variance=math.inf, cosine_variance=variance, confidence=self._random.random(), drone_probability=0.9)
+            for a in (azimuth, math.pi - azimuth)]), 0.25)
+
+    def _image(self) -> Detection2DArray:
+        found = []
+        for _ in range(self._random.randrange(3)):
+            found.append(Detection2D(results=[ObjectHypothesisWithPose()]))
+            found[-1].bbox.center.position.x, found[-1].bbox.center.position.y = 640.0 * self._random.random(), 240.0
+            found[-1].bbox.size_x = found[-1].bbox.size_y = 30.0
+            found[-1].results[0].hypothesis.class_id, found[-1].results[0].hypothesis.score = 'drone', self._random.random()
+        return self._stamped(Detection2DArray(detections=found), 0.1)
+
+    def _odometry(self) -> Odometry:
+        message, half = self._stamped(Odometry(), 0.01), 0.1 * math.sin(self._now)
+        message.pose.pose.orientation.w, message.pose.pose.orientation.z = math.cos(half), math.sin(half)
+        return message
+
+
+def check(output: FusionOutput) -> str:
+    """The fault of what fusion states, '' for none."""
+    bearing, targets = output.bearing, output.targets
+    if bearing.state != Bearing.STATE_NONE and not all(math.isfinite(getattr(bearing, name)) for name in FINITE):
+        return f'the bearing is not finite: {bearing}'
+    ids = [track.id for track in targets.tracks]
+    if len(ids) != len(set(ids)) or targets.selected not in (0, *ids):
+        return f'targets {ids}, of which {targets.selected} is selected'
+    for track in targets.tracks:
+        if not (0.0 <= track.existence <= 1.0 and math.isfinite(track.azimuth) and math.isfinite(track.elevation)):
+            return f'the target is impossible: {track}'
+    return ''
+
+
+def fuzz(first: int, count: int, messages: int) -> list[Broken]:
+    """Run `count` sequences from a first seed; returns those with faults."""
+    found = (Broken(seed, Mixture(seed).run(messages)) for seed in range(first, first + count))
+    return [broken for broken in found if broken.reason]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the sequences and print faults with their seeds; returns 1 where there are any."""
-    parser = argparse.ArgumentParser(prog='fuzz', description=__doc__)
-    parser.add_argument('--sequences', type=int, default=100_000, help='number of sequences (%(default)s)')
-    parser.add_argument('--messages', type=int, default=20, help='measurements in a sequence (%(default)s)')
+    parser = argparse.ArgumentParser(prog='fuzz', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--sequences', type=int, default=10_000, help='number of sequences (%(default)s)')
+    parser.add_argument('--messages', type=int, default=20, help='messages in a sequence (%(default)s)')
     parser.add_argument('--seed', type=int, default=0, help='of the first sequence (%(default)s)')
     parser.add_argument('--workers', type=int, default=0, help='parallel processes; 0: one for each core')
     options = parser.parse_args(arguments)
-    begun, broken = time.monotonic(), []
-    starts = range(options.seed, options.seed + options.sequences, CHUNK)
-    counts = [min(CHUNK, options.seed + options.sequences - start) for start in starts]
-    done, progress = 0, RunProgress(quiet=not sys.stderr.isatty())
-    progress.show(done, options.sequences)
+    begun, end = time.monotonic(), options.seed + options.sequences
+    starts = range(options.seed, end, CHUNK)
+    progress, broken = RunProgress(quiet=not sys.stderr.isatty()), list[Broken]()
     with ProcessPoolExecutor(options.workers or os.cpu_count()) as pool:
-        for found, count in zip(pool.map(fuzz, starts, counts, [options.messages] * len(starts)), counts, strict=True):
+        jobs: Iterable[list[Broken]] = pool.map(fuzz, starts, [min(CHUNK, end - start) for start in starts],
+                                                [options.messages] * len(starts))
+        for number, found in enumerate(jobs, 1):
             broken += found
-            done += count
-            progress.show(done, options.sequences, f'{len(broken)} broken')
+            progress.show(min(number * CHUNK, options.sequences), options.sequences, f'{len(broken)} broken')
             for one in found[:max(0, 10 - len(broken) + len(found))]:
                 print(f'sequence {one.seed}: {one.reason}', flush=True)
     print(f'{options.sequences} sequences of {options.messages} messages in {time.monotonic() - begun:.0f} s: '

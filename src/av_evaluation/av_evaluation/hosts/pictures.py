@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_evaluation.network.figures import STEP_S, Estimate, NetworkRun
-from av_evaluation.network.partition import agree, lost_tracks, partition_figures
+from av_evaluation.network.figures import STEP_S, Estimate, NetworkRun, agree, lost_tracks, partition_figures
 from av_evaluation.network.simulation import NetworkSimulation
 
 STALE_S = 1.0  # age of the newest picture from which a node has none

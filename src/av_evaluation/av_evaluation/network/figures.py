@@ -1,4 +1,4 @@
-"""Figures of a tracker of a network: errors, GOSPA, ghosts, consistency, and its estimates of clocks and headings."""
+"""Figures of a network's tracker: errors, GOSPA, ghosts, consistency; the Cramer-Rao bound; what a partition does."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import time as wall
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from av_network.tracker import NetworkTracker
 CUTOFF_M = 10.0  # an error from which a drone counts as missed and a track as false
 STEP_S = 0.1
 EXPECTED_NEES = 3.0  # of positions
+AGREE_M = 5.0  # GOSPA between the pictures of two nodes, up to which they are the same
 
 
 class Estimate(NamedTuple):
@@ -30,21 +31,6 @@ class Estimate(NamedTuple):
     id: int
     mean: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-
-class NetworkPeer(Protocol):
-    """A tracker of positions from directions."""
-
-    def take(self, report: Report, now: float) -> None:
-        """Take a report.
-
-        Parameters:
-            report: of a rig.
-            now (s): time of its arrival.
-        """
-
-    def estimates(self, now: float) -> list[Estimate]:
-        """The targets at a time (s)."""
 
 
 class OwnTracker:
@@ -63,12 +49,12 @@ class OwnTracker:
         self.tracker, self._queue = NetworkTracker(rigs, settings), ReportQueue(wait)
 
     def take(self, report: Report, now: float) -> None:
-        """See `NetworkPeer`."""
+        """Take a report that arrives at a time (s)."""
         rig = self.tracker.rigs[report.rig]
         self._queue.put(report, self.tracker.filter.corrected_time(rig, report.time))
 
     def estimates(self, now: float) -> list[Estimate]:
-        """See `NetworkPeer`."""
+        """The targets at a time (s)."""
         for report in self._queue.ready(now):
             self.tracker.use(report)
         return [Estimate(state.target.id, state.mean, state.covariance) for state in self.tracker.states(now)
@@ -142,7 +128,7 @@ def nees_bounds(means: Sequence[float]) -> tuple[float, float]:
     return EXPECTED_NEES - width, EXPECTED_NEES + width
 
 
-def run(peer: NetworkPeer, simulation: NetworkSimulation, arrivals: Sequence[Arrival] | None = None) -> NetworkRun:
+def run(peer: OwnTracker, simulation: NetworkSimulation, arrivals: Sequence[Arrival] | None = None) -> NetworkRun:
     """Run a tracker on the reports of a simulation.
 
     Parameters:
@@ -167,3 +153,99 @@ def run(peer: NetworkPeer, simulation: NetworkSimulation, arrivals: Sequence[Arr
 def _distances(truth: NDArray[np.float64], found: Sequence[Estimate]) -> NDArray[np.float64]:
     means = np.array([one.mean[:3] for one in found]).reshape(-1, 3)
     return np.linalg.norm(truth[:, None] - means[None], axis=2)
+
+
+def position_bound(position: NDArray[np.float64], reports: Iterable[Report]) -> float:
+    """Least root mean square error (m) of an unbiased position from one direction of each rig; inf where one is not enough.
+
+    Parameters:
+        position (3,) (m): of the target.
+        reports: with the direction, of which only the covariance counts, as their first sighting.
+    """
+    information = np.zeros((3, 3))
+    for report in reports:
+        offset = position - report.position
+        distance, level = float(np.linalg.norm(offset)), math.hypot(offset[0], offset[1])
+        across = np.array([-offset[1], offset[0], 0.0]) / (level * distance)
+        up = np.array([-offset[0] * offset[2], -offset[1] * offset[2], level**2]) / (level * distance**2)
+        H = np.stack([across, up])
+        information += H.T @ np.linalg.solve(report.sightings[0].covariance, H)
+    if np.linalg.matrix_rank(information) < 3:
+        return math.inf
+    return math.sqrt(float(np.trace(np.linalg.inv(information))))
+
+
+def mean_bound(simulation: NetworkSimulation, arrivals: Sequence[Arrival], after: float) -> float:
+    """Root mean square over time of the bound (m) for a single drone that all rigs report always.
+
+    Parameters:
+        simulation: of one drone.
+        arrivals: its reports.
+        after (s): beginning.
+    """
+    latest: dict[str, Report] = {}
+    squared = []
+    for arrival in arrivals:
+        if arrival.report.sightings:
+            latest[arrival.report.rig] = arrival.report
+        if arrival.time >= after and len(latest) == len(simulation.rigs):
+            squared.append(position_bound(simulation.truth(arrival.time)[0], latest.values()) ** 2)
+    return math.sqrt(float(np.mean(squared)))
+
+
+class PartitionFigures(NamedTuple):
+    """What a partition does.
+
+    Parameters:
+        lost: number of tracks of either node that had existed before the partition and do not after it.
+        missed: share of drones without a track during the partition, the mean of both nodes.
+        healed (s): time from the end of the partition until both nodes have the same picture, for good; inf if never.
+    """
+
+    lost: int
+    missed: float
+    healed: float
+
+
+def partition_figures(first: NetworkRun, second: NetworkRun, begin: float, end: float) -> PartitionFigures:
+    """Figures of two nodes' runs.
+
+    Parameters:
+        first, second: with the same times.
+        begin, end (s): of the partition.
+    """
+    times = np.array(first.times)
+    before, after = (int(np.searchsorted(times, moment)) for moment in (begin, end))
+    missed = []
+    for each in (first, second):
+        missed += [1.0 - min(len(found), len(true)) / len(true) for found, true in
+                   zip(each.estimates[before:after], each.truths[before:after], strict=True)]
+    apart = [time for time, one, other in zip(times[after:], first.estimates[after:], second.estimates[after:], strict=True)
+             if not agree(one, other)]
+    healed = max(apart[-1] - end, 0.0) if apart else 0.0
+    if apart and apart[-1] == times[-1]:
+        healed = math.inf
+    lost = lost_tracks(first, begin, end) + lost_tracks(second, begin, end)
+    return PartitionFigures(lost, float(np.mean(missed)), float(healed))
+
+
+def lost_tracks(run: NetworkRun, begin: float, end: float) -> int:
+    """Number of tracks that existed before a partition and do not in the 2 s after it.
+
+    Parameters:
+        run: of a node.
+        begin, end (s): of the partition.
+    """
+    before, after = (int(np.searchsorted(run.times, moment)) for moment in (begin, end))
+    names = [{one.id for one in found} for found in run.estimates]
+    return len(names[before] - set().union(*names[after:after + 20]))
+
+
+def agree(first: Sequence[Estimate], second: Sequence[Estimate]) -> bool:
+    """Whether two pictures are the same: GOSPA between them, with cut-off CUTOFF_M, of up to AGREE_M.
+
+    A target that only one of them has makes it CUTOFF_M / sqrt(2), which is more; the sum of the squared distances of the
+    others is AGREE_M^2 at most.
+    """
+    one, other = (np.array([each.mean[:3] for each in found]).reshape(-1, 3) for found in (first, second))
+    return gospa(np.linalg.norm(one[:, None] - other[None], axis=2), CUTOFF_M).distance <= AGREE_M
