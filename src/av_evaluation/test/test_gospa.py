@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from av_evaluation.metrics.gospa import angles_between, gospa
-from av_evaluation.metrics.identity_switches import IdentitySwitches
+from av_evaluation.metrics.tracks import IdentitySwitches, angles_between, gospa
 
 CUTOFF = 10.0
 

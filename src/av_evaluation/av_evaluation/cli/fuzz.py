@@ -27,7 +27,7 @@ from av_common.rig import CameraMount
 from av_common.stamps import to_stamp
 from av_evaluation.attack.hostile import HostileValues
 from av_evaluation.attack.judges import CommandJudge
-from av_evaluation.runs.progress import RunProgress
+from av_evaluation.runs.program import RunProgress
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray
 from av_pointing.stage import make_pointing_stage

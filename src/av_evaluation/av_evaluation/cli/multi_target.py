@@ -1,4 +1,4 @@
-"""ros2 run av_evaluation multi_target SCENARIO...: targets on simulated measurements, beside JPDA and GM-PHD of Stone Soup."""
+"""ros2 run av_evaluation multi_target SCENARIO...: targets on simulated measurements, beside JPDA of Stone Soup."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 
 SCENARIOS = ('crossing', 'swarm_5', 'birds_and_drones', 'swarm_10')
-OWN, JPDA, PHD = 'av_fusion', 'Stone Soup JPDA', 'Stone Soup GM-PHD'
+OWN, JPDA = 'av_fusion', 'Stone Soup JPDA'
 FOLLOWS, VISITS = 'gimbal follows', 'gimbal visits'
-BETTER = 0.25  # share by which the mean GOSPA is to be below that of each peer
+BETTER = 0.25  # share by which the mean GOSPA is to be below that of the peer
 BIRDS = {'birds_and_drones': 6}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; returns 1 where the filter is not BETTER than a peer."""
     options = _parser().parse_args(arguments)
-    peers = [] if options.gimbal or options.without_peers else [JPDA, PHD]
+    peers = [] if options.gimbal or options.without_peers else [JPDA]
     names = [OWN, *([FOLLOWS, VISITS] if options.gimbal else peers if find_spec('stonesoup') else [])]
     if len(names) == 1 and peers:
-        print('stonesoup is not installed: without its trackers (pip install stonesoup)', file=sys.stderr)
+        print('stonesoup is not installed: without its tracker (pip install stonesoup)', file=sys.stderr)
     seeds = range(options.seed, options.seed + options.seeds)
     jobs = [Job(scenario, seed, name, options.pair, options.alike, options.rate)
             for scenario in options.scenarios for seed in seeds for name in names]
@@ -90,9 +90,9 @@ def _make(name: str, model: SensorModel, simulation: MeasurementSimulation) -> P
         return OwnFilter()
     if name in (FOLLOWS, VISITS):
         return GimbalRig(simulation, visits=name == VISITS)
-    from av_evaluation.experiments.stone_soup import StoneSoupJpda, StoneSoupPhd  # an optional dependency
+    from av_evaluation.experiments.stone_soup import StoneSoupJpda  # an optional dependency
 
-    return StoneSoupJpda(model) if name == JPDA else StoneSoupPhd(model)
+    return StoneSoupJpda(model)
 
 
 def _print(scenario: str, name: str, runs: Sequence[MultiTargetFigures]) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, Scan, SensorModel
-from av_evaluation.metrics.track_comparison import TrackComparison, TrackFigures
+from av_evaluation.metrics.tracks import TrackComparison, TrackFigures
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
 from av_fusion.multi_target.drone_evidence import DRONE

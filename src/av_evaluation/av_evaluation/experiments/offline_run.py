@@ -18,7 +18,7 @@ from av_common.rig import Rig
 from av_common.stamps import to_seconds
 from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.metrics.track_comparison import TrackComparison
+from av_evaluation.metrics.tracks import TrackComparison
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.tracker_protocol import Tracker

@@ -1,6 +1,6 @@
-"""JPDA and GM-PHD of Stone Soup on the same measurements, for comparison; needs the package `stonesoup`.
+"""JPDA of Stone Soup on the same measurements, for comparison; needs the package `stonesoup`.
 
-The state is the unit vector to a target and its rate, so that no angle wraps and everything is linear and Gaussian. Both are
+The state is the unit vector to a target and its rate, so that no angle wraps and everything is linear and Gaussian. It is
 given what a user of Stone Soup would know of the sensors: the densities of clutter, the detection probabilities, the field of
 view. The noise of overlapping windows is multiplied by the number of windows that share a sample, as in the rig's filter.
 """
@@ -8,9 +8,9 @@ view. The noise of overlapping windows is multiplied by the number of windows th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -18,23 +18,21 @@ from numpy.typing import NDArray
 from stonesoup.dataassociator.neighbour import GlobalNearestNeighbour
 from stonesoup.dataassociator.probability import JPDAwithLBP
 from stonesoup.deleter.error import CovarianceBasedDeleter
+from stonesoup.functions import gm_reduce_single
 from stonesoup.hypothesiser.distance import DistanceHypothesiser
-from stonesoup.hypothesiser.gaussianmixture import GaussianMixtureHypothesiser
 from stonesoup.hypothesiser.probability import PDAHypothesiser
 from stonesoup.initiator.simple import MultiMeasurementInitiator
 from stonesoup.measures import Mahalanobis
-from stonesoup.mixturereducer.gaussianmixture import GaussianMixtureReducer
 from stonesoup.models.measurement.linear import LinearGaussian
 from stonesoup.models.transition.linear import CombinedLinearGaussianTransitionModel, ConstantVelocity
 from stonesoup.predictor.kalman import KalmanPredictor
-from stonesoup.types.array import StateVector
+from stonesoup.types.array import StateVector, StateVectors
 from stonesoup.types.detection import Detection
-from stonesoup.types.state import GaussianState, TaggedWeightedGaussianState
+from stonesoup.types.state import GaussianState
+from stonesoup.types.update import GaussianStateUpdate
 from stonesoup.updater.kalman import KalmanUpdater
-from stonesoup.updater.pointprocess import PHDUpdater
 
 from av_evaluation.experiments.measurement_simulation import Scan, SensorModel
-from av_evaluation.experiments.stone_soup_jpda import jpda_updates, moment
 from av_fusion.measurement.measurements import Detection as Seen
 from av_fusion.measurement.measurements import Hypothesis
 from av_fusion.measurement.vectors import direction, tangents
@@ -43,14 +41,15 @@ RADIAL = 0.02  # standard deviation of the length of a measured unit vector
 SKY = 2.0 * math.pi * 0.6  # sr, in which false directions are expected
 UNKNOWN_ELEVATION = 0.15, 0.2  # rad, mean and standard deviation, where a pair of microphones measures none
 PLACES = [0, 2, 4]  # of the vector in the state
+START = datetime(2026, 1, 1)
+USED = 0.1  # probability of an association from which a detection begins no track
 
 
 @dataclass(frozen=True)
 class StoneSoupTuning:
     """Tuning by the lowest mean GOSPA over `crossing` and `swarm_5` (seed 101), one parameter after the other.
 
-    Searched were noise 0.0001 to 0.1, rate_sigma 0.1 to 0.3, heard 0.6 to 0.95, lost_sigma 8 to 20 deg, survival 0.99 to 0.999,
-    and birth 0.02 to 0.1.
+    Searched were noise 0.0001 to 0.1, rate_sigma 0.1 to 0.3, heard 0.6 to 0.95, lost_sigma 8 to 20 deg.
 
     Parameters:
         noise (1/s^3): density of the acceleration of each coordinate.
@@ -58,8 +57,7 @@ class StoneSoupTuning:
         heard, seen: detection probabilities.
         points: measurements until a track counts.
         score: least score of detections that are used.
-        lost_sigma (rad): standard deviation from which a track of JPDA ends.
-        survival, birth: probability of survival between two scans, and weight of new components, of GM-PHD.
+        lost_sigma (rad): standard deviation from which a track ends.
     """
 
     noise: float = 0.0001
@@ -69,8 +67,6 @@ class StoneSoupTuning:
     points: int = 3
     score: float = 0.5
     lost_sigma: float = math.radians(9.0)
-    survival: float = 0.999
-    birth: float = 0.02
 
 
 class _Sensors:
@@ -155,56 +151,32 @@ class StoneSoupJpda:
         self._tracks |= self._initiator.initiate(detections - used, now)
 
 
-class StoneSoupPhd:
-    """GM-PHD with tags and birth at the measurements of the previous scan; a `Peer`.
-
-    Parameters:
-        model: of the sensors.
-        tuning: see `StoneSoupTuning`.
-    """
-
-    def __init__(self, model: SensorModel, tuning: StoneSoupTuning | None = None) -> None:
-        self._tuning = tuning or StoneSoupTuning()
-        self._sensors = _Sensors(model, self._tuning)
-        self._components: list[Any] = []
-        self._predictor, updater = _motion(self._tuning), KalmanUpdater()
-        self._hypothesiser = GaussianMixtureHypothesiser(
-            DistanceHypothesiser(self._predictor, updater, Mahalanobis(), missed_distance=4.0), order_by_detection=True)
-        self._sound, self._sight = (
-            PHDUpdater(updater, clutter_spatial_density=clutter, prob_detection=detected, prob_survival=self._tuning.survival)
-            for clutter, detected in ((self._sensors.sound_clutter, self._tuning.heard),
-                                      (self._sensors.sight_clutter, self._tuning.seen)))
-        self._reducer = GaussianMixtureReducer(prune_threshold=1e-3, merge_threshold=4.0, max_number_components=100)
-
-    def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
-        """See `Peer`."""
-        if scan.doas is not None:
-            self._components = self._step(self._sound, self._components, self._sensors.heard(scan), scan.time)
-        if scan.image is not None:
-            seen = [component for component in self._components if self._sensors.in_view(component)]
-            others = [component for component in self._components if not self._sensors.in_view(component)]
-            self._components = others + self._step(self._sight, seen, self._sensors.seen(scan), scan.time)
-        return {component.tag: _vector(component) for component in self._components if component.weight > 0.5}
-
-    def identity(self) -> float:
-        """See `Peer`."""
-        return math.nan
-
-    def _step(self, updater: Any, components: Sequence[Any], detections: set[Any], time: float) -> list[Any]:
-        now = moment(time)
-        born = [self._birth(detection, now) for detection in detections]
-        hypotheses = self._hypothesiser.hypothesise([*components, *born], detections, now)
-        return list(self._reducer.reduce(updater.update(hypotheses).components))
-
-    def _birth(self, detection: Any, now: datetime) -> Any:
-        mean, covariance = np.zeros((6, 1)), np.diag([0.0, self._tuning.rate_sigma**2] * 3)
-        mean[list(PLACES), 0] = np.asarray(detection.state_vector, float).ravel()
-        covariance[np.ix_(PLACES, PLACES)] = detection.measurement_model.noise_covar
-        return TaggedWeightedGaussianState(StateVector(mean), covariance, weight=self._tuning.birth, tag='birth',
-                                           timestamp=now)
-
-
 def _vector(state: Any) -> NDArray[np.float64]:
     vector = np.array([float(state.mean[place, 0]) for place in PLACES])
     return np.asarray(vector / np.linalg.norm(vector))
 
+
+def moment(time: float) -> datetime:
+    """A time (s) as Stone Soup has it."""
+    return START + timedelta(seconds=time)
+
+
+def jpda_updates(associations: dict[Any, Any], updater: Any, time: datetime, used: set[Any]) -> Iterator[tuple[Any, Any]]:
+    """Tracks with their updates: the hypotheses of each reduced to one Gaussian.
+
+    Parameters:
+        associations: hypotheses by track, of a probabilistic data associator.
+        updater: of states.
+        time: of the detections.
+        used: gets the detections that stem from a track.
+    """
+    for track, hypotheses in associations.items():
+        states, weights = [], []
+        for hypothesis in hypotheses:
+            states.append(updater.update(hypothesis) if hypothesis else hypothesis.prediction)
+            weights.append(hypothesis.probability)
+            if hypothesis and hypothesis.probability > USED:
+                used.add(hypothesis.measurement)
+        mean, covariance = gm_reduce_single(StateVectors([state.state_vector for state in states]),
+                                            np.stack([state.covar for state in states], axis=2), np.array(weights, float))
+        yield track, GaussianStateUpdate(mean, covariance, hypotheses, time)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from av_bags.retrying_file import UnnamedFile
-from av_evaluation.metrics.track_comparison import TrackFigures
+from av_evaluation.metrics.tracks import TrackFigures
 
 ROWS_IN_MEMORY = 1000   # of a log with a folder
 

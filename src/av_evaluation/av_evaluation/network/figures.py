@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from av_evaluation.metrics.gospa import gospa
+from av_evaluation.metrics.tracks import gospa
 from av_evaluation.network.simulation import Arrival, NetworkSimulation
 from av_network.report import Report
 from av_network.report_queue import ReportQueue

@@ -28,8 +28,7 @@ from av_common.track_messages import track_of_bearing
 from av_evaluation.metrics.metrics import summarise
 from av_evaluation.nodes.monitor_node_parameters import monitor_node as parameters
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.report.status_line import format_status
-from av_evaluation.report.table import LABEL_WIDTH, format_table
+from av_evaluation.report.text import LABEL_WIDTH, format_status, format_table
 from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, TrackArray
 from av_pointing.controller import Mode

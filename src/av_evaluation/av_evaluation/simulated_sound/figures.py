@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from collections.abc import Callable, Iterator
 
@@ -11,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.signal import firwin
 
 from av_evaluation.figures import Figure
-from av_evaluation.simulated_sound import peers
 from av_evaluation.simulated_sound.fly_by import PAIR, RATE, FlyBy, deviation
 from av_simulator.sound.absorption import absorption_db_per_m
 from av_simulator.sound.ground import Ground
@@ -62,18 +60,7 @@ def moving_rig(block: int = 1600) -> Iterator[Figure]:
 
 
 def air() -> Iterator[Figure]:
-    """ISO 9613-1: coefficients against those of pyroadacoustics, and attenuation of rendered tones against the formula."""
-    if _installed('pyroadacoustics'):
-        import pyroadacoustics
-
-        worst = 0.0
-        for temperature, humidity in CLIMATES:
-            theirs = pyroadacoustics.Environment(fs=20000, temperature=temperature, rel_humidity=humidity)
-            known = np.asarray(theirs.air_absorption_coefficients)
-            frequency = np.linspace(0.0, 10000.0, len(known))
-            ours = absorption_db_per_m(frequency, temperature, humidity)
-            worst = max(worst, float(np.abs(ours[frequency >= 50] / known[frequency >= 50] - 1.0).max()))
-        yield Figure('ISO 9613-1 against pyroadacoustics, four climates, to 10 kHz', 100 * worst, '%', at_most=1.0)
+    """Attenuation of rendered tones against the formula of ISO 9613-1, in four climates."""
     tones = np.array([50, 100, 200, 500, 1000, 2000, 4000, 6000, 8000, 10000])
     signal = FormulaSignal(lambda t: sum(np.sin(2 * np.pi * tone * t) for tone in tones))
     for distance in (10.0, 50.0, 100.0):
@@ -94,8 +81,6 @@ def _amplitudes(signal: FormulaSignal, tones: NDArray, distance: float, medium: 
 
 def room(order: int = 8, rate: int = 16000) -> Iterator[Figure]:
     """A room with a stationary source, against the image sources of pyroomacoustics."""
-    if not _installed('pyroomacoustics'):
-        return
     import pyroomacoustics as pra
 
     size, place, pair, absorption = [6.0, 5.0, 3.0], [2.0, 3.1, 1.4], np.array([[4.1, 1.9, 1.2], [4.1, 2.1, 1.2]]), 0.45
@@ -128,47 +113,15 @@ def _decay_s(answer: NDArray, rate: int) -> float:
 
 
 def speed() -> Iterator[Figure]:
-    """Processor time (s) for one second of two microphones at 48 kHz."""
-    scene = FlyBy()
+    """Processor time (s) for one second of two microphones at 48 kHz: a drone, ground, absorption and noise."""
     for block in (480, 1600):
-        full = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
-        yield Figure(f'drone, ground, absorption and noise, blocks of {block}', full, 's', at_most=0.2)
-    tone, open_air = FormulaSignal(lambda t: np.sin(2 * np.pi * 1000.0 * t)), Surroundings()
-    direct = _work(lambda: _tone(scene, tone, Medium(), open_air), 960)
-    ground = _work(lambda: _tone(scene, tone, Medium(absorption=True), Surroundings(ground=Ground())), 960)
-    yield Figure('a tone, direct sound', direct, 's')
-    yield Figure('a tone, ground and absorption', ground, 's')
-    short = FlyBy(start=(-2.0, 10.0, 1.5), seconds=0.2)
-    contests: list[tuple[str, str, Callable[[], tuple[NDArray, float]], float, float]] = [
-        ('pyroomacoustics', 'direct sound', lambda: peers.with_pyroomacoustics(scene), scene.seconds, direct),
-        ('pyroomacoustics', 'ground and absorption', lambda: peers.with_pyroomacoustics(scene, True), scene.seconds, ground),
-        ('acoular', 'direct sound, 16-fold', lambda: peers.with_acoular(scene), scene.seconds, direct),
-        ('pyroadacoustics', 'ground and absorption', lambda: peers.with_pyroadacoustics(short), short.seconds, ground),
-    ]
-    for package, what, run, seconds, own in contests:
-        if _installed(package):
-            theirs = min(run()[1] for _ in range(1 if seconds < 1.0 else 3)) / seconds
-            yield Figure(f'{package}, {what}', theirs, 's', at_least=own)
-
-
-def peers_fly_by() -> Iterator[Figure]:
-    """The fly-by rendered by other simulators, for comparison."""
-    scene, short = FlyBy(), FlyBy(start=(-4.0, 10.0, 1.5), seconds=0.4)
-    for package, run, of in (('pyroomacoustics', peers.with_pyroomacoustics, scene), ('acoular', peers.with_acoular, scene),
-                             ('pyroadacoustics', lambda scene: peers.with_pyroadacoustics(scene, False), short)):
-        if _installed(package):
-            found = deviation(of, run(of)[0])
-            yield Figure(f'{package}, error', found.error_db, 'dB')
-            yield Figure(f'{package}, delay, RMS', found.delay_us, 'us')
+        used = _work(lambda: _drone(Medium(absorption=True), Surroundings(ground=Ground()), Noise(snr=Snr(10.0))), block)
+        yield Figure(f'drone, ground, absorption and noise, blocks of {block}', used, 's', at_most=0.2)
 
 
 def _drone(medium: Medium, surroundings: Surroundings, noise: Noise) -> SoundWorld:
     return SoundWorld(RATE, [Source(FlyBy(start=(-20.0, 10.0, 8.0)).position, RotorSignal())], medium, noise=noise,
                       surroundings=surroundings)
-
-
-def _tone(scene: FlyBy, signal: FormulaSignal, medium: Medium, surroundings: Surroundings) -> SoundWorld:
-    return SoundWorld(RATE, [Source(scene.position, signal)], medium, noise=Noise(None), surroundings=surroundings)
 
 
 def _work(make: Callable[[], SoundWorld], block: int, repeats: int = 5) -> float:
@@ -182,7 +135,3 @@ def _work(make: Callable[[], SoundWorld], block: int, repeats: int = 5) -> float
             world.render(block, still)
         times.append(time.process_time() - begin)
     return min(times)
-
-
-def _installed(package: str) -> bool:
-    return importlib.util.find_spec(package) is not None
