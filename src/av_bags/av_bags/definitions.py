@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.serde import SerdeError
@@ -104,8 +103,9 @@ def _text(name: str) -> str:
         return AUDIO_COMMON[name]
     package, *_, kind = name.split('/')
     try:
+        from ament_index_python.packages import get_package_share_directory  # a bag is read without ROS, too
         file = Path(get_package_share_directory(package), 'msg', f'{kind}.msg')
-    except (PackageNotFoundError, ValueError) as error:
+    except (ImportError, LookupError, ValueError) as error:
         raise UnknownTypeError(f'the message type {name} is unknown: package {package!r} is not installed') from error
     if not file.is_file():
         raise UnknownTypeError(f'the message type {name} is unknown: {file} does not exist')

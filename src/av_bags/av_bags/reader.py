@@ -12,13 +12,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
-from rosidl_runtime_py.utilities import get_message
 
 from av_bags.decompression import limit_rosbags
 from av_bags.definitions import AUDIO_COMMON, definition, installed, parse
@@ -155,6 +153,8 @@ class Bag(AbstractContextManager['Bag']):
                            f'one, which differs in {", ".join(refused)}; use the release that recorded it')
         if fast or different or kind in AUDIO_COMMON:
             return partial(self.decode, topic)
+        from rclpy.serialization import deserialize_message  # a bag is read without ROS, too
+        from rosidl_runtime_py.utilities import get_message
         installed_class = get_message(kind)
         return lambda data: deserialize_message(data, installed_class)
 
