@@ -25,7 +25,7 @@ for axis, name in zip(axes, ('two_microphones', 'quadrotor_square'), strict=True
     array = MicrophoneArray.load(f'config/arrays/{name}.yaml')
     ahead = array.positions @ direction / 343.0  # s
     sound = np.fft.irfft(spectrum * np.exp(1j * omega * ahead[:, None]), rate).T
-    estimate = Localizer(array, rate).process(0.1 * (sound + 5.0 * random.standard_normal(sound.shape)), 0)[0]
+    estimate = Localizer(array, rate).process(0.1 * (sound + 2.0 * random.standard_normal(sound.shape)), 0)[0]
     for azimuth, variance in zip(estimate.azimuth, estimate.azimuth_variance, strict=True):
         sigma = np.sqrt(variance)
         print(f'{name}: {np.degrees(azimuth):+7.1f} deg +- {np.degrees(sigma):.1f}')

@@ -66,7 +66,7 @@ def test_a_readme_that_disagrees_is_found(tmp_path):
     content = json.loads(METRICS.read_text())
     readme, metrics = tmp_path / 'README.md', tmp_path / 'metrics.json'
     readme.write_text(f'before\n{BEGIN}\n{measured_table(content)}\n{END}\nafter\n')
-    content['experiments']['circle']['fused']['rmse_deg'] += 1.0
+    content['experiments']['circle, detector']['fused']['rmse_deg'] += 1.0
     write_json(metrics, content)
     assert 'but' in disagreement(readme, metrics)
     write_readme(readme, content)

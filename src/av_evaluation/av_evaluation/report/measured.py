@@ -6,38 +6,41 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
+from av_evaluation.experiments.publication import PUBLISHED
 from av_evaluation.metrics.comparison import cell
 
 BEGIN, END = '<!-- made by `make report` from docs/measured/metrics.json -->', '<!-- end of what `make report` makes -->'
-# Title of each experiment, and the source of its detections.
+# Title of each experiment, and what it repeats in `PUBLISHED`.
 EXPERIMENTS = {
-    'circle, detector': ('drone circles in clear air', 'shipped detector'),
-    'tripod, detector': ('loudspeaker in steps', 'shipped detector'),
-    'fog_woodland, detector': ('drone in fog', 'shipped detector'),
-    'occluded_room, detector': ('indoors, hidden now and then', 'shipped detector'),
-    'all, detector': ('the four together', 'shipped detector'),
-    'filmed': ('real video, real sound through measured ears, lens covered for 55 %', 'shipped detector'),
-    'circle': ('drone circles in clear air', "simulator's oracle"),
-    'tripod': ('loudspeaker in steps', "simulator's oracle"),
-    'fog_woodland': ('drone in fog', "simulator's oracle"),
-    'occluded_room': ('indoors, hidden now and then', "simulator's oracle"),
-    'all': ('the four together', "simulator's oracle"),
+    'circle, detector': ('drone circles in clear air', 'circle'),
+    'tripod, detector': ('loudspeaker in steps of 20 degrees', 'tripod'),
+    'fog_woodland, detector': ('drone in fog', ''),
+    'occluded_room, detector': ('indoors, hidden now and then', ''),
+    'all, detector': ('the four together', ''),
+    'filmed': ('real video and real sound, lens covered for 55 %', ''),
+    'all': ("the four, boxes by the simulator's oracle", ''),
 }
 
 
 def measured_table(content: Mapping) -> str:
     """The table of the README for the content of metrics.json, as Markdown."""
-    lines = ['| experiment | detections from | sound alone, RMSE | sight alone, RMSE (coverage) | fused, RMSE (coverage) '
-             '| published gate, RMSE | wrong side | front/back resolved in | command |',
-             '|---|---|---|---|---|---|---|---|---|']
-    for name, (title, detections) in EXPERIMENTS.items():
+    lines = ['| experiment | sound alone | sight alone (coverage) | fused | published gate | published: sound, sight, fused |',
+             '|---|---|---|---|---|---|']
+    for name, (title, published) in EXPERIMENTS.items():
         figures = content['experiments'].get(name)
         if figures:
-            fused = figures['fused']
-            cells = [_rmse(figures['sound']), _both(figures['sight']), _both(fused), _rmse(figures['gated']),
-                     cell(fused, 'hemisphere_errors', 100.0, '{:.1f} %'), cell(fused, 'time_to_resolve_s', 1.0, '{:.1f} s')]
-            lines.append(f'| {title} | {detections} | {" | ".join(cells)} | `{content["command"]}` |')
+            cells = [_rmse(figures['sound']), _both(figures['sight']), f'{_rmse(figures["fused"])}{_worse(figures)}',
+                     _rmse(figures['gated']), ', '.join(PUBLISHED[published][1:]) if published else '–']
+            lines.append(f'| {title} | {" | ".join(cells)} |')
     return '\n'.join(lines)
+
+
+def _worse(figures: Mapping) -> str:
+    """Which sensors alone have a smaller error than both together."""
+    fused = figures['fused']['rmse_deg']
+    better = [name for name in ('sound', 'sight') if None not in (fused, figures[name]['rmse_deg'])
+              and figures[name]['rmse_deg'] < fused]
+    return f' (worse than {" and ".join(better)})' if better else ''
 
 
 def write_readme(readme: Path, content: Mapping) -> None:
@@ -67,7 +70,7 @@ def disagreement(readme: Path, metrics: Path) -> str:
 
 
 def _rmse(figures: Mapping) -> str:
-    return cell(figures, 'rmse_deg', 1.0, '{:.2f} deg')
+    return cell(figures, 'rmse_deg', 1.0, '{:.2f}°')
 
 
 def _both(figures: Mapping) -> str:
