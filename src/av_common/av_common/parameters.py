@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import import_module
+from importlib.util import find_spec, module_from_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from rclpy.exceptions import ParameterException
@@ -41,7 +43,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     for old, new in node_class.RENAMED_PARAMETERS.items():
         if old in given:
             raise RenamedParameterError(old, new)
-    generated = getattr(import_module(f'{package}.nodes.{node}_parameters'), node)
+    generated = getattr(_own_module(f'{package}.nodes.{node}_parameters'), node)
     try:
         parameters = generated.ParamListener(_Declarations(node, given, files)).get_params()
         check_together(node_class.check_parameters, parameters)
@@ -113,6 +115,16 @@ def _real(value: Any) -> Any:
     if isinstance(value, list):
         return [_real(item) for item in value]
     return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < LARGEST else value
+
+
+def _own_module(name: str) -> ModuleType:
+    """A module that nobody else has: generated structs keep nested parameters in their class, which all calls would share."""
+    specification = find_spec(name)
+    if specification is None or specification.loader is None:
+        raise ModuleNotFoundError(f'no module {name}')
+    module = module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
 
 
 def _node_class(package: str, node: str) -> type[RigNode]:

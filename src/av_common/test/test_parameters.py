@@ -75,7 +75,8 @@ def of_the_node(context, namespace, *files):
     arguments = ['--ros-args', *(word for file in files for word in ('--params-file', str(file)))]
     node = Node('tracker', namespace=namespace, context=context, cli_args=arguments)
     try:
-        return importlib.import_module('toy.nodes.tracker_parameters').tracker.ParamListener(node).get_params()
+        module = importlib.reload(importlib.import_module('toy.nodes.tracker_parameters'))    # as a process of its own has it
+        return module.tracker.ParamListener(node).get_params()
     finally:
         node.destroy_node()
 
@@ -101,6 +102,14 @@ def test_nested_sections_and_later_files_count(tmp_path, context):
     assert (ours.tau, ours.rate, ours.classes, ours.limits) == (0.75, 10.0, ['1', 'uav'], [-2.0, 3.5])
     assert plain(ours) == plain(of_the_node(context, 'rig_1', a, b))
     assert node_parameters('toy', 'tracker', [a, b], {'tau': 2, 'rotation.enabled': False}, 'rig_1').tau == 2.0
+
+
+def test_nested_values_of_one_call_stay_there():
+    """The generated class holds nested structs, in which the values of one node would be the defaults of the next."""
+    changed = node_parameters('toy', 'tracker', overrides={'rotation.enabled': False, 'tau': 3.0})
+    usual = node_parameters('toy', 'tracker')
+    assert (usual.rotation.enabled, usual.tau) == (True, 0.5)
+    assert (changed.rotation.enabled, changed.tau) == (False, 3.0)
 
 
 def test_without_files_there_are_the_defaults(context):
