@@ -6,17 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any, BinaryIO
+from pathlib import Path
+from typing import Any
 
 import lz4.frame
-from rosbags.rosbag2 import reader, storage_mcap
+from rosbags.rosbag2 import storage_mcap
 
 from av_common.files import MEGABYTE
 
 MOST_BYTES = 500 * MEGABYTE    # of a chunk or a message; that of a camera has a few
 MOST_EXPANSION = 100           # of a compressed file, for its size
+PIECE_BYTES = MEGABYTE
+SCHEMAS = ('ros2msg', 'ros2idl', 'omgidl')    # encodings that rosbags knows
 _zstd = storage_mcap.zstd      # of the standard library, or its backport
+
+
+class TooLargeError(ValueError):
+    """Compressed data that would fill the memory or the disk."""
 
 
 def decompress(data: bytes, compression: str, size: int) -> bytes:
@@ -41,37 +47,36 @@ def decompress(data: bytes, compression: str, size: int) -> bytes:
 
 
 def limit_rosbags() -> None:
-    """Make rosbags use these limits, in this process."""
+    """Make rosbags use these limits, in this process, and open files that hold topics of others, too."""
     for compression in ('lz4', 'zstd'):
         storage_mcap.DECOMPRESSORS[compression] = lambda data, size, kind=compression: decompress(data, kind, size)
-    reader.zstd = SimpleNamespace(decompress=_message, open=_Expanding)
+    known = storage_mcap.get_msgdef
+    storage_mcap.get_msgdef = lambda schema: known(schema if schema and schema.encoding in SCHEMAS else None)
 
 
-def _message(data: bytes) -> bytes:
+def message(data: bytes) -> bytes:
+    """A message that was compressed by itself. Raises ValueError where it is too large."""
     content: bytes = _zstd.ZstdDecompressor().decompress(data, max_length=MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise ValueError(f'a message of more than {MOST_BYTES / MEGABYTE:.0f} MB')
     return content
 
 
-class _Expanding:
-    """A compressed file that is open for reading, up to MOST_EXPANSION times its size."""
+def expand(path: Path, copy: Path) -> str:
+    """Decompress a file that was compressed as a whole, as far as it goes; returns where it breaks off, or nothing.
 
-    def __init__(self, file: BinaryIO, mode: str) -> None:
-        self._left = MOST_BYTES + MOST_EXPANSION * file.seek(0, 2)
-        file.seek(0)
-        self._content = _zstd.open(file, mode)
-
-    def __enter__(self) -> _Expanding:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._content.close()
-
-    def read(self, size: int) -> bytes:
-        """The next bytes. Raises ValueError where there are too many."""
-        data: bytes = self._content.read(size)
-        self._left -= len(data)
-        if self._left < 0:
-            raise ValueError(f'a file that becomes more than {MOST_EXPANSION} times as large as it is')
-        return data
+    Raises ValueError where it becomes too large.
+    """
+    left = MOST_BYTES + MOST_EXPANSION * path.stat().st_size
+    with _zstd.open(path, 'rb') as content, copy.open('wb') as out:
+        try:
+            while data := content.read(PIECE_BYTES):
+                left -= len(data)
+                if left < 0:
+                    raise TooLargeError(f'{path.name}: a file that becomes more than {MOST_EXPANSION} times as large as it is')
+                out.write(data)
+        except TooLargeError:
+            raise
+        except Exception as error:  # noqa: BLE001  the library's own
+            return f'{path.name} breaks off after {out.tell()} bytes ({error})'
+    return ''

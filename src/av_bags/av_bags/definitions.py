@@ -57,9 +57,20 @@ def parse(name: str, text: MessageDefinition) -> Typesdict:
     return found
 
 
-def installed(name: str) -> MessageDefinition:
-    """The installed definition of the message `name` as a rosbags object. Raises UnknownTypeError."""
-    return MessageDefinition(MessageDefinitionFormat.MSG, definition(name))
+@cache
+def installed_types(name: str) -> Typesdict:
+    """Fields of an installed message and of its parts, by type name. Raises UnknownTypeError."""
+    return get_types_from_msg(definition(name), name)
+
+
+def completed(types: Typesdict) -> Typesdict:
+    """Types with those of their parts that a bag does not define, as installed. Raises UnknownTypeError where they are not."""
+    found, waiting = dict(types), [part for fields in types.values() for part in _parts(fields)]
+    while waiting:
+        part = waiting.pop()
+        if part not in found:
+            found |= {name: fields for name, fields in installed_types(part).items() if name not in found}
+    return found
 
 
 @cache
@@ -93,7 +104,7 @@ def deserialiser(name: str) -> Callable[[bytes], Any]:
 def _store(name: str) -> Typestore:
     """The installed type `name` and those of its fields. Raises UnknownTypeError."""
     store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(definition(name), name))
+    store.register(installed_types(name))
     return store
 
 
@@ -114,8 +125,13 @@ def _text(name: str) -> str:
 
 def _field_types(name: str, text: str) -> list[str]:
     """Names of the message types among the fields of a definition."""
+    return _parts(get_types_from_msg(text, name)[name])
+
+
+def _parts(fields: Any) -> list[str]:
+    """Names of the message types among the fields of a type, as rosbags represents it."""
     found = []
-    for _, (node, value) in get_types_from_msg(text, name)[name][1]:
+    for _, (node, value) in fields[1]:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             node, value = value[0]
         if node == Nodetype.NAME:

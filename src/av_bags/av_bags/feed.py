@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from av_bags import topics as names
 from av_bags.converters import AudioLayout, converter
-from av_bags.reader import FOREVER, Bag
+from av_bags.reader import Bag, Row
+from av_bags.timeline import GAP_NS, Segment
 
 SECOND = 10**9
 # Stamps that differ more than this from the time of recording belong to another clock; as in fusion_node.
 CLOCK_TOLERANCE_S = 2.0
+MOST_WAITING = 100    # messages behind a stamp that may be wrong
 # Topics with stamps of the rig's clock, by which another clock is recognised.
 CLOCKED = (names.AUDIO, names.DOA, names.DETECTIONS, names.ODOMETRY, names.BEARING)
 # Topics with hundreds of messages a second, which rosbags decodes three times as fast as rclpy.
@@ -27,76 +31,139 @@ class BagRecord(NamedTuple):
         arrival (s): time at which it arrived.
         message: the message in the rig's type; None when it was not decoded.
         data: the recorded message in CDR; empty when it was converted from another type.
+        segment: number of the part of the bag without a jump of the clock that it belongs to.
     """
 
     name: str
     arrival: float
     message: Any
     data: bytes
+    segment: int = 0
 
 
 class Feed:
-    """Yields the records of a bag's topics in order of time.
+    """Yields the records of a bag's topics in order of time, in segments between which the clock was set or nothing recorded.
 
     The arrival of a record is its time of recording. When all stamps of a bag are of another clock, such as that of a
-    simulation, it is the newest stamp.
+    simulation, it is the newest stamp. Arrivals rise within a segment.
 
     Parameters:
         bag: the bag to read.
         topics: topics of the bag, by the rig's names.
         layout: layout of audio that is recorded as bytes.
-        start_ns, stop_ns (ns): part of the bag to read.
+        start, stop (s): part of the recorded time to read, without what lies between segments.
         decode: whether to decode all messages; otherwise only those that are converted.
 
     Attributes:
-        problems: texts about messages that could not be read, as keys.
+        problems: number of messages that could not be read, by texts why.
+        notes: where segments begin.
 
     Raises BagError when audio bytes have no layout, or when a type was recorded with another definition.
     """
 
-    def __init__(self, bag: Bag, topics: Mapping[str, str], layout: AudioLayout | None = None, start_ns: int = 0,
-                 stop_ns: int = FOREVER, decode: bool = True) -> None:
+    def __init__(self, bag: Bag, topics: Mapping[str, str], layout: AudioLayout | None = None, start: float = 0.0,
+                 stop: float = math.inf, decode: bool = True) -> None:
         self._bag, self._topics = bag, dict(topics)
         self._names = {topic: name for name, topic in topics.items()}
-        self._start_ns, self._stop_ns = start_ns, stop_ns
+        self._start, self._stop = start, stop
+        self._layout = layout
         self._converters = {name: converter(bag, name, topic, layout) for name, topic in topics.items()}
         self._decoders = {name: bag.decoder(topic, name in FREQUENT and self._converters[name] is None)
                           for name, topic in topics.items()}
         self._decode = decode
-        self._first_stamp = self._foreign_clock()
-        self.problems: dict[str, None] = {}
+        self._by_stamp = self._is_of_another_clock()
+        self.problems: Counter[str] = Counter()
+        self.notes: list[str] = []
 
     def __iter__(self) -> Iterator[BagRecord]:
-        now = self._first_stamp or 0.0
-        for topic, time_ns, data in self._bag.messages(self._names, self._start_ns, self._stop_ns):
-            name = self._names[topic]
-            time = time_ns / SECOND
-            if self._first_stamp is not None:
-                time = stamp_of(data) if name in CLOCKED else now
+        now, segment, begun = -math.inf, 0, -1
+        self.notes = []
+        for number, time, (topic, time_ns, data) in self._timed():
+            if number != begun:
+                if begun >= 0:
+                    segment += 1
+                    self.notes.append(_jump(now, time))
+                    self._converters = {name: converter(self._bag, name, topic, self._layout)
+                                        for name, topic in self._topics.items()}    # which may have a clock
+                now, begun = -math.inf, number
             now = max(now, time)
+            name = self._names[topic]
             convert = self._converters[name]
             if convert is None and not self._decode:
-                yield BagRecord(name, now, None, data)
+                yield BagRecord(name, now, None, data, segment)
                 continue
             try:
                 message = self._decoders[name](data)
                 found = [(message, data)] if convert is None else [(other, b'') for other in convert(message, time_ns)]
             except (ValueError, RuntimeError) as error:
-                self.problems[f'{topic}: {error}'] = None
+                self.problems[f'{topic}: {error}'] += 1
                 continue
             for message, original in found:
-                yield BagRecord(name, now, message, original)
+                yield BagRecord(name, now, message, original, segment)
 
-    def _foreign_clock(self) -> float | None:
-        """The first stamp (s) when all stamps are of another clock than the times of recording, else None."""
-        offsets, stamps = [], []
+    @property
+    def lost(self) -> list[str]:
+        """What could not be read, with the number of messages."""
+        return [f'{count} message{"s" if count > 1 else ""} of {text}' for text, count in self.problems.items()]
+
+    def _timed(self) -> Iterator[tuple[int, float, Row]]:
+        """Messages with the number of their segment and their time (s) on the clock that counts."""
+        recorded = ((number, row[1] / SECOND, row) for number, segment, begin_ns, end_ns in self._played()
+                    for row in self._bag.messages(self._names, begin_ns, end_ns, segment))
+        return self._stamped(row for _, _, row in recorded) if self._by_stamp else recorded
+
+    def _stamped(self, rows: Iterable[Row]) -> Iterator[tuple[int, float, Row]]:
+        """The same by the stamps. A single stamp may be wrong: two that agree begin a segment."""
+        segment, now = 0, -math.inf
+        waiting: list[Row] = []
+        for row in rows:
+            clocked = self._names[row[0]] in CLOCKED
+            time = stamp_of(row[2]) if clocked else now
+            if clocked and _jumps(now, time):
+                before = next((stamp_of(other[2]) for other in reversed(waiting) if self._names[other[0]] in CLOCKED), None)
+                if before is not None and not _jumps(before, time):
+                    segment, now = segment + 1, before
+            if (_jumps(now, time) or (waiting and not clocked)) and len(waiting) < MOST_WAITING:
+                waiting.append(row)
+                continue
+            yield from ((segment, now, other) for other in waiting)
+            waiting = []
+            now = now if _jumps(now, time) else max(now, time)
+            yield segment, now, row
+        yield from ((segment, now, other) for other in waiting)
+
+    def _played(self) -> Iterator[tuple[int, Segment, int, int]]:
+        """The segments within the part to read, with their numbers and the times (ns) from and before which to read."""
+        before = 0.0
+        for number, segment in enumerate(self._bag.segments):
+            length = (segment.end_ns - segment.start_ns) / SECOND
+            first, last = max(self._start - before, 0.0), min(self._stop - before, length)
+            if first <= length and (last > 0.0 or last == length):
+                end_ns = segment.end_ns + 1 if last == length else segment.start_ns + round(last * SECOND)
+                yield number, segment, segment.start_ns + round(first * SECOND), end_ns
+            before += length
+
+    def _is_of_another_clock(self) -> bool:
+        """Whether all stamps are of another clock than the times of recording."""
+        offsets = []
         for name, topic in self._topics.items():
             if name in CLOCKED and self._bag.topics[topic].kind not in names.WITHOUT_HEADER:
-                _, time_ns, data = next(self._bag.messages([topic], self._start_ns), (None, 0, b''))
+                _, time_ns, data = next(self._bag.messages([topic]), (None, 0, b''))
                 if data:
-                    stamps.append(stamp_of(data))
-                    offsets.append(abs(stamps[-1] - time_ns / SECOND))
-        return min(stamps) if offsets and min(offsets) > CLOCK_TOLERANCE_S else None
+                    offsets.append(abs(stamp_of(data) - time_ns / SECOND))
+        return bool(offsets) and min(offsets) > CLOCK_TOLERANCE_S
+
+
+def _jumps(now: float, time: float) -> bool:
+    """Whether a clock that showed `now` (s, -inf before the first time) was set before it showed `time` (s)."""
+    return math.isfinite(now) and not now - CLOCK_TOLERANCE_S <= time <= now + GAP_NS / SECOND
+
+
+def _jump(now: float, time: float) -> str:
+    apart = time - now
+    what = f'{abs(apart):.1f} s' if abs(apart) < 86_400.0 else f'{abs(apart) / 86_400.0:.1f} days'
+    return (f'the clock goes on {what} {"later" if apart > 0.0 else "earlier"} after {now:.1f} s: it was set, or nothing was '
+            'recorded; a new segment begins, and what lies between is left out')
 
 
 def stamp_of(data: bytes) -> float:

@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-import re
+import heapq
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
 from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from av_bags.decompression import limit_rosbags
-from av_bags.definitions import AUDIO_COMMON, definition, installed, parse
-from av_bags.errors import BagError
-from av_bags.salvage import salvage
-from av_common.files import check_file, one_line, read_text
+from av_bags.decompression import limit_rosbags, message
+from av_bags.definitions import AUDIO_COMMON, completed, installed_types, parse
+from av_bags.errors import BagError, UnknownTypeError
+from av_bags.parts import Parts
+from av_bags.salvage import copy_in_order, records_of_database, records_of_file, salvage
+from av_bags.timeline import MOST_STEPS, Segment, Steps, recorded, segments_of
+from av_common.files import one_line
 
-MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
-SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
 FOREVER = 2**63 - 1
 # Fields that releases added to the rig's messages; bags without them are read (`converters`), and their values are unknown.
 ADDED_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
@@ -52,7 +56,8 @@ class Topic:
 class Bag(AbstractContextManager['Bag']):
     """A bag that is open for reading. Times are in ns.
 
-    The readable messages of a damaged mcap file are first copied to the system's temporary folder.
+    The files of a folder are merged by time. The readable messages of a damaged mcap file, and those of a file in whose course
+    the clock was set back, are first copied to the system's temporary folder.
 
     Parameters:
         path: an mcap or sqlite3 file, or a folder of rosbag2.
@@ -60,6 +65,7 @@ class Bag(AbstractContextManager['Bag']):
     Attributes:
         topics: the topics in CDR encoding, by name.
         start_ns, end_ns (ns): times of the first and of the last message.
+        notes: what was left out with reason, such as files that do not belong to the bag.
 
     Raises BagError with the path and the reason for what is not a readable bag.
     """
@@ -69,18 +75,22 @@ class Bag(AbstractContextManager['Bag']):
         self._problems: dict[str, None] = {}
         self._opened = ExitStack()
         try:
-            self._readers = sorted(map(self._open, _parts_of(self.path)), key=lambda reader: reader.start_time)
+            parts = Parts(self.path)
+            self._readers = [self._open(file) for file in parts.expanded(self._new_folder)]
         except BaseException as error:
             self._opened.close()
             if isinstance(error, BagError) or not isinstance(error, Exception):
                 raise
             raise BagError(f'{self.path} cannot be read: {one_line(error)}') from error  # libraries raise any type
+        self.notes = list(parts.notes)
+        self._problems.update(dict.fromkeys(parts.lost))
+        self._parts = parts
         connections = [c for reader in self._readers for c in reader.connections if self._is_readable(c)]
         counts: Counter[str] = Counter()
         for connection in connections:
             counts[connection.topic] += connection.msgcount
         self.topics = {c.topic: Topic(c.topic, c.msgtype, counts[c.topic]) for c in connections}
-        self._definitions = {c.msgtype: c.msgdef for c in connections if c.msgdef.format != MessageDefinitionFormat.NONE}
+        self._definitions = {c.msgtype: found for c in connections if (found := _usable(c.msgtype, c.msgdef)) is not None}
         if not counts.total():
             self._opened.close()
             raise BagError(f'{self.path}: the bag holds no messages ({"; ".join(self.problems) or "it is intact"})')
@@ -89,30 +99,66 @@ class Bag(AbstractContextManager['Bag']):
 
     @property
     def problems(self) -> list[str]:
-        """Damaged or omitted parts that reading has found until now."""
+        """Damaged or missing parts that reading has found until now."""
         return list(self._problems)
 
-    def messages(self, topics: Collection[str] | None = None, start_ns: int = 0, stop_ns: int = FOREVER) -> Iterator[Row]:
-        """Topic, time and CDR bytes of messages, in order of time.
+    @cached_property
+    def segments(self) -> list[Segment]:
+        """The parts of the bag between which the clock was set or nothing was recorded, in order of recording."""
+        return self._timeline[1]
+
+    @cached_property
+    def length(self) -> float:
+        """Recorded time (s), that of all segments without what lies between them."""
+        return 1e-9 * sum(segment.end_ns - segment.start_ns for segment in self.segments)
+
+    def messages(self, topics: Collection[str] | None = None, start_ns: int = 0, stop_ns: int = FOREVER,
+                 segment: Segment | None = None) -> Iterator[Row]:
+        """Topic, time and CDR bytes of messages, in order of time, where the clock was set back in that of recording.
 
         Parameters:
             topics: names of the topics to read; None for all.
             start_ns, stop_ns (ns): first time to read, and the time before which reading ends.
+            segment: the one to read; None for all.
         """
-        for reader in self._readers:
-            reached = start_ns - 1
-            try:
-                for row in self._rows(reader, topics, start_ns, stop_ns):
-                    reached = row[1]
-                    yield row
-            except Exception as error:  # noqa: BLE001  libraries raise any type on damaged bytes
-                if reader.path.suffix == '.mcap':
-                    yield from self._rows(self._open(reader.path, damaged=True), topics, reached + 1, stop_ns)
-                else:
-                    self._problems[f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})'] = None
+        readers, segments = self._timeline
+        if segment is not None:
+            start_ns, stop_ns = max(start_ns, segment.start_ns), min(stop_ns, segment.end_ns + 1)
+        for step in [segment.step] if segment is not None else sorted({each.step for each in segments}):
+            files = [self._rows_of(reader, topics, start_ns, stop_ns) for number, reader in readers if number == step]
+            merged = heapq.merge(*files, key=itemgetter(1)) if len(files) > 1 else files[0]
+            yield from merged if self._parts.described or len(files) == 1 else self._once(merged)
+
+    def _rows_of(self, reader: Reader, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[Row]:
+        """Messages of a file, past damage."""
+        reached = start_ns - 1
+        try:
+            for row in self._rows(reader, topics, start_ns, stop_ns):
+                reached = row[1]
+                yield row
+        except Exception as error:  # noqa: BLE001  libraries raise any type on damaged bytes
+            if reader.path.suffix == '.mcap':
+                yield from self._rows(self._salvaged(Path(str(reader.path))), topics, reached + 1, stop_ns)
+            else:
+                self._problems[f'damaged after {1e-9 * (reached - self.start_ns):.1f} s ({error})'] = None
+
+    def _once(self, rows: Iterable[Row]) -> Iterator[Row]:
+        """Rows without those that two files hold, such as a file and its repaired copy."""
+        now, seen, copies = -1, set[tuple[str, bytes]](), 0
+        for topic, time_ns, data in rows:
+            if time_ns != now:
+                now, seen = time_ns, set()
+            if (topic, data) in seen:
+                copies += 1
+                continue
+            seen.add((topic, data))
+            yield topic, time_ns, data
+        if copies:
+            self.notes = [*(note for note in self.notes if 'in two files' not in note),
+                          f'{copies} messages are in two files of the folder and count once']
 
     def definition(self, topic: str) -> str:
-        """The bag's own definition (ros2msg) of a topic's messages; empty when it holds none in this format."""
+        """The bag's own definition (ros2msg) of a topic's messages; empty when it holds none that can be read so."""
         text = self._definitions.get(self.topics[topic].kind)
         return text.data if text is not None and text.format == MessageDefinitionFormat.MSG else ''
 
@@ -164,21 +210,21 @@ class Bag(AbstractContextManager['Bag']):
 
     def _different_fields(self, topic: str) -> list[str]:
         """Names of the fields of a topic's type, or of its parts, that differ between bag and installation."""
-        kind, text = self.topics[topic].kind, self.definition(topic)
-        if not text or kind in AUDIO_COMMON:
+        kind = self.topics[topic].kind
+        if not self.definition(topic) or kind in AUDIO_COMMON:
             return []
-        here, there = ({name: set(fields) for name, (_, fields) in get_types_from_msg(each, kind).items()}
-                       for each in (definition(kind), text))
-        return sorted({f'{name.split("/")[-1]}.{field}' for name in here
-                       for field, _ in here[name] ^ there.get(name, set())})
+        there = parse(kind, self._definitions[kind])
+        return sorted({f'{name.split("/")[-1]}.{field}' for name, (_, fields) in installed_types(kind).items()
+                       for field in {name for name, _ in fields} ^ {name for name, _ in there.get(name, (None, fields))[1]}})
 
     @cached_property
     def types(self) -> Typestore:
-        """The types as the bag defines them; types without a definition in the bag as installed."""
+        """The types as the bag defines them; types, or parts of them, without a definition in the bag as installed."""
         found: Typesdict = {}
         for kind in {topic.kind for topic in self.topics.values()}:
-            with suppress(Exception):  # neither installed, nor defined in a form that rosbags can parse
-                found.update(parse(kind, self._definitions.get(kind) or installed(kind)))
+            with suppress(UnknownTypeError):  # neither installed, nor defined in a form that rosbags can parse
+                text = self._definitions.get(kind)
+                found.update(installed_types(kind) if text is None else completed(parse(kind, text)))
         store = get_typestore(Stores.EMPTY)
         store.register(found)
         return store
@@ -190,27 +236,73 @@ class Bag(AbstractContextManager['Bag']):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _open(self, path: Path, damaged: bool = False) -> Reader:
-        """Open a file or folder, or the salvaged copy of a damaged mcap file."""
-        source = path
-        if damaged:
-            source = Path(self._opened.enter_context(TemporaryDirectory(prefix='bag_')), path.name)
-            self._problems.update(dict.fromkeys(salvage(path, source)))
+    @cached_property
+    def _timeline(self) -> tuple[list[tuple[int, Reader]], list[Segment]]:
+        """The open files, each with the number of steps back of the clock before it, and the segments."""
+        readers, blocks, before = [], [], 0
+        for reader in self._readers:
+            found, last = self._steps_in(reader)
+            blocks += [(before + step, times) for step, times in found]
+            copies = self._by_step(reader) if last else [reader]
+            readers += [(before + number, copy) for number, copy in enumerate(copies)]
+            before += last if self._parts.described else 0    # the files of a described bag follow each other
+        return readers, segments_of(blocks)
+
+    def _steps_in(self, reader: Reader) -> tuple[list[tuple[int, NDArray[np.int64]]], int]:
+        """Times (n,) of the messages of a file with the number of steps back of the clock before them, and the last number."""
+        steps = Steps()
         try:
-            reader = Reader(source)
-            reader.open()
+            found = [(steps.take_block(topics, times), times) for topics, times in recorded(reader)]
+        except Exception:  # noqa: BLE001  a damaged index: the messages themselves, in order of time, tell of gaps
+            times = np.array([row[1] for row in self._rows_of(reader, None, 0, FOREVER)], np.int64)
+            return [(0, times)], 0
+        last = steps.count if steps.count <= MOST_STEPS else 0
+        return [(min(int(step), last), times[numbers == step])
+                for numbers, times in found for step in np.unique(numbers)], last
+
+    def _by_step(self, reader: Reader) -> list[Reader]:
+        """Copies of an open file in whose course the clock was set back, one for each clock."""
+        path, problems = Path(str(reader.path)), list[str]()
+        records = records_of_file(path, problems) if path.suffix == '.mcap' else records_of_database(reader)
+        copies = copy_in_order(records, self._new_folder() / f'{path.stem}.mcap', MOST_STEPS)
+        self._problems.update(dict.fromkeys(problems))
+        return [self._opened_reader(copy) for copy in copies]
+
+    def _open(self, path: Path) -> Reader:
+        """Open a file, or the salvaged copy of a damaged mcap file."""
+        try:
+            reader = self._opened_reader(path)
+            storage = reader.storage
+            if isinstance(storage, McapReader) and storage.chunks and reader.message_count > sum(
+                    sum(chunk.channel_count.values()) for chunk in storage.chunks):
+                raise BagError('chunks without an index')    # whose messages rosbags would leave out
         except Exception:
-            if damaged or path.suffix != '.mcap':
+            if path.suffix != '.mcap':
                 raise
-            return self._open(path, damaged=True)
+            reader = self._salvaged(path)
+        return reader
+
+    def _salvaged(self, path: Path) -> Reader:
+        """A copy of what can be read of a damaged mcap file."""
+        copy, problems = salvage(path, self._new_folder())
+        self._problems.update(dict.fromkeys(problems))
+        return self._opened_reader(copy)
+
+    def _opened_reader(self, path: Path) -> Reader:
+        reader = Reader(path)
+        reader.open()
         self._opened.callback(reader.close)
         return reader
+
+    def _new_folder(self) -> Path:
+        """A folder that exists as long as the bag is open."""
+        return Path(self._opened.enter_context(TemporaryDirectory(prefix='bag_')))
 
     def _rows(self, reader: Reader, topics: Collection[str] | None, start_ns: int, stop_ns: int) -> Iterator[Row]:
         wanted = [c for c in reader.connections if c.topic in self.topics and (topics is None or c.topic in topics)]
         if wanted:  # rosbags takes an empty list for all connections
             for connection, time_ns, data in reader.messages(wanted, start_ns, stop_ns):
-                yield connection.topic, time_ns, data
+                yield connection.topic, time_ns, message(data) if self._parts.by_message else data
 
     def _is_readable(self, connection: Connection) -> bool:
         encoding = connection.ext.serialization_format if isinstance(connection.ext, ConnectionExtRosbag2) else ''
@@ -219,37 +311,14 @@ class Bag(AbstractContextManager['Bag']):
         return encoding == 'cdr'
 
 
-def _parts_of(path: Path) -> list[Path]:
-    """The paths to open with rosbags: files, or a folder with metadata.yaml. Raises BagError when there is no bag."""
-    if not path.exists():
-        raise BagError(f'{path}: no such bag')
-    if not path.is_dir():
-        check_file(path)
-        _check_kind(path)
-        return [path]
-    metadata = path / 'metadata.yaml'
-    described = metadata.is_file()
-    compressed = described and re.search(r'^\s*compression_mode:\s*["\']?(file|message)', read_text(metadata), re.I | re.M)
-    files = [] if compressed else sorted(path.glob('*.mcap'))
-    if files or described:
-        return files or [path]
-    databases = sorted(path.glob('*.db3'))
-    if not databases:
-        raise BagError(f'{path} is no bag: a folder without metadata.yaml, .mcap or .db3')
-    if len(databases) > 1:
-        raise BagError(f'{path} has several databases but no metadata.yaml; make one with: ros2 bag reindex {path}')
-    return databases
+def _usable(kind: str, text: MessageDefinition) -> MessageDefinition | None:
+    """A bag's definition of a type as rosbags can parse it; None where the bag holds none, or nothing that is one."""
+    usable = text._replace(data=text.data.lstrip('\ufeff').replace('\r\n', '\n').replace('\r', '\n'))
+    if text.format == MessageDefinitionFormat.NONE or not usable.data.strip():
+        return None
+    try:
+        parse(kind, usable)
+    except Exception:  # noqa: BLE001  rosbags raises any type
+        return None
+    return usable
 
-
-def _check_kind(path: Path) -> None:
-    """Raise BagError when a file is not a bag of ROS 2."""
-    with path.open('rb') as file:
-        head = file.read(16)
-    kind = next((kind for kind, magic in MAGICS.items() if head.startswith(magic)), None)
-    if not head:
-        raise BagError(f'{path} is empty: 0 bytes')
-    if kind == 'ros1':
-        raise BagError(f'{path} is a bag of ROS 1; convert it with: rosbags-convert --src {path} --dst FOLDER')
-    if kind is None or kind != SUFFIXES.get(path.suffix):
-        content = kind or 'neither mcap nor sqlite3'
-        raise BagError(f'{path} is no bag: its content is {content}, expected a .mcap or .db3 file or a folder of them')

@@ -1,9 +1,13 @@
-"""Recovers the readable messages of a damaged mcap file, such as one left by a killed recorder."""
+"""Copies messages in the order of their recording.
+
+Those that are readable of a damaged mcap file, such as one left by a killed recorder, and those of a file in whose course the
+clock was set back, each clock to a file of its own.
+"""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,43 +15,105 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import MessageDefinitionFormat
+from rosbags.rosbag2 import Reader
 
 from av_bags.decompression import decompress
+from av_bags.timeline import Steps
 
 # Errors that reading damaged bytes can raise.
 DAMAGE = (McapError, EOFError, struct.error, ValueError, RuntimeError, OSError, MemoryError, KeyError)
 PLAUSIBLE_RECORD_BYTES = 2**31
 
 
-def salvage(path: Path, copy: Path) -> list[str]:
-    """Copy all readable messages to a new file, and return descriptions of the damage.
+def salvage(path: Path, folder: Path) -> tuple[Path, list[str]]:
+    """Copy all readable messages to a new file, and return it with descriptions of the damage.
 
     A damaged chunk loses only its own messages; a record of damaged length loses everything behind it.
 
     Parameters:
         path: the damaged file.
-        copy: the file to create.
+        folder: of the file to create.
 
     Raises OSError.
     """
     problems: list[str] = []
-    out = Writer(str(copy), compression=CompressionType.NONE)
-    out.start('ros2')
-    schemas: dict[int, int] = {}
-    channels: dict[int, int] = {}
-    for record in _records(path, problems):
-        if isinstance(record, Schema) and record.id not in schemas:
-            schemas[record.id] = out.register_schema(record.name, record.encoding, record.data)
-        elif isinstance(record, Channel) and record.id not in channels and record.schema_id in schemas:
-            channels[record.id] = out.register_channel(record.topic, record.message_encoding, schemas[record.schema_id],
-                                                       record.metadata)
-        elif isinstance(record, Message) and record.channel_id in channels:
-            out.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence)
-    out.finish()
-    return problems
+    copy, = copy_in_order(records_of_file(path, problems), folder / path.name)
+    return copy, problems
 
 
-def _records(path: Path, problems: list[str]) -> Iterator[McapRecord]:
+def copy_in_order(records: Iterable[McapRecord], path: Path, most_steps: int = 0) -> list[Path]:
+    """Copy messages in the order of their recording to an mcap file, to a further one each time that the clock was set back.
+
+    Parameters:
+        records: schemas, channels and messages.
+        path: the first file; the others have a number in their names.
+        most_steps: largest number of further files.
+
+    Raises OSError.
+    """
+    steps, copies = Steps(), [_Copy(path)]
+    for record in records:
+        if isinstance(record, Message):
+            if len(copies) <= min(steps.take(record.channel_id, record.log_time), most_steps):
+                copies.append(_Copy(path.with_stem(f'{path.stem}_{len(copies)}'), copies[-1]))
+            copies[-1].add(record)
+        elif isinstance(record, (Schema, Channel)):
+            copies[-1].announce(record)
+    for copy in copies:
+        copy.out.finish()
+    return [copy.path for copy in copies]
+
+
+def records_of_database(reader: Reader) -> Iterator[McapRecord]:
+    """Schemas, channels and messages of an open sqlite3 file in the order of their recording."""
+    for connection in reader.connections:
+        encoding = 'ros2idl' if connection.msgdef.format == MessageDefinitionFormat.IDL else 'ros2msg'
+        yield Schema(connection.id, connection.msgdef.data.encode(), encoding, connection.msgtype)
+        yield Channel(connection.id, connection.topic, 'cdr', {}, connection.id)
+    rows = reader.storage.dbconn.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY id')
+    for number, (topic, time_ns, data) in enumerate(rows):
+        yield Message(topic, time_ns, data, time_ns, number)
+
+
+class _Copy:
+    """A new mcap file that is written.
+
+    Parameters:
+        path: of the file.
+        before: the file whose schemas and channels it takes over.
+    """
+
+    def __init__(self, path: Path, before: _Copy | None = None) -> None:
+        self.path = path
+        self.out = Writer(str(path), compression=CompressionType.NONE)
+        self.out.start('ros2')
+        self._schemas: dict[int, int] = {}
+        self._channels: dict[int, int] = {}
+        self._announced: list[Schema | Channel] = []
+        for record in before._announced if before else ():
+            self.announce(record)
+
+    def announce(self, record: Schema | Channel) -> None:
+        """Add a schema or channel."""
+        if isinstance(record, Schema) and record.id not in self._schemas:
+            self._schemas[record.id] = self.out.register_schema(record.name, record.encoding, record.data)
+        elif isinstance(record, Channel) and record.id not in self._channels and record.schema_id in self._schemas:
+            self._channels[record.id] = self.out.register_channel(
+                record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata)
+        else:
+            return
+        self._announced.append(record)
+
+    def add(self, record: Message) -> None:
+        """Add a message of a known channel."""
+        if record.channel_id in self._channels:
+            self.out.add_message(self._channels[record.channel_id], record.log_time, record.data, record.publish_time,
+                                 record.sequence)
+
+
+def records_of_file(path: Path, problems: list[str]) -> Iterator[McapRecord]:
+    """The records of an mcap file that can be read, in order; descriptions of the damage are added to `problems`."""
     with path.open('rb') as file:
         records = StreamReader(file, emit_chunks=True, record_size_limit=PLAUSIBLE_RECORD_BYTES).records
         offset = 0

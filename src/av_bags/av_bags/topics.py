@@ -89,7 +89,7 @@ def find_topics(bag: Bag, names: Iterable[str], remappings: Mapping[str, str] | 
             found.topics[name] = _remapped(bag, name, remappings[name])
             continue
         candidates = _candidates(bag, name, namespace)
-        usable = [topic for topic in candidates if bag.topics[topic].kind in KINDS[name]]
+        usable = [topic for topic in candidates if bag.topics[topic].kind in KINDS[name] and bag.topics[topic].count]
         if len(usable) == 1 or (usable and usable[0] == candidates[0] == absolute(name, namespace)):
             found.topics[name] = usable[0]
         else:
@@ -122,6 +122,8 @@ def _remapped(bag: Bag, name: str, topic: str) -> str:
     kind = bag.topics[topic].kind
     if kind not in KINDS[name]:
         raise BagError(f'{bag.path}: {topic} is {kind}; for {name} expected {" or ".join(KINDS[name])}')
+    if not bag.topics[topic].count:
+        raise BagError(f'{bag.path}: {topic} for {name} holds no messages')
     return topic
 
 
@@ -138,6 +140,9 @@ def _candidates(bag: Bag, name: str, namespace: str) -> list[str]:
 def _why(bag: Bag, name: str, candidates: list[str], usable: list[str]) -> str:
     if len(usable) > 1:
         return f'more than one topic could be {name}: {", ".join(usable)}; remap one'
+    empty = [topic for topic in candidates if not bag.topics[topic].count]
+    if empty:
+        return f'{", ".join(empty)} holds no messages'
     if candidates:
         kinds = ', '.join(f'{topic} is {bag.topics[topic].kind}' for topic in candidates)
         return f'{kinds}, expected {" or ".join(KINDS[name])}'

@@ -146,11 +146,11 @@ def export(path: Path, file: Path, namespace: str = '') -> tuple[dict[str, int],
             try:
                 recorder.write(record.name, record.arrival, record.message)
             except ValueError as error:  # a message of the bag that cannot be used
-                feed.problems[f'{record.name}: {error}'] = None
+                feed.problems[f'{record.name}: {error}'] += 1
                 continue
             counts[record.name] = counts.get(record.name, 0) + 1
         recorder.close()
-        return counts, [*bag.problems, *feed.problems]
+        return counts, [*bag.notes, *feed.notes, *bag.problems, *feed.lost]
 
 
 def _length(distance: float) -> float:

@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         with Bag(options.bag) as bag, BagWriter(options.out) as out:
-            problems = [*copy(bag, out), *bag.problems]
+            problems = [*copy(bag, out), *bag.notes, *bag.problems]
     except (ValueError, OSError) as error:
         print(f'repair_bag: {error}', file=sys.stderr)
         return 1

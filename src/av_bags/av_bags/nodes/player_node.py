@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterable
@@ -20,9 +21,9 @@ from tf2_msgs.msg import TFMessage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
-from av_bags.feed import SECOND, BagRecord, Feed
+from av_bags.feed import BagRecord, Feed
 from av_bags.nodes.player_node_parameters import player_node as parameters
-from av_bags.reader import FOREVER, Bag
+from av_bags.reader import Bag
 from av_bags.topics import STAGES, Found, find_topics, parse_remappings
 from av_common.node import RigNode, run
 from av_common.qos import LATCHED
@@ -67,13 +68,12 @@ class PlayerNode(RigNode):
             self.get_logger().info(reason)
         layout = AudioLayout(settings.audio_rate, settings.audio_channels, settings.audio_format)\
             if settings.audio_rate else None
-        start_ns = bag.start_ns + round(settings.start * SECOND)
-        stop_ns = start_ns + round(settings.duration * SECOND) if settings.duration else FOREVER
+        stop = settings.start + settings.duration if settings.duration else math.inf
         self._static_topic = found.topics.pop(names.FRAMES, None)
         self._bag, self._path, self._topics, self._layout = bag, path, found.topics, layout
-        self._range_ns = (start_ns, stop_ns)
+        self._range = (settings.start, stop)
         self._feed = self._feed_from(position)
-        self._length = (min(stop_ns - 1, bag.end_ns) - start_ns) / SECOND
+        self._length = min(stop, bag.length) - settings.start
         self._position = self._wanted_position = position
         self._seek = False
 
@@ -147,8 +147,8 @@ class PlayerNode(RigNode):
 
     def _feed_from(self, position: float) -> Feed:
         """What is played from a time (s) after the start on."""
-        start_ns, stop_ns = self._range_ns
-        return Feed(self._bag, self._topics, self._layout, start_ns + round(position * SECOND), stop_ns, decode=False)
+        start, stop = self._range
+        return Feed(self._bag, self._topics, self._layout, start + position, stop, decode=False)
 
     def _run(self) -> None:
         waited = False
@@ -159,31 +159,36 @@ class PlayerNode(RigNode):
                 if not waited:
                     self._wait_for_subscribers(first.arrival)
                     waited = True
-                self._play(chain([first], records), first.arrival)
+                self._play(chain([first], records))
             while self._settings.bags and not self._seek and not self._stopping.wait(PAUSE_STEP_S):
                 pass
             if not self._seek or self._stopping.is_set():
                 break
             self._seek, self._position = False, self._wanted_position
             self._feed = self._feed_from(self._wanted_position)
-        for problem in (*self._bag.problems, *self._feed.problems):
+        for note in (*self._bag.notes, *self._feed.notes):
+            self.get_logger().warning(note)
+        for problem in (*self._bag.problems, *self._feed.lost):
             self.get_logger().error(problem)
         self.get_logger().info(f'played {self._played} messages, {self._position:.1f} s')
         if not self._stopping.wait(LINGER_S):
             self.finish()
 
-    def _play(self, records: Iterable[BagRecord], first: float) -> None:
-        """Publish the records when they are due, and /clock in between; `first` (s) is the arrival of the first."""
-        period, start = 1.0 / self._settings.clock_rate, self._position
+    def _play(self, records: Iterable[BagRecord]) -> None:
+        """Publish the records when they are due, and /clock in between. Between segments it leaps, as the clock did."""
+        period, rate = 1.0 / self._settings.clock_rate, self._settings.rate
         began, ticked = time.monotonic(), 0.0
+        first, segment, start = math.nan, -1, self._position
         for record in records:
+            if record.segment != segment:
+                first, segment, start, began = record.arrival, record.segment, self._position, time.monotonic()
             while True:
                 began += self._pause()
-                due = began + (record.arrival - first) / self._settings.rate
+                due = began + (record.arrival - first) / rate
                 wall = time.monotonic()
                 if wall - ticked >= period:
                     ticked = wall
-                    self._publish_clock(min(record.arrival, first + (wall - began) * self._settings.rate))
+                    self._publish_clock(min(record.arrival, first + (wall - began) * rate))
                 if wall >= due:
                     break
                 if self._stopping.wait(min(due - wall, ticked + period - wall)) or self._seek:
@@ -191,7 +196,8 @@ class PlayerNode(RigNode):
             self._outputs[record.name].publish(record.data or record.message)
             self._played += 1
             self._position = start + record.arrival - first
-        self._publish_clock(first + self._position - start)
+        if segment >= 0:
+            self._publish_clock(first + self._position - start)
 
     def _pause(self) -> float:
         """Wait while the player is paused; returns how long that was (s)."""
@@ -229,7 +235,7 @@ class PlayerNode(RigNode):
         status.add('position', f'{self._position:.1f} of {self._length:.1f} s')
         status.add('paused', str(self._paused.is_set()))
         status.add('messages', str(self._played))
-        problems = (*self._bag.problems, *self._feed.problems)
+        problems = (*self._bag.problems, *self._feed.lost)
         if problems:
             status.mergeSummary(DiagnosticStatus.WARN, '; '.join(problems))
 

@@ -23,7 +23,7 @@ from av_evaluation.report.text import format_table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the program; returns its exit code: 0, or 1 when the bag cannot be replayed."""
+    """Run the program; returns its exit code: 0, 1 when the bag cannot be replayed, 3 when messages of it could not be used."""
     options = make_parser().parse_args(arguments)
     gc.set_threshold(100_000)  # few objects here are cyclic: searching for them costs an eighth of the time
     try:
@@ -77,7 +77,7 @@ def replay(options: argparse.Namespace) -> int:
         bag = opened.enter_context(Bag(options.bag))
         run = Replay(bag, settings_of(options))
         out = opened.enter_context(BagWriter(options.out)) if options.out else None
-        length = min((bag.end_ns - bag.start_ns) * 1e-9 - options.start, options.duration)
+        length = min(bag.length - options.start, options.duration)
         print(f'replaying {length:.1f} s of {options.bag} from {run.stage}', file=sys.stderr)
         progress = Progress(length, options.quiet)
         log = run.run(out, progress.show)
@@ -94,7 +94,7 @@ def replay(options: argparse.Namespace) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / 'metrics.json').write_text(json.dumps(asdict(summary), indent=2) + '\n')
         draw(log, folder / 'bearing.png', f'{options.bag}, replayed from {run.stage}')
-    return 0
+    return 3 if run.lost else 0
 
 
 class Progress:

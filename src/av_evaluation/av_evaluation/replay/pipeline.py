@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -29,7 +30,7 @@ class Pipeline:
     A stage that is None is not computed: its results are expected as messages. Arrivals must not decrease.
 
     Attributes:
-        problems: why messages could not be used.
+        problems: number of messages that could not be used, by topic and reason.
 
     Parameters:
         doa, detection, fusion, pointing: the stages.
@@ -43,7 +44,7 @@ class Pipeline:
                  publish: Callable[[str, float, Any], None]) -> None:
         self._doa, self._detection, self._fusion, self._pointing = doa, detection, fusion, pointing
         self._recorder, self._converter, self._publish = recorder, converter, publish
-        self.problems: set[str] = set()
+        self.problems: Counter[str] = Counter()
 
     def advance(self, now: float) -> None:
         """Publish what is due until `now` (s) without a message."""
@@ -70,14 +71,14 @@ class Pipeline:
             else:
                 self._follow(name, message, arrival)
         except ValueError as error:
-            self.problems.add(f'{name}: {error}')
+            self.problems[f'{name}: {error}'] += 1
 
     def _share(self, name: str, message: Any, arrival: float) -> None:
         """Give the rig's pose and its camera, whose region of interest may move, to all but the fusion. Raises ValueError."""
         if name == names.CAMERA:
             self._converter.set_camera_info(message)
             if self._converter.problem:
-                self.problems.add(self._converter.problem)
+                self.problems[f'{name}: {self._converter.problem}'] += 1
             if self._detection is not None:
                 self._detection.on_camera_info(message)
         elif name == names.ODOMETRY:

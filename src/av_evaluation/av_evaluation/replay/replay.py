@@ -14,8 +14,8 @@ from av_audio.stage import DoaStage, make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
-from av_bags.feed import SECOND, BagRecord, Feed
-from av_bags.reader import FOREVER, Bag
+from av_bags.feed import BagRecord, Feed
+from av_bags.reader import Bag
 from av_bags.topics import Found, find_topics
 from av_bags.writer import BagWriter
 from av_common.camera import PinholeCamera
@@ -103,6 +103,7 @@ class Replay:
     Attributes:
         stage: the one of STAGES from which on results are computed.
         notes: what is missing and how it is made up for; after `run` also what could not be used.
+        lost: whether messages that were read could not be used.
 
     Parameters:
         bag: to replay.
@@ -116,15 +117,15 @@ class Replay:
         self._bag, self._settings, self._record = bag, settings, record
         self._recorder = RunRecorder(record)
         self.notes: list[str] = []
+        self.lost = False
         self._out: OutputQueue | None = None
         found = find_topics(bag, names.KINDS, settings.remappings, settings.namespace)
         self.stage = settings.stage or ('raw' if names.AUDIO in found else
                                         'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
         self._topics = self._choose(found)
-        start_ns = bag.start_ns + round(settings.start * SECOND)
-        stop_ns = FOREVER if math.isinf(settings.duration) else start_ns + round(settings.duration * SECOND)
-        self._feed = Feed(bag, self._topics, settings.audio, start_ns, stop_ns)
-        self._build(load_rig(settings.rig or find_config('rig')), estimators)
+        self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
+        self._rig, self._estimators, self._segment = load_rig(settings.rig or find_config('rig')), estimators, 0
+        self._build(self._rig, estimators)
 
     @property
     def log(self) -> RunLog:
@@ -137,14 +138,18 @@ class Replay:
         `progress` is called about each second of the bag with the time done, in s. Raises OSError when `out` refuses.
         """
         self._out = OutputQueue(out, self._settings.namespace) if out is not None else None
-        begin = reported = None
+        done, before = 0.0, math.nan
+        reported = 0.0
         try:
             for record in self._feed:
-                if begin is None or reported is None:
-                    begin = reported = record.arrival
-                if progress is not None and record.arrival - reported >= 1.0:
-                    reported = record.arrival
-                    progress(reported - begin)
+                if record.segment != self._segment:
+                    self._begin_segment(record.segment, record.arrival - before)
+                    before = record.arrival
+                done += record.arrival - before if math.isfinite(before) else 0.0
+                before = record.arrival
+                if progress is not None and done - reported >= 1.0:
+                    reported = done
+                    progress(done)
                 self._take(record)
         finally:
             if self._out is not None:
@@ -152,8 +157,17 @@ class Replay:
         self._conclude()
         return self.log
 
+    def _begin_segment(self, number: int, gap: float) -> None:
+        """Begin anew behind a gap (s): nothing is computed in it, and the log leaves it out."""
+        if self._out is not None:
+            self._out.flush()
+        self._conclude_stages()
+        self._segment = number
+        self._recorder.left_out += gap
+        self._build(self._rig, self._estimators)
+
     def _take(self, record: BagRecord) -> None:
-        name, arrival, message, data = record
+        name, arrival, message, data, _ = record
         if self._out is not None and name not in (names.AUDIO, names.IMAGE):
             self._out.put(name, arrival, message, data)
         if name == names.AUDIO and self._comparison is not None:
@@ -250,19 +264,30 @@ class Replay:
         if text not in self.notes:
             self.notes.append(text)
 
+    def _lose(self, text: str) -> None:
+        """Note messages that could not be used."""
+        self.lost = True
+        self._note(text)
+
     def _conclude(self) -> None:
-        for problem in (*self._bag.problems, *self._feed.problems):
-            self._note(problem)
-        for problem in sorted(self._pipeline.problems):
-            self._note(problem)
+        for note in (*self._bag.notes, *self._bag.problems, *self._feed.notes):
+            self._note(note)
+        for problem in self._feed.lost:
+            self._lose(problem)
+        self._conclude_stages()
+
+    def _conclude_stages(self) -> None:
+        """Note what the stages could not use since they began."""
+        for problem, count in sorted(self._pipeline.problems.items()):
+            self._lose(f'{count} message{"s" if count > 1 else ""} of {problem}')
         if self._fusion is not None:
             tolerance = self._fusion.settings.clock_tolerance
             for name, count in self._fusion.gate.foreign_stamps.items():
                 if count:
-                    self._note(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
+                    self._lose(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
                                "bag's time")
             for name, count in self._fusion.gate.sources.refused.items():
                 if count:
-                    self._note(f'{count} messages of {name} left out: two sources sent them, whose stamps alternate')
+                    self._lose(f'{count} messages of {name} left out: two sources sent them, whose stamps alternate')
         for frame in sorted(self._frames.unknown):
-            self._note(f'no transform from {frame!r} to the body: what is measured in it is left out')
+            self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')

@@ -21,6 +21,7 @@ class RunRecorder:
 
     Attributes:
         log: measurements, tracks and true poses.
+        left_out (s): time between segments of a bag, which is left out of the times of the log.
 
     Parameters:
         record: also takes the most confident measurement of each `DoaArray`, or None.
@@ -29,6 +30,7 @@ class RunRecorder:
 
     def __init__(self, record: MeasurementRecord | None = None, folder: Path | None = None) -> None:
         self.log, self._record = RunLog(folder), record
+        self.left_out = 0.0
 
     def on_doa(self, measurements: Sequence[DoaMeasurement], arrival: float) -> None:
         """Log the most confident measurement of a window."""
@@ -36,13 +38,13 @@ class RunRecorder:
             self._record.doa.setdefault(OWN_METHOD, []).extend(measurements[:1])
         for doa in measurements[:1]:
             azimuths = [hypothesis.azimuth for hypothesis in doa.hypotheses]
-            self.log.sound.add(doa.time, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
+            self.log.sound.add(doa.time - self.left_out, azimuths[0], azimuths[1] if len(azimuths) > 1 else math.nan,
                                doa.confidence, arrival - doa.time - 0.5 * doa.window)
 
     def on_camera(self, measurement: CameraMeasurement, message: Any, arrival: float) -> None:
         """Log the best detection. Detections whose names begin with 'oracle' are the simulator's."""
         best = measurement.best
-        self.log.sight.add(measurement.time, best.azimuth if best else math.nan, best.score if best else 0.0,
+        self.log.sight.add(measurement.time - self.left_out, best.azimuth if best else math.nan, best.score if best else 0.0,
                            arrival - measurement.time)
         if any(detection.id.startswith('oracle') for detection in message.detections):
             self.log.notes['detections'] = "the simulator's visual oracle (no detector ran)"
@@ -50,8 +52,8 @@ class RunRecorder:
     def on_track(self, track: Track, time: float) -> None:
         """Log the track at `time` (s)."""
         known = track.state != State.NONE
-        self.log.fused.add(track.time, track.azimuth, math.sqrt(track.azimuth_variance), track.state, track.resolved,
-                           time - track.measured if known else math.nan)
+        self.log.fused.add(track.time - self.left_out, track.azimuth, math.sqrt(track.azimuth_variance), track.state,
+                           track.resolved, time - track.measured if known else math.nan)
 
     def on_truth(self, name: str, odometry: Any) -> None:
         """Log a true pose.
@@ -62,7 +64,7 @@ class RunRecorder:
 
         Raises ValueError for a pose that is none.
         """
-        time, position = to_seconds(odometry.header.stamp), odometry.pose.pose.position
+        time, position = to_seconds(odometry.header.stamp) - self.left_out, odometry.pose.pose.position
         place, attitude = (position.x, position.y, position.z), attitude_of(odometry.pose.pose.orientation)
         if not all(map(math.isfinite, place)):
             raise ValueError(f'the position is {place}, expected finite numbers')

@@ -1,0 +1,110 @@
+"""The files of a bag: which belong to it by its metadata.yaml, and what is inside those that are compressed as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path, PurePath
+from typing import Any
+
+from av_bags.decompression import expand
+from av_bags.errors import BagError
+from av_common.files import check_file, one_line
+from av_common.yaml_reader import load_yaml
+
+MAGICS = {'mcap': b'\x89MCAP0\r\n', 'sqlite3': b'SQLite format 3\x00', 'ros1': b'#ROSBAG V'}
+SUFFIXES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
+COMPRESSED = '.zstd'
+
+
+class Parts:
+    """The files of a bag.
+
+    Parameters:
+        path: an mcap or sqlite3 file, or a folder of rosbag2.
+
+    Attributes:
+        files: those that are there, in the order of recording where metadata tell.
+        described: whether metadata tell which files belong to the bag.
+        by_message: whether each message is compressed.
+        lost: what is missing.
+        notes: what was left out with reason.
+
+    Raises BagError when there is no bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.described = self.by_message = False
+        self.lost: list[str] = []
+        self.notes: list[str] = []
+        self._path = path
+        if not path.exists():
+            raise BagError(f'{path}: no such bag')
+        self.files = self._of_folder() if path.is_dir() else [path]
+        for file in self.files:
+            check_file(file)
+            if file.suffix != COMPRESSED:
+                _check_kind(file)
+
+    def expanded(self, folder: Callable[[], Path]) -> list[Path]:
+        """The files, those that are compressed as copies in new folders that `folder` makes. Raises ValueError or OSError."""
+        found = []
+        for file in self.files:
+            if file.suffix == COMPRESSED:
+                copy = folder() / file.stem
+                problem = expand(file, copy)
+                self.lost += [problem] if problem else []
+                _check_kind(copy, file)
+                file = copy
+            found.append(file)
+        return found
+
+    def _of_folder(self) -> list[Path]:
+        """The files of a folder. Hidden ones are none: macOS writes a `._NAME` beside each file on disks of other systems."""
+        there = sorted(file for file in self._path.iterdir() if not file.name.startswith('.') and (
+            file.suffix in SUFFIXES or (file.suffix == COMPRESSED and Path(file.stem).suffix in SUFFIXES)))
+        listed = self._listed()
+        if listed is None:
+            if not there:
+                raise BagError(f'{self._path} is no bag: a folder without metadata.yaml, .mcap or .db3')
+            return there
+        by_name = {file.name: file for file in there}
+        found = [by_name[name] for name in listed if name in by_name]
+        missing = [name for name in listed if name not in by_name]
+        if not found and there:
+            self.notes.append(f'no file of metadata.yaml is there ({", ".join(missing)}): those of the folder are read')
+            return there
+        if not found:
+            raise BagError(f'{self._path}: what metadata.yaml lists is not there: {", ".join(missing) or "it lists no file"}')
+        self.described = True
+        self.lost += [f'{name} is missing, which metadata.yaml lists' for name in missing]
+        self.notes += [f'{file.name} is left out: metadata.yaml does not list it' for file in there if file not in found]
+        return found
+
+    def _listed(self) -> list[str] | None:
+        """Names of the files in metadata.yaml; None without one that can be read."""
+        metadata = self._path / 'metadata.yaml'
+        if not metadata.is_file():
+            return None
+        try:
+            content: Any = load_yaml(metadata)['rosbag2_bagfile_information']
+            self.by_message = str(content.get('compression_mode') or '').lower() == 'message'
+            return [PurePath(str(name)).name for name in content['relative_file_paths']]
+        except (ValueError, OSError, KeyError, TypeError, AttributeError) as error:
+            self.by_message = False
+            self.notes.append(f'metadata.yaml cannot be read ({one_line(error)}): all files of the folder are read')
+            return None
+
+
+def _check_kind(path: Path, named: Path | None = None) -> None:
+    """Raise BagError, which names the file `named`, when a file is not a bag of ROS 2."""
+    with path.open('rb') as file:
+        head = file.read(16)
+    kind = next((kind for kind, magic in MAGICS.items() if head.startswith(magic)), None)
+    named = named or path
+    if not head:
+        raise BagError(f'{named} is empty: 0 bytes')
+    if kind == 'ros1':
+        raise BagError(f'{named} is a bag of ROS 1; convert it with: rosbags-convert --src {named} --dst FOLDER')
+    if kind is None or kind != SUFFIXES.get(path.suffix):
+        content = kind or 'neither mcap nor sqlite3'
+        raise BagError(f'{named} is no bag: its content is {content}, expected a .mcap or .db3 file or a folder of them')

@@ -1,0 +1,273 @@
+"""Bags as they are in the field: in several files, with definitions that are none, and of clocks that were set."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import bag_messages as make
+import numpy as np
+import pytest
+import yaml
+from mcap.writer import CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from av_bags.definitions import definition
+from av_bags.feed import Feed
+from av_bags.reader import Bag
+
+SECOND = 10**9
+START = round(make.EPOCH * SECOND)
+FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
+
+
+def recorded(seconds=8.0, begin=make.EPOCH):
+    """Topics, times (ns) and messages of a rig in order of time; stamps are those of their times."""
+    rows = []
+    for k in range(round(20 * seconds)):
+        time = begin + 0.05 * k
+        rows.append(('/odometry', round(time * SECOND), make.odometry(time, x=float(k))))
+        if k % 2:
+            rows.append(('/doa', round(time * SECOND) + 7_000_000, make.doa(time, 0.01 * k)))
+    return rows
+
+
+def write(path, rows, storage=StoragePlugin.MCAP):
+    """A bag of rosbags alone in the order of the rows; returns its one file."""
+    with Writer(path, version=9, storage_plugin=storage) as writer:
+        topics = {}
+        for topic, time_ns, message in rows:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, message.__msgtype__, typestore=make.TYPES)
+            writer.write(topics[topic], time_ns, make.cdr(message))
+    return next(file for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
+
+
+def folder_of(path, parts, storage=StoragePlugin.MCAP, listed=None):
+    """A folder of several files named bag_0 on, with metadata of those `listed` (indices; None: without metadata)."""
+    path.mkdir()
+    files = []
+    for number, rows in enumerate(parts):
+        file = write(path / f'part{number}', rows, storage)
+        files.append(path / f'bag_{number}{file.suffix}')
+        shutil.move(file, files[-1])
+        metadata = yaml.safe_load((path / f'part{number}' / 'metadata.yaml').read_text())
+        shutil.rmtree(path / f'part{number}')
+    if listed is not None:
+        metadata['rosbag2_bagfile_information']['relative_file_paths'] = [files[k].name for k in listed]
+        (path / 'metadata.yaml').write_text(yaml.safe_dump(metadata))
+    return path
+
+
+def keys(rows):
+    return [(topic, time_ns, make.cdr(message)) for topic, time_ns, message in rows]
+
+
+@pytest.mark.parametrize('described', [True, False])
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('kind', ['overlapping', 'by topic', 'at random'])
+def test_files_of_a_folder_are_merged_by_time(tmp_path, kind, storage, described):
+    rows, rng = recorded(), np.random.default_rng(2)
+    of = {'overlapping': lambda k, row: int(k > 100 + 60 * (row[0] == '/doa')),
+          'by topic': lambda k, row: int(row[0] == '/doa'), 'at random': lambda k, row: int(rng.integers(3))}[kind]
+    parts = {}
+    for k, row in enumerate(rows):
+        parts.setdefault(of(k, row), []).append(row)
+    path = folder_of(tmp_path / 'bag', [parts[k] for k in sorted(parts)], storage, sorted(parts) if described else None)
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows)
+        assert len(bag.segments) == 1 and not bag.problems and not bag.notes
+
+
+def test_metadata_decide_what_belongs_to_a_bag(tmp_path):
+    rows = recorded()
+    path = folder_of(tmp_path / 'bag', [rows[:150], rows[150:], recorded(3.0, make.EPOCH + 1.01)], listed=[0, 1])
+    shutil.copy(path / 'bag_0.mcap', path / 'bag_0_repaired.mcap')
+    (path / '._bag_0.mcap').write_bytes(b'\0\5\26\7 resource fork')
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows)
+        assert bag.notes == [f'{name} is left out: metadata.yaml does not list it'
+                             for name in ('bag_0_repaired.mcap', 'bag_2.mcap')]
+        assert not bag.problems
+
+
+def test_what_metadata_list_in_vain_is_named(tmp_path):
+    rows = recorded()
+    path = folder_of(tmp_path / 'bag', [rows[:150], rows[150:]], listed=[0, 1])
+    (path / 'bag_1.mcap').unlink()
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows[:150])
+        assert bag.problems == ['bag_1.mcap is missing, which metadata.yaml lists']
+    (path / 'bag_0.mcap').rename(path / 'flight.mcap')
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows[:150])
+        assert 'no file of metadata.yaml is there (bag_0.mcap, bag_1.mcap)' in bag.notes[0]
+    (path / 'metadata.yaml').write_text('')
+    with Bag(path) as bag:
+        assert len(list(bag.messages())) == 150 and 'metadata.yaml cannot be read' in bag.notes[0]
+
+
+def test_a_repaired_copy_does_not_double_a_folder_without_metadata(tmp_path):
+    rows = recorded()
+    path = folder_of(tmp_path / 'bag', [rows, rows[20:300]])
+    with Bag(path) as bag:
+        assert list(bag.messages()) == keys(rows)
+        assert '220 messages are in two files' in bag.notes[-1]
+
+
+def full(kind):
+    return definition(kind)
+
+
+SCHEMAS = {
+    'empty': lambda kind: b'',
+    'its name': lambda kind: kind.encode(),
+    'a blank line': lambda kind: b'\n\n',
+    'without its parts': lambda kind: full(kind).split('=' * 80)[0].encode(),
+    'without some parts': lambda kind: ('=' * 80).join(full(kind).split('=' * 80)[:2]).encode(),
+    'of Windows': lambda kind: full(kind).replace('\n', '\r\n').encode(),
+    'with a mark': lambda kind: b'\xef\xbb\xbf' + full(kind).encode(),
+    'damaged': lambda kind: b'float64[ x y\n' + full(kind).encode(),
+}
+
+
+def write_with_schemas(path, rows, schema, encoding='ros2msg', others=()):
+    """An mcap file in which the schema of each type is `schema(type)`; others: topic, encodings of message and schema, data."""
+    writer = McapWriter(str(path), compression=CompressionType.LZ4)
+    writer.start('ros2')
+    channels = {}
+    for topic, messages, schemas, data in others:
+        channel = writer.register_channel(topic, messages, writer.register_schema('Other', schemas, b'{}'))
+        writer.add_message(channel, rows[0][1], data, rows[0][1])
+    for number, (topic, time_ns, message) in enumerate(rows):
+        if topic not in channels:
+            kind = message.__msgtype__
+            channels[topic] = writer.register_channel(topic, 'cdr', writer.register_schema(kind, encoding, schema(kind)))
+        writer.add_message(channels[topic], time_ns, make.cdr(message), time_ns, number)
+    writer.finish()
+    return path
+
+
+@pytest.mark.parametrize('name', SCHEMAS)
+def test_types_without_a_usable_definition_are_read_as_installed(tmp_path, name):
+    rows = recorded(2.0)
+    with Bag(write_with_schemas(tmp_path / 'bag.mcap', rows, SCHEMAS[name])) as bag:
+        feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
+        found = list(feed)
+        assert not feed.problems and len(found) == len(rows)
+        assert [one.message.pose.pose.position.x for one in found if one.name == 'odometry'] == list(range(40))
+        assert found[2].message.hypotheses[0].azimuth == pytest.approx(0.01)
+
+
+def test_a_schema_without_encoding_and_topics_of_others_do_no_harm(tmp_path):
+    others = [('/notes', 'json', 'jsonschema', b'{"a": 1}'), ('/scene', 'protobuf', 'protobuf', b'\x08\x01')]
+    path = write_with_schemas(tmp_path / 'bag.mcap', recorded(1.0), lambda kind: b'', '', others)
+    with Bag(path) as bag:
+        assert set(bag.topics) == {'/odometry', '/doa'}
+        assert len(list(Feed(bag, {'odometry': '/odometry', 'doa': '/doa'}))) == 30
+        assert [problem.partition(' are')[0] for problem in sorted(bag.problems)] == [
+            "/notes: messages in 'json'", "/scene: messages in 'protobuf'"]
+
+
+def test_messages_that_cannot_be_read_are_counted(tmp_path):
+    """A node of another release sent some, which are too short."""
+    rows = recorded(1.0)
+    writer = McapWriter(str(tmp_path / 'bag.mcap'))
+    writer.start('ros2')
+    kind = make.ODOMETRY
+    channel = writer.register_channel('/odometry', 'cdr', writer.register_schema(kind, 'ros2msg', b''))
+    for k, (topic, time_ns, message) in enumerate(rows):
+        if topic == '/odometry':
+            writer.add_message(channel, time_ns, make.cdr(message)[:30 if k % 10 == 3 else None], time_ns)
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        feed = Feed(bag, {'odometry': '/odometry'})
+        assert len(list(feed)) == 18 and sum(feed.problems.values()) == 2
+        assert all(text.startswith('2 messages of /odometry: ') for text in feed.lost)
+
+
+def test_chunks_without_an_index_are_read(tmp_path):
+    rows = recorded(2.0)
+    writer = McapWriter(str(tmp_path / 'bag.mcap'), chunk_size=2000, index_types=IndexType.ALL & ~IndexType.MESSAGE)
+    writer.start('ros2')
+    channels = {}
+    for topic, time_ns, message in rows:
+        if topic not in channels:
+            schema = writer.register_schema(message.__msgtype__, 'ros2msg', full(message.__msgtype__).encode())
+            channels[topic] = writer.register_channel(topic, 'cdr', schema)
+        writer.add_message(channels[topic], time_ns, make.cdr(message), time_ns)
+    writer.finish()
+    with Bag(tmp_path / 'bag.mcap') as bag:
+        assert list(bag.messages()) == keys(rows)
+
+
+def set_by(rows, steps):
+    """Rows of a clock that is set by some seconds at some rows: times of recording and stamps."""
+    found, offset = [], 0.0
+    for k, (topic, time_ns, _) in enumerate(rows):
+        offset += steps.get(k, 0.0)
+        time = 1e-9 * time_ns + offset
+        number = k
+        message = make.odometry(time, x=float(number)) if topic == '/odometry' else make.doa(time, 0.3)
+        found.append((topic, round(time * SECOND), message))
+    return found
+
+
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+@pytest.mark.parametrize('steps', [{120: 3e8}, {120: 6.0}, {120: -3.0}, {120: -86_400.0}, {60: -3.5, 150: 1e6},
+                                   {60: -2.0, 150: -2.0}], ids=str)
+def test_a_clock_that_was_set_begins_a_segment(tmp_path, storage, steps):
+    """In the order of recording, also where the times of both clocks overlap; the gap is none of the recorded time."""
+    rows = set_by(recorded(), steps)
+    write(tmp_path / 'bag', rows, storage)
+    with Bag(tmp_path / 'bag') as bag:
+        assert list(bag.messages()) == keys(rows)
+        assert len(bag.segments) == 1 + len(steps) and bag.length == pytest.approx(8.0, abs=0.3)
+        feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
+        found = list(feed)
+        assert [record.arrival for record in found] == pytest.approx([1e-9 * row[1] for row in rows], abs=1e-6)
+        changes = [k for k in range(1, len(found)) if found[k].segment != found[k - 1].segment]
+        assert changes == sorted(steps) and len(feed.notes) == len(steps)
+        played = [record.message.pose.pose.position.x for record in Feed(bag, {'odometry': '/odometry'}, start=2.0, stop=5.0)]
+        whole = [record for record in found if record.name == 'odometry']
+        first = next(k for k, record in enumerate(whole) if record.message.pose.pose.position.x == played[0])
+        assert 38 <= first <= 44 and 58 <= len(played) <= 64
+        assert played == [record.message.pose.pose.position.x for record in whole[first:first + len(played)]]
+
+
+def test_a_file_in_no_order_is_sorted(tmp_path):
+    """One topic after the other, or at random: no clock was set."""
+    rows = recorded()
+    write(tmp_path / 'topics', sorted(rows, key=lambda row: row[0]))
+    mixed = [rows[k] for k in np.random.default_rng(3).permutation(len(rows))]
+    write(tmp_path / 'mixed', mixed)
+    for name in ('topics', 'mixed'):
+        with Bag(tmp_path / name) as bag:
+            assert list(bag.messages()) == keys(rows) and len(bag.segments) == 1
+
+
+def test_the_clock_of_stamps_may_be_set_and_a_single_one_may_be_wrong(tmp_path):
+    rows = recorded(6.0)
+    changed = []
+    for k, (topic, time_ns, _) in enumerate(rows):
+        time = 1e-9 * (time_ns - START) + (5000.0 if k < 90 else 9_000_000.0) + (1e6 if k in (20, 140) else 0.0)
+        message = make.odometry(time, x=float(k)) if topic == '/odometry' else make.doa(time, 0.3)
+        changed.append((topic, time_ns, message))
+    write(tmp_path / 'bag', changed)
+    with Bag(tmp_path / 'bag') as bag:
+        feed = Feed(bag, {'odometry': '/odometry', 'doa': '/doa'})
+        found = list(feed)
+    assert len(found) == len(rows)
+    segments = np.array([record.segment for record in found])
+    assert set(segments[:90]) == {0} and set(segments[90:]) == {1} and len(feed.notes) == 1
+    arrivals = np.array([record.arrival for record in found])
+    assert arrivals[:90].max() < 5010.0 and 9_000_000.0 < arrivals[90:].min() < arrivals[90:].max() < 9_000_010.0
+
+
+@pytest.mark.parametrize('name', ['split_overlap', 'two_recorders'])
+def test_the_folders_of_the_field(name):
+    if not FIELD_CASES.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    with Bag(FIELD_CASES / 'bags' / name) as bag, Bag(FIELD_CASES / 'bags' / 'ref') as whole:
+        assert list(bag.messages()) == list(whole.messages())

@@ -1,0 +1,117 @@
+"""Replays of bags as they are in the field: clocks that were set, no camera, messages that cannot be read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bag_messages as make
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Writer
+
+from av_bags.reader import Bag
+from av_bags.writer import BagWriter
+from av_evaluation.cli.replay import main
+from av_evaluation.replay.replay import Replay, ReplaySettings
+
+FIELD_CASES = Path(__file__).resolve().parents[4] / 'shared' / 'data' / 'field_cases'
+
+
+def directions(write, begin, seconds, azimuth=0.5):
+    """A source at a known azimuth that is also seen, and a rig that stands."""
+    for k in range(round(50 * seconds)):
+        time = begin + k / 50.0
+        write('/odometry', time, make.odometry(time))
+        if k % 5 == 0:
+            write('/doa', time, make.doa(time - 0.25, azimuth))
+        if k % 4 == 0:
+            write('/detections', time, make.detections(time, azimuth))
+
+
+def bearings(path):
+    with AnyReader([path]) as reader:
+        return [reader.deserialize(data, connection.msgtype) for connection, _, data in reader.messages(
+            [connection for connection in reader.connections if connection.topic == '/target/bearing'])]
+
+
+@pytest.mark.parametrize('jump', [3e8, 40.0, -4.0, -86_400.0])
+def test_a_replay_goes_on_behind_a_clock_that_was_set(tmp_path, capsys, jump):
+    """As two bags: each part gives what it gives alone, the output is as small, and says what was left out."""
+    for name, parts in (('bag', 2), ('alone', 1)):
+        with make.bag(tmp_path / name) as write:
+            directions(write, make.EPOCH, 8.0)
+            if parts == 2:
+                directions(write, make.EPOCH + 8.0 + jump, 8.0, -0.4)
+    options = ['--out', str(tmp_path / 'out.mcap'), '--quiet', '--report', str(tmp_path / 'report')]
+    assert main([str(tmp_path / 'bag'), *options]) == 0
+    printed = capsys.readouterr()
+    assert 'a new segment begins, and what lies between is left out' in printed.err
+    assert '16.0 s replayed' in printed.out and (tmp_path / 'out.mcap').stat().st_size < 600_000
+    found = bearings(tmp_path / 'out.mcap')
+    with Bag(tmp_path / 'alone') as bag, BagWriter(tmp_path / 'alone.mcap') as out:
+        Replay(bag).run(out)
+    alone = bearings(tmp_path / 'alone.mcap')
+    with Bag(tmp_path / 'out.mcap') as bag:
+        stamps = [time_ns for topic, time_ns, _ in bag.messages() if topic == '/target/bearing']
+        assert len(bag.segments) == 2 and np.argmax(np.abs(np.diff(stamps))) == len(alone) - 1
+    second = found[len(alone):] if jump > 0.0 else None
+    if second:    # AnyReader gives them in order of time
+        np.testing.assert_array_equal([one.azimuth for one in found[:len(alone)]], [one.azimuth for one in alone])
+        assert second[-1].azimuth == pytest.approx(-0.4, abs=0.05) and len(second) == pytest.approx(len(alone), abs=3)
+
+
+def test_the_output_of_a_clock_that_was_set_replays_alike(tmp_path):
+    with make.bag(tmp_path / 'bag') as write:
+        directions(write, make.EPOCH, 6.0)
+        directions(write, make.EPOCH + 2.5, 6.0, -0.4)
+    logs = []
+    for source, name in (('bag', 'out.mcap'), ('out.mcap', 'again.mcap')):
+        with Bag(tmp_path / source) as bag, BagWriter(tmp_path / name) as out:
+            logs.append(Replay(bag, ReplaySettings(stage='doa')).run(out))
+    np.testing.assert_array_equal(logs[0].fused['azimuth'], logs[1].fused['azimuth'])
+    assert np.degrees(logs[0].fused['azimuth'][[150, -1]]) == pytest.approx(np.degrees([0.5, -0.4]), abs=3.0)
+    assert np.diff(logs[0].fused['time']).max() < 1.0
+
+
+def test_a_recording_without_a_camera_is_replayed_from_raw(tmp_path, capsys):
+    """The recorder had announced the camera's topics, and nothing came."""
+    with Writer(tmp_path / 'bag', version=9) as writer:
+        topics = {name: writer.add_connection(name, kind, typestore=make.TYPES) for name, kind in (
+            ('/camera/camera_info', 'sensor_msgs/msg/CameraInfo'), ('/detections', 'vision_msgs/msg/Detection2DArray'),
+            ('/audio/frames', 'av_interfaces/msg/AudioFrame'), ('/tf_static', 'tf2_msgs/msg/TFMessage'))}
+        for frame in make.audio_frames(make.EPOCH, make.sound_of(0.6, 4.0)):
+            time_ns = round((frame.header.stamp.sec + 1e-9 * frame.header.stamp.nanosec) * 1e9)
+            writer.write(topics['/audio/frames'], time_ns, make.cdr(frame))
+    assert main([str(tmp_path / 'bag'), '--from', 'raw', '--quiet', '--out', str(tmp_path / 'out.mcap')]) == 0
+    assert '/camera/camera_info holds no messages' in capsys.readouterr().err
+    assert len(bearings(tmp_path / 'out.mcap')) > 50
+
+
+def test_what_was_dropped_is_said_with_its_count_and_by_the_exit_code(tmp_path, capsys):
+    with make.bag(tmp_path / 'bag') as write:
+        directions(write, make.EPOCH, 3.0)
+        for k in range(7):
+            write('/doa', make.EPOCH + 0.4 * k + 0.01, make.doa(make.EPOCH + 1e6, 0.5))
+    assert main([str(tmp_path / 'bag'), '--quiet']) == 3
+    assert '7 messages of doa left out: their stamps' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('name', 'like'), [('bags/split_overlap', 'bags/ref'), ('bags/two_recorders', 'bags/ref'),
+                                            ('schemas/empty_odometry.mcap', 'schemas/good.mcap'),
+                                            ('schemas/schema_crlf.mcap', 'schemas/good.mcap')])
+def test_the_bags_of_the_field(tmp_path, name, like):
+    if not FIELD_CASES.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    for source, out in ((name, 'a.mcap'), (like, 'b.mcap')):
+        assert main([str(FIELD_CASES / source), '--from', 'doa', '--quiet', '--out', str(tmp_path / out)]) == 0
+    assert (tmp_path / 'a.mcap').read_bytes() == (tmp_path / 'b.mcap').read_bytes()
+
+
+def test_the_clock_of_the_field(tmp_path, capsys):
+    if not FIELD_CASES.is_dir():
+        pytest.skip('needs ../shared/data/field_cases')
+    path = FIELD_CASES / 'clock_set' / 'jump_from_1970'
+    assert main([str(path), '--from', 'doa', '--quiet', '--out', str(tmp_path / 'out.mcap')]) == 0
+    assert 'the clock goes on 20717.6 days later' in capsys.readouterr().err
+    assert (tmp_path / 'out.mcap').stat().st_size < 100_000
