@@ -6,12 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from std_msgs.msg import Float32
 
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.parameters import node_parameters
 from av_evaluation.closed_loop import Conditions, LateVehicle, close_loop
-from av_pointing.controller import Command, Mode, PointingController, PointingSettings
+from av_pointing.controller import LEAD_S, Command, Mode, PointingController, PointingSettings
 from av_pointing.response import BodyMotion, LatencyEstimator, Response
 from av_pointing.stage import PointingStage, make_pointing_stage
 
@@ -43,7 +44,8 @@ def test_the_body_settles_at_any_delay_with_any_lag(target, age, dead_time, lag)
 @pytest.mark.parametrize('lag', [0.2, 0.8])
 @pytest.mark.parametrize('told', [0.05, 0.4, 1.0])
 def test_no_limit_cycle_with_a_lag_that_it_was_not_told(lag, told):
-    loop = close_loop(make_stage(vehicle_lag=told), Conditions(lag=lag, bearing_age=0.4, **FULL), TARGETS['at rest'], 14.0)
+    stage = PointingStage(PointingController(PointingSettings(move_gimbal=False, response=Response(lag=told))))
+    loop = close_loop(stage, Conditions(lag=lag, bearing_age=0.4, **FULL), TARGETS['at rest'], 14.0)
     assert swing_deg(loop, 4.0) < 1.5 and loop.overshoot_deg() < 6.0
 
 
@@ -68,6 +70,64 @@ def test_it_settles_in_other_conditions(conditions):
     assert loop.rms_deg(9.0) < 2.0 and swing_deg(loop, 4.0) < 6.0
 
 
+class LimitedStage(PointingStage):
+    """Its commands reach the vehicle as px4_node lets them through: at most a rate, which it may be told or not."""
+
+    def __init__(self, own_deg, limit_deg, told=True):
+        limits = AxisLimits(math.radians(own_deg), math.radians(360.0))
+        super().__init__(PointingController(PointingSettings(yaw=limits, move_gimbal=False)))
+        self._let_through = math.radians(limit_deg)
+        if told:
+            self.on_yaw_rate_limit(Float32(data=self._let_through))
+
+    def on_time(self, now):
+        command = super().on_time(now)
+        command.yaw_rate = min(max(command.yaw_rate, -self._let_through), self._let_through)
+        return command
+
+
+LIMITS = [(45.0, 30.0), (45.0, 20.0), (30.0, 45.0), (90.0, 60.0), (45.0, 15.0), (20.0, 30.0), (30.0, 30.0), (15.0, 100.0)]
+FLOWN = {'gain': 0.93, **FULL}    # PX4 in SITL
+
+
+@pytest.mark.parametrize('age', [0.1, 0.4])
+@pytest.mark.parametrize('rate_deg', [15.0, 25.0])
+@pytest.mark.parametrize(('own_deg', 'limit_deg'), LIMITS)
+def test_no_swing_on_a_moving_target_whatever_the_limits_are(age, rate_deg, own_deg, limit_deg):
+    """The target was at rest to the other side. One that is too fast is turned after while it is less than 150 deg off."""
+    def target(t):
+        return math.radians(-60.0 + rate_deg * max(t - 4.0, 0.0))
+    least, seconds = 0.93 * min(own_deg, limit_deg), 26.0
+    loop = close_loop(LimitedStage(own_deg, limit_deg), Conditions(bearing_age=age, **FLOWN), target, seconds)
+    if least > 1.05 * rate_deg:
+        assert swing_deg(loop, 6.0) < 2.0
+    else:
+        time, error = np.array(loop.time), np.degrees(np.array(loop.error))
+        behind = (time > 8.0) & (np.maximum.accumulate(np.abs(error)) < 150.0)
+        assert behind.any() and np.diff(np.array(loop.yaw)[behind]).min() > 0.0
+
+
+@pytest.mark.parametrize('age', [0.1, 0.4])
+@pytest.mark.parametrize('limit_deg', [10.0, 15.0, 20.0])
+def test_a_target_that_was_too_fast_is_caught_up_with(age, limit_deg):
+    """At 25 deg/s for 4 s, then at 5 deg/s: the body turns on at its limit, arrives without passing it, and stays."""
+    def target(t):
+        return math.radians(25.0 * min(t, 4.0) + 5.0 * max(t - 4.0, 0.0))
+    lag = 4.0 * (25.0 - 0.93 * limit_deg) + 0.5 * limit_deg
+    arrival = 4.0 + lag / (0.93 * limit_deg - 5.0) + 4.0
+    loop = close_loop(LimitedStage(45.0, limit_deg), Conditions(bearing_age=age, **FLOWN), target, arrival + 4.0)
+    error = np.degrees(np.array(loop.error))
+    assert error.max() > 15.0 and np.diff(loop.yaw).min() > -1e-4
+    assert error.min() > -2.0 and swing_deg(loop, 4.0) < 2.0 and abs(error[-1]) < 2.0
+
+
+def test_a_limit_that_pointing_is_not_told_makes_it_swing():
+    """The tests above would fail without it."""
+    loop = close_loop(LimitedStage(45.0, 20.0, told=False), Conditions(bearing_age=0.4, **FLOWN),
+                      lambda t: math.radians(-120.0 + 15.0 * t), 16.0)
+    assert swing_deg(loop, 6.0) > 3.0
+
+
 class Undelayed(PointingController):
     """Follows the error as it is seen, and knows nothing of what has been commanded but not turned yet."""
 
@@ -79,7 +139,7 @@ class Undelayed(PointingController):
             self._simple.stop(dt)
         else:
             rate = track.azimuth_world_rate
-            self._simple.follow(float(wrap(track.azimuth + self.settings.lead * (rate - self._simple.velocity))), rate, dt)
+            self._simple.follow(float(wrap(track.azimuth + LEAD_S * (rate - self._simple.velocity))), rate, dt)
         return Command(Mode.TRACK, '', 0.0, 0.0, 0.0, 0.0, self._simple.velocity, False, True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,15 @@ class BodyAxis:
         self._rates: deque[tuple[float, float]] = deque(maxlen=100)   # time, rate of the aim
         self._axis = LimitedAxis(limits)
         self._driven = self._measurement_age = math.inf
+
+    def limit_rate(self, rate: float) -> None:
+        """Turn no faster than `rate` (rad/s) from now on."""
+        self._axis.limits = replace(self._axis.limits, rate=rate)
+
+    @property
+    def limits(self) -> AxisLimits:
+        """Of yaw rate and acceleration."""
+        return self._axis.limits
 
     @property
     def velocity(self) -> float:

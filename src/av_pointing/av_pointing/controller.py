@@ -23,6 +23,12 @@ from av_pointing.response import Response
 
 BODY_TIMEOUT_S = 0.3  # after the arrival of the newest measurement, and of the newest odometry, at which the body stands still
 LONGEST_STEP_S = 0.1  # longer steps are computed as this long
+PERIOD_S = 1.0 / 30.0  # longest time between two commands, by which braking begins earlier
+STALE_AFTER_S = 0.3  # after its arrival, from which a bearing moves nothing: six periods of fusion's slowest output
+COAST_SIGMA = math.radians(20.0)  # of a prediction's azimuth, up to which the gimbal follows it: half a camera's view
+DEAD_BAND = math.radians(0.5)  # error below which nothing moves: the noise of a bearing that is seen
+LEAD_S = 0.05  # after its stamp for which a bearing is given to the gimbal, or its age where that is larger: lag of a gimbal
+SEARCH_RATE = math.radians(40.0)  # rad/s, of the rotation that resolves front and back, at most that of the body
 OLDEST_MEASUREMENT_S = 1.0  # age since its capture from which a measurement moves no body, and a bearing on arrival nothing
 
 
@@ -85,14 +91,8 @@ class PointingSettings:
 
     Parameters:
         pan, tilt, yaw: limits of the gimbal's axes and of the body's yaw.
-        search_rate (rad/s): rate of the body's rotation that resolves the front-back ambiguity.
-        dead_band (rad): error below which nothing moves.
-        lead (s): time after its stamp for which a bearing is given to the gimbal, or its age where that is larger.
-        period (s): longest time between two commands.
-        response: expected answer of the vehicle to yaw rates, from which its estimate starts.
-        stale_after (s): time since its arrival from which a bearing is stale and moves nothing.
+        response: expected answer of the vehicle to yaw rates, from which its estimate starts; by default that of PX4.
         coast (s): time after the newest measurement's arrival for which the gimbal follows a prediction.
-        coast_sigma (rad): standard deviation of a prediction's azimuth up to which the gimbal follows it.
         on_stale: reaction of the gimbal to a stale bearing: 'hold' stops it, 'neutral' returns it to 0.
         move_gimbal, move_body: whether gimbal and body are commanded.
         stabilized: whether the gimbal stays level, and is commanded in `base_stabilized`.
@@ -104,14 +104,8 @@ class PointingSettings:
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(360), -2.6, 2.6))
     tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(60), math.radians(180), -1.4, 0.8))
     yaw: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(45), math.radians(360)))
-    search_rate: float = math.radians(40.0)
-    dead_band: float = math.radians(0.5)
-    lead: float = 0.05
-    period: float = 1.0 / 30.0
     response: Response = field(default_factory=Response)
-    stale_after: float = 0.5
     coast: float = 2.0
-    coast_sigma: float = math.radians(20.0)
     on_stale: str = 'hold'
     move_gimbal: bool = True
     move_body: bool = True
@@ -148,7 +142,7 @@ class Command:
 
 
 class PointingController:
-    """Computes commands from tracks; `step` is called at least every `period` s.
+    """Computes commands from tracks; `step` is called at least every PERIOD_S.
 
     Attributes:
         settings: see `PointingSettings`.
@@ -162,7 +156,7 @@ class PointingController:
     def __init__(self, settings: PointingSettings | None = None) -> None:
         self.settings = settings or PointingSettings()
         self.enabled = True
-        self.gimbal = GimbalAxes(self.settings.pan, self.settings.tilt, self.settings.stabilized, self.settings.dead_band)
+        self.gimbal = GimbalAxes(self.settings.pan, self.settings.tilt, self.settings.stabilized, DEAD_BAND)
         self.body = BodyAxis(self.settings.yaw, self.settings.response)
         self._time: float | None = None
         self._seen: Track | None = None
@@ -171,6 +165,15 @@ class PointingController:
     def start_at(self, pan: float, tilt: float) -> None:
         """Stand still at angles of the gimbal (rad), such as those of the controller before, within the limits."""
         self.gimbal.start_at(pan, tilt)
+
+    def limit_body(self, rate: float) -> None:
+        """Note the largest yaw rate (rad/s) that the vehicle is given, of which the prediction must know, too.
+
+        Raises ValueError for a rate that is not positive.
+        """
+        if not 0.0 < rate < math.inf:
+            raise ValueError(f'a limit of {rate} rad/s, expected a positive one')
+        self.body.limit_rate(min(rate, self.settings.yaw.rate))
 
     def on_attitude(self, time: float, attitude_wxyz: Sequence[float]) -> None:
         """Note the body's attitude (w, x, y, z) in the world by odometry of `time` (s, on the clock of `step`)."""
@@ -191,7 +194,7 @@ class PointingController:
         dt = 0.0 if self._time is None else min(max(time - self._time, 0.0), LONGEST_STEP_S)
         self._time = time
         self.body.motion.advance(time)
-        settings, left = self.settings, ages.body_left - self.settings.period
+        settings, left = self.settings, ages.body_left - PERIOD_S
         stale = self._stale(track, ages) if self.enabled else ''
         mode, reason = self._decide(track, ages, stale)
         if track is not None and track is not self._seen:
@@ -203,7 +206,7 @@ class PointingController:
             self.gimbal.hold(dt, neutral=self.settings.on_stale == 'neutral' and stale != '')
         elif mode == Mode.SEARCH:
             aim = self._aim(time, track, ages)._replace(azimuth=track.requested_rotation, rate=0.0)
-            self.body.turn(time, dt, aim, settings.dead_band, ages.measurement, left, settings.search_rate)
+            self.body.turn(time, dt, aim, DEAD_BAND, ages.measurement, left, SEARCH_RATE)
             self.gimbal.follow(dt, None, None)
         elif mode == Mode.LOOK and (look := _look_of(track)) is not None:
             self.body.stop(dt)
@@ -217,13 +220,12 @@ class PointingController:
 
     def _stale(self, track: Track | None, ages: Ages) -> str:
         """Why there is no fresh bearing; empty where there is one."""
-        settings = self.settings
-        if track is None or not ages.bearing - ages.late <= settings.stale_after or not ages.late <= OLDEST_MEASUREMENT_S:
+        if track is None or not ages.bearing - ages.late <= STALE_AFTER_S or not ages.late <= OLDEST_MEASUREMENT_S:
             return 'no fresh bearing'
         if track.state == State.NONE or not (math.isfinite(track.azimuth) and math.isfinite(track.azimuth_world_rate)):
             return 'no fresh bearing: no target'
-        uncertain = ages.predicted and not 0.0 <= track.azimuth_variance <= settings.coast_sigma**2
-        if ages.measurement >= settings.coast or uncertain:
+        uncertain = ages.predicted and not 0.0 <= track.azimuth_variance <= COAST_SIGMA**2
+        if ages.measurement >= self.settings.coast or uncertain:
             return 'no fresh bearing: a prediction without recent measurements'
         return ''
 
@@ -258,10 +260,9 @@ class PointingController:
 
     def _may_look(self, cue: Look, ages: Ages) -> bool:
         """Whether the gimbal may turn to a cue: fresh, and in the world only while a heading that was given is known."""
-        settings = self.settings
-        fresh = ages.cue <= settings.stale_after and ages.cue_captured <= OLDEST_MEASUREMENT_S
-        known = cue.in_body or not self._has_odometry or ages.odometry <= settings.stale_after
-        return settings.move_gimbal and fresh and known
+        fresh = ages.cue <= STALE_AFTER_S and ages.cue_captured <= OLDEST_MEASUREMENT_S
+        known = cue.in_body or not self._has_odometry or ages.odometry <= STALE_AFTER_S
+        return self.settings.move_gimbal and fresh and known
 
     def _look(self, time: float, dt: float, cue: Look) -> str:
         """Turn the gimbal to a cue; returns the reason."""
@@ -295,7 +296,7 @@ class PointingController:
         if settings.move_gimbal and look is not None:
             self.gimbal.follow(dt, *self.gimbal.of_body(*look), self._slowed(ages))
         elif settings.move_gimbal:
-            body_rate, ahead = body.motion.rate(time), max(settings.lead, ages.bearing)
+            body_rate, ahead = body.motion.rate(time), max(LEAD_S, ages.bearing)
             turned = body.motion.yaw(time) - body.motion.yaw(aim.time) + (ahead - ages.bearing) * body_rate
             elevation = self._elevation(track, ahead)
             pan, tilt = self.gimbal.of_level(aim.azimuth + ahead * aim.rate - turned, elevation or 0.0)
@@ -303,7 +304,7 @@ class PointingController:
         if not settings.move_body:
             body.stop(dt)
         elif not settings.move_gimbal or abs(aim.azimuth) > settings.body_follows_at or abs(body.velocity) > 0.0:
-            body.turn(time, dt, aim, settings.dead_band, ages.measurement, ages.body_left - settings.period)
+            body.turn(time, dt, aim, DEAD_BAND, ages.measurement, ages.body_left - PERIOD_S)
 
     def _elevation(self, track: Track, ahead: float) -> float | None:
         """Elevation (rad) in the world of a track `ahead` s later, None while it has none."""

@@ -9,7 +9,6 @@ from typing import Any
 from av_common.limited_axis import AxisLimits
 from av_common.rig import GimbalMount
 from av_pointing.controller import PointingSettings
-from av_pointing.response import Response
 
 
 def pointing_settings(p: Any) -> PointingSettings:
@@ -23,10 +22,7 @@ def pointing_settings(p: Any) -> PointingSettings:
         pan=AxisLimits(*gimbal, *map(math.radians, p.pan_limits_deg)),
         tilt=AxisLimits(*gimbal, *map(math.radians, p.tilt_limits_deg)),
         yaw=AxisLimits(math.radians(p.yaw_rate_deg), math.radians(p.yaw_acceleration_deg)),
-        search_rate=math.radians(p.search_rate_deg), dead_band=math.radians(p.dead_band_deg), lead=p.lead, period=1.0 / p.rate,
-        response=Response(p.vehicle_dead_time, p.vehicle_lag),
-        stale_after=p.stale_after, coast=p.coast, coast_sigma=math.radians(p.coast_sigma_deg), on_stale=p.on_stale,
-        move_gimbal=p.move_gimbal, move_body=p.move_body,
+        coast=p.coast, on_stale=p.on_stale, move_gimbal=p.move_gimbal, move_body=p.move_body,
         body_follows_at=math.radians(p.body_follows_at_deg))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from geometry_msgs.msg import PointStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import Header
+from std_msgs.msg import Float32, Header
 
 from av_common.angles import direction_to_angles
 from av_common.cue import cue_direction
@@ -90,6 +90,10 @@ class PointingStage:
             elif self._odometry.take(stamp, arrival):
                 age = max(arrival.ros - stamp, 0.0)
                 self.controller.on_attitude(arrival.steady - age, attitude_of(q))
+
+    def on_yaw_rate_limit(self, message: Float32) -> None:
+        """Note the largest yaw rate (rad/s) that whoever obeys the commands lets through. Raises ValueError for none."""
+        self.controller.limit_body(message.data)
 
     def on_cue(self, message: PointStamped, arrival: Instant) -> None:
         """Note where others say that a target is. Raises ValueError for a place that is none.

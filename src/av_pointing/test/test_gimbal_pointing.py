@@ -134,7 +134,8 @@ def test_the_gimbal_keeps_to_the_target_as_the_body_tilts():
     """A body that rolls and pitches by 25 degrees; a target that is still."""
     direction = angles_to_direction(math.radians(40.0), math.radians(20.0))
     errors = []
-    rig = Rig(move_body=False, dead_band=0.0)
+    rig = Rig(move_body=False)
+    rig.stage.controller.gimbal._dead_band = 0.0
     for step in range(150):
         tilt = math.radians(25.0) * math.sin(0.08 * step)
         rig.attitude = euler2quat(tilt, -0.6 * tilt, 0.3, 'sxyz')

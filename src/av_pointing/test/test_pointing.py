@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from av_common.angles import wrap
 from av_common.limited_axis import AxisLimits, LimitedAxis
 from av_common.track import State, Track
-from av_pointing.controller import Ages, Mode, PointingController, PointingSettings
+from av_pointing.controller import PERIOD_S, Ages, Mode, PointingController, PointingSettings
 
 WILD = st.one_of(st.floats(-10.0, 10.0), st.sampled_from([math.nan, math.inf, -math.inf, math.pi, -math.pi, 0.0, 3e38]))
 AGES = st.one_of(st.floats(0.0, 3.0), st.sampled_from([0.0, 0.3, math.inf]))
@@ -40,7 +40,7 @@ def test_no_command_breaks_a_limit(steps):
                                               elevation=elevation, elevation_variance=0.1, resolved=resolved,
                                               requested_rotation=rotation), ages)
         sudden, left = ages.body_left < left - max(dt, 0.0), ages.body_left
-        assert command.yaw_rate == 0.0 or ages.body_left > limits.period
+        assert command.yaw_rate == 0.0 or ages.body_left > PERIOD_S
         axes = ((command.pan, command.pan_rate, limits.pan), (command.tilt, command.tilt_rate, limits.tilt),
                 (0.0, command.yaw_rate, limits.yaw))
         for angle, velocity, limit in axes:
@@ -110,7 +110,7 @@ def test_the_body_stands_still_0_3_s_after_the_last_input(lost):
         track = Track(0.98 + 0.02 * k, State.ACOUSTIC_ACTIVE, azimuth=1.0, resolved=True)
         command = controller.step(0.98 + 0.02 * k, track, FRESH._replace(**{lost: 0.02 * k}))
         assert abs(command.yaw_rate - before) <= 0.02 * limits.acceleration + 1e-9
-        assert command.yaw_rate == 0.0 or lost == 'bearing' or 0.02 * k < 0.3 - BODY.period
+        assert command.yaw_rate == 0.0 or lost == 'bearing' or 0.02 * k < 0.3 - PERIOD_S
         before = command.yaw_rate
     assert before == 0.0 and command.mode == Mode.HOLD
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
@@ -12,16 +13,18 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from std_msgs.msg import Float32
 from std_srvs.srv import SetBool
 
 from av_common.freshness import Instant
 from av_common.launched import KeptNumbers, KeptSwitch
 from av_common.node import RigNode, run
-from av_common.qos import RESULT, STREAM
+from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
 from av_common.source_report import SourceReport
 from av_interfaces.msg import Bearing, PointingCommand
+from av_pointing.controller import PERIOD_S
 from av_pointing.nodes.pointing_node_parameters import pointing_node as parameters
 from av_pointing.settings import pointing_settings
 from av_pointing.stage import make_pointing_stage
@@ -51,10 +54,11 @@ class PointingNode(RigNode):
     def activate(self) -> None:
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time,
+        self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
+        self.while_active(self.create_subscription, Float32, 'yaw_rate_limit', self._stage.on_yaw_rate_limit, LATCHED)
         if self._settings.follow_cues:
             self.while_active(self.create_subscription, PointStamped, 'target/cue', self._on_cue, RESULT)
         self.while_active(self.create_service, SetBool, '~/enable', self._on_enable)
@@ -132,6 +136,7 @@ class PointingNode(RigNode):
         status.add('share of commanded turns that the body made', f'{body.motion.following:.2f}')
         status.add('age of bearings (s)', f'{body.age:.2f} by their stamps')
         status.add('age that stamps hide (s)', f'{body.latency.latency:.2f} +- {body.latency.uncertainty:.2f}')
+        status.add('largest yaw rate (deg/s)', f'{math.degrees(body.limits.rate):.1f}')
         status.add('bandwidth of the body (1/s)', f'{body.bandwidth:.2f}')
 
 
