@@ -47,7 +47,7 @@ VARIANTS: dict[str, list[dict]] = {
                       'datum': {'known': True, 'latitude': 48.0, 'longitude': 11.0, 'altitude': 500.0}}],
     'player_node': [{'bag': '{folder}/bag.mcap', 'only': 'all'}],
     'pointing_node': [{'follow_cues': True}],
-    'px4_node': [{'external_mode': True}],
+    'px4_node': [{'offboard': True}],
     'recorder_node': [{'path': '{folder}/recording.mcap'}],
     'report_node': [{'positions': True, 'traffic.enabled': True}],
     'rig_frames_node': [{'rig_file': RIG_GIMBAL}],

@@ -17,7 +17,8 @@ from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, Mode, PointingController
 from av_px4.frames import gimbal_degrees, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs
-from av_px4.guard import BodyGuard, Inputs, VehicleStatus
+from av_px4.guard import BodyGuard, Inputs
+from av_px4.handover import VehicleStatus
 from av_sim_bridge.vehicle import VehicleState
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
@@ -31,7 +32,11 @@ class Flight:
 
     def __init__(self, heading_deg, mode):
         self.autopilot = FakeAutopilot(heading=math.radians(heading_deg), nav_state=mode)
-        self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(), Gimbal()
+        self.controller, self.guard, self.gimbal = PointingController(), BodyGuard(offboard=True), Gimbal()
+        self.controller.limit_body(self.guard.max_rate)
+        for k in range(10):    # the pilot hands over later
+            self.guard.step(0.1 * k - 1.0, Inputs(VehicleStatus(HOLD, True, False), 0.0, 0.0, 0.0, 0.0, enabled=True,
+                                                   place_known=True))
         self.world, self.rows = None, []
 
     def on_attitude(self, time, attitude):
@@ -44,7 +49,7 @@ class Flight:
         for out in self.gimbal.step(now, wanted):
             self.gimbal.acknowledge(now, out.command, autopilot.command(out.command, out.params, (1, 191), (1, 1)))
         decision = self.guard.step(now, Inputs(status, 0.0, 0.0, 0.0, 0.0, ages.measurement, command.yaw_rate,
-                                               command.move_body and command.mode != Mode.HOLD, None, True))
+                                               command.move_body, None, True))
         if decision.heartbeat:
             autopilot.heartbeat()
         if decision.setpoint:

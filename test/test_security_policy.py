@@ -22,8 +22,8 @@ CONFIG = Path(__file__).resolve().parent.parent / 'config'
 POLICY = {enclave.path.lstrip('/'): enclave for enclave in read_policy(CONFIG / 'security' / 'policy.xml')}
 NODES = sorted({program.name for program in entry_points(group='console_scripts')
                 if program.module.startswith('av_') and '.nodes.' in program.module})
-# Beside a vehicle only: PX4's topics, and the names of further targets in a simulator.
-ELSEWHERE = {'px4_node': {'rt/fmu/in/*', 'rt/fmu/out/*'}}
+# Beside a vehicle only: PX4's topics, and what is made of those that not every firmware sends.
+ELSEWHERE = {'px4_node': {'rt/fmu/in/*', 'rt/fmu/out/*', 'rt/motor_speeds'}}
 # ROS 2 Humble has no such service.
 UNKNOWN = set() if importlib.util.find_spec('rclpy.type_description_service') else {'get_type_description'}
 KIND = {'publish': 'topics', 'subscribe': 'topics', 'reply': 'services', 'request': 'services'}

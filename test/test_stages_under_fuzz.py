@@ -138,8 +138,8 @@ class Fuzzer:
 
 def px4_inputs() -> dict[type, Any]:
     """Of Px4Stage, the setpoints and commands of which are checked here."""
-    messages = plain_messages('1.17')
-    settings = Px4Settings(external_mode='AV Track')
+    messages = plain_messages('1.18')
+    settings = Px4Settings(offboard=True, full_speed=1000.0)
     stage = Px4Stage(settings, messages)
     stage.start(Instant(0.0, 0.0))
 
@@ -147,7 +147,7 @@ def px4_inputs() -> dict[type, Any]:
         for topic, message in out:
             if topic == 'trajectory_setpoint':
                 assert all(map(math.isfinite, message.position))
-                assert math.isnan(message.yawspeed) or abs(message.yawspeed) <= settings.guard.max_rate + 1e-9
+                assert math.isnan(message.yawspeed) or abs(message.yawspeed) <= settings.max_rate + 1e-9
             elif topic == 'vehicle_command' and message.command == GIMBAL_PITCH_YAW:
                 assert abs(message.param1) <= 90.0 and abs(message.param2) <= 180.0
         return [message for topic, message in out if topic == ODOMETRY_TOPIC]
@@ -157,7 +157,8 @@ def px4_inputs() -> dict[type, Any]:
     kinds = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
              'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',
              'gimbal_device_attitude_status': 'GimbalDeviceAttitudeStatus',
-             'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest'}
+             'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest',
+             'setpoint_config_reply': 'SetpointConfigReply', 'actuator_motors': 'ActuatorMotors'}
     return {PointingCommand: taking(stage.on_command), Bearing: taking(stage.on_bearing)} | {
         getattr(messages, kind): taking(getattr(stage, f'on_{name}')) for name, kind in kinds.items()}
 

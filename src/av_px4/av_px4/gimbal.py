@@ -15,6 +15,19 @@ RESULTS = ('accepted', 'temporarily rejected', 'denied', 'unsupported', 'failed'
 ROLL_AND_PITCH_LOCK = 4 + 8     # against the horizon; yaw stays relative to the vehicle
 # nav_state in which PX4 itself moves the gimbal: return, descend, terminate, land, precision landing.
 PX4_USES_GIMBAL = frozenset({5, 12, 13, 18, 20})
+ACK_TIMEOUT_S = 1.0     # without an acknowledgement after which control counts as lost
+RETRY_S = 1.0           # between claims
+UNSUPPORTED_RETRY_S = 10.0
+MOST_COMMANDS_HZ = 50.0
+STOPS_S = 0.25          # longest time that a stop may take
+
+
+class AfterTakeover(enum.Enum):
+    """What follows when another takes the gimbal; PX4's own use of it is no such case."""
+
+    AGAIN = 'again'               # it is claimed again
+    WHEN_ASKED = 'when_asked'     # it is claimed again once `move` has been false
+    NEVER = 'never'
 
 
 class Claim(enum.Enum):
@@ -35,10 +48,8 @@ class GimbalSettings:
         flags: MAVLink's GIMBAL_MANAGER_FLAGS
         pan (rad, rad/s, rad/s^2): limits of the pan axis, positive to the left
         tilt (rad, rad/s, rad/s^2): limits of the tilt axis, positive upwards
-        max_command_rate (Hz): maximum rate of pointing commands
-        ack_timeout (s): time without an acknowledgement after which control counts as lost
-        retry (s): interval between claims
         need_ack: whether a claim must be acknowledged; False for firmware without acknowledgements (PX4 1.14's default)
+        after_takeover: what follows when another takes the gimbal
     """
 
     component: int = 191
@@ -46,18 +57,16 @@ class GimbalSettings:
     flags: int = ROLL_AND_PITCH_LOCK
     pan: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -2.7, 2.7))
     tilt: AxisLimits = field(default_factory=lambda: AxisLimits(math.radians(120), math.radians(600), -1.5, 0.8))
-    max_command_rate: float = 50.0
-    ack_timeout: float = 1.0
-    retry: float = 1.0
     need_ack: bool = True
+    after_takeover: AfterTakeover = AfterTakeover.AGAIN
 
     def __post_init__(self) -> None:
         if not 2 <= self.component <= 255:
             raise ValueError(f'component is {self.component}, expected 2 to 255: 1 is the autopilot itself')
         for axis in (self.pan, self.tilt):
-            if axis.rate / axis.acceleration > 0.25:
+            if axis.rate / axis.acceleration > STOPS_S:
                 raise ValueError(f'the gimbal at {math.degrees(axis.rate):.0f} deg/s and {math.degrees(axis.acceleration):.0f} '
-                                 'deg/s^2 takes more than 0.25 s to stop')
+                                 f'deg/s^2 takes more than {STOPS_S} s to stop')
 
 
 @dataclass(frozen=True)
@@ -96,6 +105,8 @@ class Gimbal:
         self.settings = settings or GimbalSettings()
         self.claim = Claim.NONE
         self.takeovers = 0
+        self.yielded = False          # left to whoever took it
+        self._taken = False           # since the newest claim
         self.last_result = ''
         self.unacknowledged = False   # acknowledgements arrived earlier but have stopped
         self._pan, self._tilt = LimitedAxis(self.settings.pan), LimitedAxis(self.settings.tilt)
@@ -103,6 +114,11 @@ class Gimbal:
         self._next_claim = self._sent = -math.inf
         self._waiting_since: float | None = None   # time of the oldest command without acknowledgement
         self._answered = False
+
+    @property
+    def state(self) -> str:
+        """What `px4/state` says of the gimbal."""
+        return 'left to another, who took it' if self.yielded else self.claim.value
 
     def step(self, time: float, inputs: GimbalInputs) -> list[Command]:
         """The commands to send.
@@ -115,11 +131,12 @@ class Gimbal:
         self._time = time
         self._watch(time)
         if not inputs.move:
-            return self.release(inputs.system) if self.claim is not Claim.NONE else []
-        if inputs.nav_state is None:
+            self.yielded &= self.settings.after_takeover is AfterTakeover.NEVER
+            return self.release() if self.claim is not Claim.NONE else []
+        if inputs.nav_state is None or self.yielded:
             return []
         if inputs.nav_state in PX4_USES_GIMBAL:  # PX4 has taken control: claim the gimbal again after this mode
-            self.claim, self._waiting_since = Claim.NONE, None
+            self.claim, self._waiting_since, self._taken = Claim.NONE, None, False
             self._rest()
             return []
         if self.claim is not Claim.OWNED:
@@ -142,13 +159,14 @@ class Gimbal:
         if command == GIMBAL_CONFIGURE and self.claim is not Claim.NONE:
             self.claim = Claim.OWNED if granted else Claim.ASKED
             if not granted:
-                self._next_claim = time + self.settings.retry * (10.0 if result == UNSUPPORTED else 1.0)
+                self._next_claim = time + (UNSUPPORTED_RETRY_S if result == UNSUPPORTED else RETRY_S)
         elif command == GIMBAL_PITCH_YAW and self.claim is Claim.OWNED and not granted:
             self.takeovers += 1
+            self._taken = True
             self._give_up(time)
 
-    def release(self, system: int = 1) -> list[Command]:
-        """The command that releases the gimbal of vehicle `system`; no command if the gimbal was not claimed."""
+    def release(self) -> list[Command]:
+        """The command that releases the gimbal; no command if the gimbal was not claimed."""
         claimed, self.claim = self.claim is not Claim.NONE, Claim.NONE
         self._next_claim, self._waiting_since = -math.inf, None
         self._rest()
@@ -156,13 +174,13 @@ class Gimbal:
 
     def _watch(self, time: float) -> None:
         if (self.settings.need_ack and self._waiting_since is not None
-                and time - self._waiting_since > self.settings.ack_timeout):
+                and time - self._waiting_since > ACK_TIMEOUT_S):
             self.unacknowledged = self._answered
             if self.claim is Claim.OWNED:
                 self._give_up(time)
 
     def _give_up(self, time: float) -> None:
-        self.claim, self._next_claim = Claim.ASKED, time + self.settings.retry
+        self.claim, self._next_claim = Claim.ASKED, time + RETRY_S
         self._waiting_since = None
         self._rest()
 
@@ -172,7 +190,10 @@ class Gimbal:
     def _ask(self, time: float, inputs: GimbalInputs) -> list[Command]:
         if time < self._next_claim:
             return []
-        self._next_claim = time + self.settings.retry
+        if self._taken and self.settings.after_takeover is not AfterTakeover.AGAIN:
+            self.claim, self.yielded, self._taken = Claim.NONE, True, False
+            return []
+        self._next_claim, self._taken = time + RETRY_S, False
         self._waiting_since = time if self._waiting_since is None else self._waiting_since
         self.claim = Claim.ASKED if self.settings.need_ack else Claim.OWNED
         if inputs.measured is not None:  # start from the gimbal's measured angles, not from the last command
@@ -191,7 +212,7 @@ class Gimbal:
             self._tilt.stop(dt)
             if not moving:  # the gimbal holds its angles without further commands
                 return []
-        if time - self._sent < 0.5 / self.settings.max_command_rate:
+        if time - self._sent < 0.5 / MOST_COMMANDS_HZ:
             return []
         self._sent = time
         self._waiting_since = time if self._waiting_since is None else self._waiting_since

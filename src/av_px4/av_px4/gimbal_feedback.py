@@ -28,10 +28,11 @@ class GimbalFeedback:
     """Converts the messages GimbalDeviceAttitudeStatus of PX4 1.17.
 
     MAVLink gives roll and pitch from the horizon, and yaw from north or from the vehicle's heading. The gimbal is thus turned
-    against the body by the vehicle's attitude, which must be known.
+    against the body by the vehicle's attitude, which must be known. Only a MAVLink gimbal measures: for one on PWM or CAN
+    outputs PX4 reports its own setpoint, which is where a claim begins, and no orientation of the gimbal.
 
     Attributes:
-        measured (rad): the newest pan and tilt from the horizon and the vehicle's heading, None before the first.
+        reported (rad): the newest pan and tilt from the horizon and the vehicle's heading, None before the first.
 
     Parameters:
         base_frame, gimbal_frame: frames of the vehicle's body and of the gimbal
@@ -39,13 +40,13 @@ class GimbalFeedback:
     """
 
     def __init__(self, base_frame: str, gimbal_frame: str, gimbal_id: int) -> None:
-        self.measured: tuple[float, float] | None = None
+        self.reported: tuple[float, float] | None = None
         self._gimbal, self._id = GimbalMount(frame=gimbal_frame), gimbal_id
         self._frames = (base_frame, gimbal_frame)
         self._clock = SenderClock(drift=SYNCHRONISATION_SLEW)
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
-        """The gimbal's orientation; None for that of another gimbal, and where it cannot be dated or turned.
+        """The gimbal's orientation; None for that of another gimbal, and where it is not measured, dated or turned.
 
         Parameters:
             message: a GimbalDeviceAttitudeStatus
@@ -65,9 +66,11 @@ class GimbalFeedback:
             return None
         attitude = attitude_ned_to_enu(attitude_ned).tolist()
         gimbal_in_body = stabilized_to_body(attitude) @ _levelled(message, yaw_of(attitude))
-        self.measured = pan_and_tilt(self._gimbal, gimbal_in_body, attitude)
+        self.reported = pan_and_tilt(self._gimbal, gimbal_in_body, attitude)
         time = self._clock.date(1e-6 * message.timestamp, arrival) if message.timestamp else None
-        return None if time is None else gimbal_message(self._frames, time, gimbal_in_body, SIGMA**2, measured=True)
+        if time is None or not message.received_from_mavlink:
+            return None
+        return gimbal_message(self._frames, time, gimbal_in_body, SIGMA**2, measured=True)
 
 
 def _levelled(message: Any, yaw: float) -> NDArray[np.float64]:

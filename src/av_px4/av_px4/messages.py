@@ -1,7 +1,7 @@
 """Conversion between px4_msgs or nav_msgs and the types of this package. Fields that a firmware lacks are omitted.
 
 Functions that make a message have two common parameters: `messages` is the module px4_msgs.msg, `timestamp` (us) is the time
-of sending.
+of sending, or 0 for PX4 to set it.
 """
 
 from __future__ import annotations
@@ -16,14 +16,16 @@ from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_px4.commands import Command
-from av_px4.external_mode import API_VERSION, Answer, Register, Registration
+from av_px4.external_mode import Answer, Configure, Register, Registration
 from av_px4.frames import Pose, pose_from_px4, yawspeed_ned
-from av_px4.guard import VehicleStatus
+from av_px4.handover import VehicleStatus
 
 AUTOPILOT = 1                 # MAVLink component id
 MODE_NEEDS = ('mode_req_angular_velocity', 'mode_req_attitude', 'mode_req_local_alt', 'mode_req_local_position',
               'mode_req_prevent_arming')
 CONTROLLED = ('position', 'velocity', 'altitude', 'climb_rate', 'acceleration', 'attitude', 'rates', 'allocation')
+TYPE_TRAJECTORY = 4           # of SetpointConfig
+SETPOINT_TIMEOUT_MS = 500     # without setpoints, after which PX4 1.18 takes over; as COM_OF_LOSS_T in docs/guides/px4.md
 
 
 def status_from(message: Any) -> VehicleStatus:
@@ -31,7 +33,8 @@ def status_from(message: Any) -> VehicleStatus:
     if message.arming_state not in (1, 2) or message.nav_state > 31:
         raise ValueError(f'vehicle_status has arming_state {message.arming_state} and nav_state {message.nav_state}, which '
                          'do not exist: px4_msgs is not of the firmware\'s version')
-    return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1)
+    return VehicleStatus(message.nav_state, message.arming_state == 2, message.failsafe, message.system_id or 1,
+                         message.nav_state_user_intention, message.nav_state_timestamp)
 
 
 def pose_from(message: Any) -> Pose:
@@ -95,10 +98,11 @@ def setpoint_message(messages: Any, timestamp: int, place_ned: NDArray, yaw_rate
 
 def register_message(messages: Any, timestamp: int, request: Register) -> Any:
     """The RegisterExtComponentRequest of a mode and its arming check."""
+    version = getattr(messages.RegisterExtComponentRequest, 'LATEST_PX4_ROS2_API_VERSION', 1)
     message = messages.RegisterExtComponentRequest(
-        timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=API_VERSION, register_arming_check=True,
+        timestamp=timestamp, request_id=request.request_id, px4_ros2_api_version=version, register_arming_check=True,
         register_mode=True)
-    message.name = _characters(request.name, message.name)
+    message.name = characters(request.name, message.name)
     return message
 
 
@@ -107,15 +111,20 @@ def unregister_message(messages: Any, timestamp: int, registration: Registration
     message = messages.UnregisterExtComponent(
         timestamp=timestamp, arming_check_id=registration.arming_check_id, mode_id=registration.mode_id,
         mode_executor_id=-1)
-    message.name = _characters(registration.name, message.name)
+    message.name = characters(registration.name, message.name)
     return message
 
 
-def control_message(messages: Any, timestamp: int, registration: Registration) -> Any:
-    """The VehicleControlMode of the external mode. It enables all of PX4's controllers, since the mode sends positions."""
+def configure_message(messages: Any, timestamp: int, configure: Configure) -> tuple[str, Any]:
+    """Topic and message that tell PX4 what the external mode sends: positions and yaw, for which all controllers are needed."""
+    mode = configure.registration
+    if mode.version >= 2:
+        return 'setpoint_config', messages.SetpointConfig(
+            timestamp=timestamp, type=TYPE_TRAJECTORY, source_id=mode.mode_id, should_apply=True,
+            timeout_ms=SETPOINT_TIMEOUT_MS)
     message = messages.VehicleControlMode(timestamp=timestamp)
-    _set(message, source_id=registration.mode_id, **{f'flag_control_{name}_enabled': True for name in CONTROLLED})
-    return message
+    _set(message, source_id=mode.mode_id, **{f'flag_control_{name}_enabled': True for name in CONTROLLED})
+    return 'config_control_setpoints', message
 
 
 def answer_message(messages: Any, timestamp: int, answer: Answer) -> Any:
@@ -132,7 +141,8 @@ def text(characters: Any) -> str:
     return bytes(bytearray(int(character) for character in characters)).split(b'\0')[0].decode(errors='replace')
 
 
-def _characters(value: str, template: Any) -> NDArray:
+def characters(value: str, template: Any) -> NDArray:
+    """The fixed array of characters of a text, as long as `template`. Raises ValueError for a text that is too long."""
     array = np.zeros(len(template), dtype=np.uint8)
     array[:len(value.encode())] = np.frombuffer(value.encode(), np.uint8)
     return array

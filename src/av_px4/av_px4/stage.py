@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from std_msgs.msg import Float32MultiArray
 
 from av_common.frames import attitude_ned_to_enu
 from av_common.freshness import FreshInput, Instant
@@ -20,28 +21,46 @@ from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
 from av_px4.commands import Command
 from av_px4.continuity import HeldPosition
-from av_px4.external_mode import ExternalMode, Registration
+from av_px4.external_mode import Configure, ExternalMode, Register, Registration
 from av_px4.frames import Pose, pose_from_px4
 from av_px4.gimbal import Gimbal, GimbalInputs
 from av_px4.gimbal_feedback import GimbalFeedback
-from av_px4.guard import MARGIN, STOP_WITHIN, BodyGuard, Decision, Inputs, VehicleStatus
+from av_px4.guard import (
+    ATTITUDE_TIMEOUT,
+    BEARING_TIMEOUT,
+    COMMAND_TIMEOUT,
+    MARGIN,
+    POSITION_TIMEOUT,
+    STATUS_TIMEOUT,
+    STOP_WITHIN,
+    BodyGuard,
+    Decision,
+    Inputs,
+)
+from av_px4.handover import VehicleStatus
+from av_px4.motors import commanded_speeds, measured_speeds
 from av_px4.odometry import OdometryConverter
 from av_px4.settings import Px4Settings, px4_settings
 
-STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing')
+STREAMS = ('status', 'attitude', 'odometry', 'position', 'command', 'bearing', 'motors')
 MODE_MESSAGES = ('ArmingCheckReply', 'RegisterExtComponentRequest', 'UnregisterExtComponent', 'VehicleControlMode')
+NO_MODE = 'the installed px4_msgs has no external modes (PX4 1.15 and later have): set offboard to have OFFBOARD turn the body'
+RATE_HZ = 50.0        # of control steps without pointing commands; each command causes a step at once
 OLDEST_MEASUREMENT_S = 1.0    # age since its capture from which a measurement moves no body
-ODOMETRY_GAP = 0.5    # s without vehicle_odometry after which vehicle_attitude takes its place
+GAP_S = 0.5           # without vehicle_odometry or esc_status, after which vehicle_attitude or actuator_motors take its place
 HEARTBEAT = 'offboard_control_mode'
+# Messages whose age PX4 judges: one that waited in a stall must not count as new. It stamps all others on arrival, which does
+# not depend on the synchronisation of clocks; answers to arming checks carry the number of the question.
+STAMPED = frozenset({HEARTBEAT, 'trajectory_setpoint', 'vehicle_command'})
 REGISTRATION = frozenset({'register_ext_component_request', 'unregister_ext_component'})
-ODOMETRY_TOPIC, STATE_TOPIC, GIMBAL_TOPIC = 'odometry', 'px4/state', 'gimbal/state'
+ODOMETRY_TOPIC, STATE_TOPIC, GIMBAL_TOPIC, MOTORS_TOPIC = 'odometry', 'px4/state', 'gimbal/state', 'motor_speeds'
 
 
 class Outgoing(NamedTuple):
     """A message to publish.
 
     Parameters:
-        topic: name of an input of PX4 without prefix and version, or ODOMETRY_TOPIC, STATE_TOPIC or GIMBAL_TOPIC
+        topic: name of an input of PX4 without prefix and version, or one of this package's own topics
         message: message of the topic's type
     """
 
@@ -63,12 +82,15 @@ class Px4Stage:
     def __init__(self, settings: Px4Settings, messages: Any) -> None:
         self.settings = settings
         self.gimbal = Gimbal(settings.gimbal)
-        self.mode = ExternalMode(settings.external_mode) if settings.external_mode else None
+        self.mode_missing = '' if all(hasattr(messages, name) for name in MODE_MESSAGES) else NO_MODE
+        wanted = settings.turn_body and settings.external_mode and not self.mode_missing
+        versions = (2,) if hasattr(messages, 'SetpointConfig') else (1,)
+        self.mode = ExternalMode(settings.external_mode, versions) if wanted else None
         self.odometry = OdometryConverter(settings.odom_frame, settings.base_frame)
         self.gimbal_feedback = GimbalFeedback(settings.base_frame, settings.gimbal_frame, settings.gimbal.gimbal_id)
-        self.decision = Decision(False, False, 0.0, 'not started')
         self.meters = {name: RateMeter(now=self._steady) for name in STREAMS}
-        self._messages, self._guard, self._place = messages, BodyGuard(settings.guard), HeldPosition()
+        self._guard = BodyGuard(settings.max_rate, settings.turn_body and settings.offboard)
+        self._messages, self._place = messages, HeldPosition()
         self._now = Instant(0.0, 0.0)
         self._commanded = FreshInput()
         self.sources = SingleSources(('pointing/command', 'target/bearing'))
@@ -79,6 +101,12 @@ class Px4Stage:
         self._command = PointingCommand()
         self._reported: tuple[object, ...] = ()
         self.unread: set[str] = set()    # inputs to which PX4 does not subscribe
+        self.others = ''                 # who else steers the vehicle
+
+    @property
+    def decision(self) -> Decision:
+        """The newest decision of the guard."""
+        return self._guard.decision
 
     @property
     def system_id(self) -> int:
@@ -104,16 +132,16 @@ class Px4Stage:
         """The messages that stop the motion, release the gimbal and unregister the external mode."""
         self._now = now
         out = [self._setpoint(0.0)] if self.decision.setpoint else []
-        out += self._commands(self.gimbal.release(self.system_id))
+        out += self._commands(self.gimbal.release())
         if self.mode and self.mode.registration:
             out.append(self._out('unregister_ext_component', px4.unregister_message, self.mode.registration))
             self.mode.forget('stopped')
         return out
 
     def on_time(self, now: Instant) -> list[Outgoing]:
-        """Make a step unless a message has just caused one, and register the mode. To be called at `settings.rate`."""
+        """Make a step unless a message has just caused one, and register the mode. To be called at RATE_HZ."""
         self._now = now
-        out = self._step() if now.steady - self._last_step > 0.9 / self.settings.rate else []
+        out = self._step() if now.steady - self._last_step > 0.9 / RATE_HZ else []
         return out + self._register()
 
     # from the rig
@@ -123,7 +151,7 @@ class Px4Stage:
         self._now = arrival
         stamp = message.header.stamp
         alone = self.sources.take('pointing/command', to_seconds(stamp), arrival.ros)
-        if not alone or not self._in_time(stamp, self.settings.guard.command_timeout):
+        if not alone or not self._in_time(stamp, COMMAND_TIMEOUT):
             return []
         if message.header.frame_id not in ('', self.settings.base_frame, BASE_STABILIZED):
             raise ValueError(f'a command in {message.header.frame_id!r}, expected {self.settings.base_frame!r} or '
@@ -169,7 +197,7 @@ class Px4Stage:
     def on_vehicle_attitude(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Store the attitude, and convert it to odometry if the firmware sends no vehicle_odometry."""
         self._now, out = arrival, []
-        if min(self.meters['odometry'].age, arrival.steady - self._started) > ODOMETRY_GAP:
+        if min(self.meters['odometry'].age, arrival.steady - self._started) > GAP_S:
             unknown = (0.0, 0.0, 0.0)
             position = unknown if self._place.current is None else self._place.current
             pose = pose_from_px4(position, message.q, unknown, unknown)
@@ -201,27 +229,47 @@ class Px4Stage:
     def on_gimbal_device_attitude_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Publish the gimbal's orientation, from which its motion also starts after a claim."""
         self._now = arrival
-        known = self.meters['attitude'].age <= self.settings.guard.attitude_timeout
+        known = self.meters['attitude'].age <= ATTITUDE_TIMEOUT
         state = self.gimbal_feedback.convert(message, arrival.ros, self._attitude if known else None)
         return [] if state is None else [Outgoing(GIMBAL_TOPIC, state)]
+
+    def on_esc_status(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """Publish the speeds that the controllers of the motors report."""
+        self._now = arrival
+        self.meters['motors'].tick()
+        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=measured_speeds(message)))]
+
+    def on_actuator_motors(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """Publish the speeds that are commanded, where none are reported and the speed at full command is known."""
+        self._now = arrival
+        full = self.settings.full_speed
+        if not full or self.meters['motors'].age <= GAP_S:
+            return []
+        return [Outgoing(MOTORS_TOPIC, Float32MultiArray(data=commanded_speeds(message, full)))]
 
     def on_register_ext_component_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Process PX4's reply to the registration of the external mode."""
         self._now = arrival
-        if self.mode is None:
-            return []
-        registration = self.mode.on_reply(
-            arrival.steady, message.request_id, px4.text(message.name), message.px4_ros2_api_version, message.success,
-            message.arming_check_id, message.mode_id)
-        return [self._out('config_control_setpoints', px4.control_message, registration)] if registration else []
+        if self.mode is not None:
+            self.mode.on_reply(
+                arrival.steady, message.request_id, px4.text(message.name), message.px4_ros2_api_version, message.success,
+                message.arming_check_id, message.mode_id, bool(self._status and self._status.armed))
+        return self._register()
+
+    def on_setpoint_config_reply(self, message: Any, arrival: Instant) -> list[Outgoing]:
+        """Process PX4's reply to the configuration of the external mode."""
+        self._now = arrival
+        if self.mode is not None:
+            self.mode.on_configured(message.source_id, message.result)
+        return []
 
     def on_arming_check_request(self, message: Any, arrival: Instant) -> list[Outgoing]:
         """Reply to PX4's request whether the external mode can run."""
         self._now = arrival
-        if self.mode is None:
-            return []
-        can_run = not self._guard_inputs().unable(self.settings.guard)
-        answer = self.mode.on_question(arrival.steady, message.request_id, can_run,
+        inputs = self._guard_inputs()
+        if self.mode is None or self._guard.waits(arrival.steady, inputs):
+            return []    # an answer might bring the vehicle back to a mode that PX4 has left
+        answer = self.mode.on_question(arrival.steady, message.request_id, not self._guard.unwilling(inputs),
                                        getattr(message, 'valid_registrations_mask', None))
         return [self._out('arming_check_reply', px4.answer_message, answer)] if answer else []
 
@@ -235,24 +283,39 @@ class Px4Stage:
         return self.decision.withheld or (
             f'PX4 does not read {HEARTBEAT}: see dds_topics.yaml' if HEARTBEAT in self.unread else '')
 
+    @property
+    def mode_withheld(self) -> str:
+        """Why the pilot cannot select the rig's own mode; empty if it can run."""
+        if not (self.settings.turn_body and self.settings.external_mode):
+            return 'turn_body is false' if self.settings.external_mode else 'external_mode is false'
+        if self.mode is None:
+            return self.mode_missing
+        missing = sorted(self.unread & REGISTRATION)
+        return self.mode.problem or (self._guard.unwilling(self._guard_inputs()) if self.mode.registration else
+                                     f'PX4 does not read {missing[0]}' if missing else 'not registered yet')
+
     def _register(self) -> list[Outgoing]:
         """Steps of the registration of the external mode."""
-        heard = self.meters['status'].age <= self.settings.guard.status_timeout and not self.unread & REGISTRATION
-        step = self.mode.step(self._now.steady, heard) if self.mode else None
+        if self.mode is None:
+            return []
+        heard = self.meters['status'].age <= STATUS_TIMEOUT and not self.unread & REGISTRATION
+        step = self.mode.step(self._now.steady, heard, self._status)
         if isinstance(step, Registration):
             return [self._out('unregister_ext_component', px4.unregister_message, step)]
-        return [self._out('register_ext_component_request', px4.register_message, step)] if step else []
+        if isinstance(step, Configure):
+            return [Outgoing(*px4.configure_message(self._messages, 0, step))]
+        return [self._out('register_ext_component_request', px4.register_message, step)] if isinstance(step, Register) else []
 
     def _step(self) -> list[Outgoing]:
         inputs, out = self._guard_inputs(), []
         self._last_step = self._now.steady
         if self.settings.use_gimbal:
             out += self._commands(self.gimbal.step(self._now.steady, self._gimbal_inputs(inputs)))
-        self.decision = self._guard.step(self._now.steady, inputs)
-        if self.decision.heartbeat and self.settings.turn_body:
+        decision = self._guard.step(self._now.steady, inputs)
+        if decision.heartbeat:
             out.append(self._out(HEARTBEAT, px4.offboard_message))
-        if self.decision.setpoint:
-            out.append(self._setpoint(self.decision.yaw_rate))
+        if decision.setpoint:
+            out.append(self._setpoint(decision.yaw_rate))
         else:
             self._place.release()
         return out + self._report()
@@ -260,18 +323,18 @@ class Px4Stage:
     def _guard_inputs(self) -> Inputs:
         meters, command = self.meters, self._command
         place = self._place.held is not None or (self._place.current is not None
-                                                 and meters['position'].age <= self.settings.guard.position_timeout)
+                                                 and meters['position'].age <= POSITION_TIMEOUT)
         return Inputs(
             self._status, meters['status'].age, min(meters['attitude'].age, meters['odometry'].age), meters['position'].age,
-            self._commanded.age(self._now), self._measured_target.age(self._now), command.yaw_rate,
-            self.settings.turn_body and command.move_body and command.mode != PointingCommand.MODE_HOLD,
-            self.mode.active_mode(self._now.steady) if self.mode else None, place, self.gimbal.unacknowledged)
+            self._commanded.age(self._now), self._measured_target.age(self._now),
+            0.0 if command.mode == PointingCommand.MODE_HOLD else command.yaw_rate,
+            self.settings.turn_body and command.move_body,
+            self.mode.active_mode(self._now.steady) if self.mode else None, place, self.others, self.gimbal.unacknowledged)
 
     def _gimbal_inputs(self, inputs: Inputs) -> GimbalInputs:
-        command, limits = self._command, self.settings.guard
-        fresh = (inputs.status_age <= limits.status_timeout and inputs.attitude_age <= limits.attitude_timeout
-                 and inputs.command_age <= limits.command_timeout
-                 and self.meters['bearing'].age <= limits.bearing_timeout)
+        command = self._command
+        fresh = (inputs.status_age <= STATUS_TIMEOUT and inputs.attitude_age <= ATTITUDE_TIMEOUT
+                 and inputs.command_age <= COMMAND_TIMEOUT and self.meters['bearing'].age <= BEARING_TIMEOUT)
         pan, tilt = command.pan, command.tilt
         if self._attitude is not None and math.isfinite(pan + tilt):
             gimbal = GimbalMount(stabilized=self.settings.lock_to_horizon)
@@ -279,8 +342,8 @@ class Px4Stage:
                                           attitude_ned_to_enu(self._attitude).tolist())
         return GimbalInputs(
             command.move_gimbal, pan, tilt, command.pan_rate, fresh,
-            self._status.nav_state if self._status and inputs.status_age <= limits.status_timeout else None,
-            self.system_id, self.gimbal_feedback.measured)
+            self._status.nav_state if self._status and inputs.status_age <= STATUS_TIMEOUT else None,
+            self.system_id, self.gimbal_feedback.reported)
 
     def _steady(self) -> float:
         return self._now.steady
@@ -292,7 +355,7 @@ class Px4Stage:
     # messages
 
     def _out(self, topic: str, make: Any, *content: Any) -> Outgoing:
-        return Outgoing(topic, make(self._messages, round(1e6 * self._now.ros), *content))
+        return Outgoing(topic, make(self._messages, round(1e6 * self._now.ros) if topic in STAMPED else 0, *content))
 
     def _odometry(self, message: Any, pose: Pose, counter: int) -> list[Outgoing]:
         time = 1e-6 * (message.timestamp_sample or message.timestamp)
@@ -308,30 +371,28 @@ class Px4Stage:
 
     def _report(self) -> list[Outgoing]:
         """The message of the state if it has changed."""
-        status, mode, withheld = self._status, self.mode, self.offboard_withheld
+        status, mode, withheld, unwilling = self._status, self.mode, self.offboard_withheld, self.mode_withheld
         values = {'armed': bool(status and status.armed), 'nav_state': status.nav_state if status else -1,
-                  'failsafe': bool(status and status.failsafe), 'gimbal': self.gimbal.claim.value,
-                  'body': self.decision.reason, 'offboard offered': not withheld, 'offboard withheld': withheld,
-                  'external mode': mode.registration.mode_id if mode and mode.registration else -1}
+                  'failsafe': bool(status and status.failsafe), 'gimbal': self.gimbal.state,
+                  'body': self.decision.reason, 'others': self.others,
+                  'offboard offered': not withheld, 'offboard withheld': withheld,
+                  'external mode': mode.registration.mode_id if mode and mode.registration else -1,
+                  'external mode withheld': unwilling}
         if tuple(values.values()) == self._reported:
             return []
         self._reported = tuple(values.values())
+        said = [self.decision.reason, f'OFFBOARD is not offered: {withheld}' if withheld and self.settings.offboard else '',
+                f'"{self.settings.external_mode}" cannot run: {unwilling}' if unwilling and self.settings.external_mode else '']
         return [Outgoing(STATE_TOPIC, DiagnosticStatus(
-            level=DiagnosticStatus.OK, name='px4',
-            message=self.decision.reason + (f'; OFFBOARD is not offered: {withheld}' if withheld else ''),
+            level=DiagnosticStatus.OK, name='px4', message='; '.join(part for part in said if part),
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()]))]
 
 
 def make_px4_stage(parameters: Any, messages: Any) -> Px4Stage:
-    """The stage of px4_node.
-
-    Raises ValueError for limits that leave no time to stop, ImportError if px4_msgs is too old for an external mode.
+    """The stage of px4_node. Raises ValueError for impossible limits.
 
     Parameters:
         parameters: px4_node's parameters (generated struct, or of `av_common.parameters.node_parameters`)
         messages: the module px4_msgs.msg
     """
-    settings = px4_settings(parameters)
-    if settings.external_mode and not all(hasattr(messages, name) for name in MODE_MESSAGES):
-        raise ImportError('external_mode: the installed px4_msgs has no messages for it (PX4 1.15 and later have)')
-    return Px4Stage(settings, messages)
+    return Px4Stage(px4_settings(parameters), messages)

@@ -19,9 +19,10 @@ FAKE = Path(__file__).with_name('fake_autopilot_node.py')
 class FakeVehicle:
     """Starts the fake autopilot; `tell` sends it orders, `wait` waits for a state."""
 
-    def __init__(self, firmware='1.16', *options, domain=None):
-        self.firmware = firmware
-        self.environment = {**os.environ, **overlay(firmware), **({'ROS_DOMAIN_ID': str(domain)} if domain else {})}
+    def __init__(self, firmware='1.16', *options, domain=None, namespace='', px4_msgs=None):
+        self.firmware, self.namespace = firmware, namespace
+        self.environment = {**os.environ, **overlay(px4_msgs or firmware), **({'ROS_DOMAIN_ID': str(domain)} if domain else {})}
+        options = (*options, *(('--namespace', namespace) if namespace else ()))
         self.state, self._lines = {}, []
         self._process = subprocess.Popen([sys.executable, str(FAKE), firmware, *options], stdin=subprocess.PIPE,
                                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
@@ -36,6 +37,7 @@ class FakeVehicle:
     def node(self, environment=None, **parameters):
         """Start px4_node, with further variables in its environment; returns its process."""
         arguments = [part for name, value in parameters.items() for part in ('-p', f'{name}:={value}')]
+        arguments += ['-r', f'__ns:=/{self.namespace}'] if self.namespace else []
         command = [sys.executable, '-c', 'from av_px4.nodes.px4_node import main; main()', '--ros-args', *arguments]
         process = subprocess.Popen(command, env={**self.environment, **(environment or {})}, stdout=subprocess.PIPE,
                                    stderr=subprocess.STDOUT, text=True)

@@ -1,4 +1,4 @@
-"""Message definitions as PX4 1.14 to 1.17 have them, built into a package `px4_msgs` for the tests alone.
+"""Message definitions as PX4 1.14 to 1.18 have them, built into a package `px4_msgs` for the tests alone.
 
 `overlay('1.16')` generates and builds that firmware's package, once, in the project's ignored folder `build`, and returns
 the environment in which a process finds it. Nothing of this is installed with the suite.
@@ -17,7 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-FIRMWARES = ('1.14', '1.15', '1.16', '1.17')
+FIRMWARES = ('1.14', '1.15', '1.16', '1.17', '1.18')
 CACHE = Path(__file__).resolve().parents[3] / 'build' / 'test_px4_msgs'
 
 _STAMP = 'uint64 timestamp'
@@ -33,8 +33,8 @@ _POSITION_D = 'float32 eph; float32 epv; float32 evh; float32 evv; bool dead_rec
 _VARIANCES = 'float32 heading_var; float32 unaided_heading; '
 _STATUS_A = (f'{_STAMP}; uint64 armed_time; uint64 takeoff_time; uint8 arming_state; uint8 latest_arming_reason; '
              'uint8 latest_disarming_reason; uint64 nav_state_timestamp; uint8 nav_state_user_intention; uint8 nav_state; ')
-_STATUS_B = ('uint16 failure_detector_status; uint8 hil_state; uint8 vehicle_type; bool failsafe; '
-             'bool failsafe_and_user_took_over; ')
+_FAILURES = 'uint16 failure_detector_status; '
+_STATUS_B = 'uint8 hil_state; uint8 vehicle_type; bool failsafe; bool failsafe_and_user_took_over; '
 _STATUS_C = ('bool gcs_connection_lost; uint8 gcs_connection_lost_counter; bool high_latency_data_link_lost; bool is_vtol; '
              'bool is_vtol_tailsitter; bool in_transition_mode; bool in_transition_to_fw; uint8 system_type; uint8 system_id; '
              'uint8 component_id; bool safety_button_available; bool safety_off; bool power_input_valid; bool usb_connected; '
@@ -42,7 +42,10 @@ _STATUS_C = ('bool gcs_connection_lost; uint8 gcs_connection_lost_counter; bool 
              'bool parachute_system_healthy; ')
 _STATUS_D = 'bool rc_calibration_in_progress; bool calibration_enabled; bool pre_flight_checks_pass'
 _AVOIDANCE = 'bool avoidance_system_required; bool avoidance_system_valid; '
-_EXECUTOR = 'uint8 executor_in_charge; uint32 valid_nav_states_mask; uint32 can_set_nav_states_mask; '
+_TRAFFIC = 'bool traffic_avoidance_system_present; '
+_EXECUTOR = 'uint8 executor_in_charge; '
+_DISPLAY = 'uint8 nav_state_display; bool accepts_offboard_setpoints; '
+_MASKS = 'uint32 valid_nav_states_mask; uint32 can_set_nav_states_mask; '
 _DEFER = 'uint8 failsafe_defer_state; '
 _CHECK = (f'{_STAMP}; uint8 request_id; uint8 registration_id; uint8 health_component_index; bool health_component_is_present; '
           'bool health_component_warning; bool health_component_error; bool can_arm_and_run; uint8 num_events; '
@@ -52,6 +55,9 @@ _CHECK = (f'{_STAMP}; uint8 request_id; uint8 registration_id; uint8 health_comp
 _CHECK_END = 'bool mode_req_mission; bool mode_req_home_position; bool mode_req_prevent_arming; bool mode_req_manual_control'
 _GIMBAL = (f'{_STAMP}; uint8 target_system; uint8 target_component; uint16 device_flags; float32[4] q; '
            'float32 angular_velocity_x; float32 angular_velocity_y; float32 angular_velocity_z; uint32 failure_flags; ')
+_ESC = (f'{_STAMP}; uint32 esc_errorcount; int32 esc_rpm; float32 esc_voltage; float32 esc_current; float32 esc_temperature; ')
+_ESC_END = 'uint8 esc_state; uint8 actuator_function; uint16 failures; int8 esc_power'
+_FORMAT = f'{_STAMP}; uint16 protocol_version; char[50] topic_name'
 
 
 def definitions(firmware: str) -> dict[str, str]:
@@ -64,6 +70,12 @@ def definitions(firmware: str) -> dict[str, str]:
         'GimbalDeviceAttitudeStatus': _GIMBAL + (
             'float32 delta_yaw; float32 delta_yaw_velocity; uint8 gimbal_device_id; ' if number >= 2 else '')
             + 'bool received_from_mavlink',
+        'ActuatorMotors': f'{_SAMPLED}; uint16 reversible_flags; float32[12] control',
+        'EscReport': _ESC + ('int16 motor_temperature; ' if number >= 4
+                             else 'uint8 esc_address; uint8 esc_cmdcount; ') + _ESC_END,
+        'EscStatus': f'{_STAMP}; uint16 counter; uint8 esc_count; uint8 esc_connectiontype; '
+                     + ('uint16 esc_online_flags; uint16 esc_armed_flags; EscReport[12] esc' if number >= 4
+                        else 'uint8 esc_online_flags; uint8 esc_armed_flags; EscReport[8] esc'),
         'OffboardControlMode': f'{_STAMP}; bool position; bool velocity; bool acceleration; bool attitude; bool body_rate; '
                                + ('bool thrust_and_torque; bool direct_actuator' if number >= 1 else 'bool actuator'),
         'TrajectorySetpoint': f'{_STAMP}; float32[3] position; float32[3] velocity; float32[3] acceleration; float32[3] jerk; '
@@ -73,7 +85,8 @@ def definitions(firmware: str) -> dict[str, str]:
                           'float64 param6; float32 param7; uint32 command; uint8 target_system; uint8 target_component; '
                           f'uint8 source_system; {component} source_component; uint8 confirmation; bool from_external',
         'VehicleCommandAck': f'{_STAMP}; uint32 command; uint8 result; uint8 result_param1; int32 result_param2; '
-                             f'uint8 target_system; {component} target_component; bool from_external',
+                             f'uint8 target_system; {component} target_component; bool from_external'
+                             + ('; uint32 MESSAGE_VERSION=1' if number >= 4 else ''),
         'VehicleLocalPosition': _POSITION_A + (_VARIANCES if number >= 1 else '') + _POSITION_B
                                 + ('float32 tilt_var; ' if number >= 1 else '') + _POSITION_C + bottom
                                 + 'uint8 dist_bottom_sensor_bitfield; ' + _POSITION_D
@@ -83,32 +96,51 @@ def definitions(firmware: str) -> dict[str, str]:
         'VehicleOdometry': f'{_SAMPLED}; uint8 pose_frame; float32[3] position; float32[4] q; uint8 velocity_frame; '
                            'float32[3] velocity; float32[3] angular_velocity; float32[3] position_variance; '
                            'float32[3] orientation_variance; float32[3] velocity_variance; uint8 reset_counter; int8 quality',
-        'VehicleStatus': _STATUS_A + (_EXECUTOR if number >= 1 else '') + _STATUS_B + (_DEFER if number >= 1 else '')
-                         + _STATUS_C + (_AVOIDANCE if number < 2 else '') + _STATUS_D
-                         + ('; uint32 MESSAGE_VERSION=1' if number >= 2 else ''),
+        'VehicleStatus': _STATUS_A + (_EXECUTOR if number >= 1 else '') + (_DISPLAY if number >= 4 else '')
+                         + (_MASKS if number >= 1 else '') + (_FAILURES if number < 4 else '') + _STATUS_B
+                         + (_DEFER if number >= 1 else '') + _STATUS_C + (_AVOIDANCE if number < 2 else '')
+                         + (_TRAFFIC if number >= 4 else '') + _STATUS_D
+                         + ('' if number < 2 else f'; uint32 MESSAGE_VERSION={4 if number >= 4 else 1}'),
     }
     if number == 0:
         return messages
     version = '; uint32 MESSAGE_VERSION=1' if number >= 3 else ''
+    unselectable = '; bool not_user_selectable' if number >= 4 else ''
+    interface = 2 if number >= 4 else 1
+    if number >= 4:
+        messages |= {'SetpointConfig': f'{_STAMP}; uint16 type; uint8 source_id; bool should_apply; uint16 timeout_ms',
+                     'SetpointConfigReply': f'{_STAMP}; uint16 type; uint8 source_id; uint8 result; '
+                                            'bool mode_req_angular_velocity; bool mode_req_attitude; bool mode_req_local_alt; '
+                                            'bool mode_req_local_position'}
     return messages | {
         'ArmingCheckReply': _CHECK + ('bool mode_req_global_position_relaxed; ' if number >= 3 else '') + _CHECK_END + version,
         'ArmingCheckRequest': f'{_STAMP}; uint8 request_id' + (
             '; uint32 valid_registrations_mask' if number >= 3 else '') + version,
-        'Event': f'{_STAMP}; uint32 id; uint16 event_sequence; uint8[25] arguments; uint8 log_levels',
+        'Event': f'{_STAMP}; uint32 id; uint16 event_sequence; uint8[25] arguments; uint8 log_levels{version}',
+        'GotoSetpoint': f'{_STAMP}; float32[3] position; bool flag_control_heading; float32 heading; '
+                        'bool flag_set_max_horizontal_speed; float32 max_horizontal_speed; bool flag_set_max_vertical_speed; '
+                        'float32 max_vertical_speed; bool flag_set_max_heading_rate; float32 max_heading_rate',
+        'MessageFormatRequest': _FORMAT,
+        'MessageFormatResponse': f'{_FORMAT}; bool success; uint32 message_hash',
         'RegisterExtComponentReply': f'{_STAMP}; uint64 request_id; {_NAME}; uint16 px4_ros2_api_version; bool success; '
-                                     'int8 arming_check_id; int8 mode_id; int8 mode_executor_id',
+                                     f'int8 arming_check_id; int8 mode_id; int8 mode_executor_id{unselectable}'
+                                     + ('; uint32 MESSAGE_VERSION=1' if number >= 4 else ''),
         'RegisterExtComponentRequest': f'{_STAMP}; uint64 request_id; {_NAME}; uint16 px4_ros2_api_version; '
                                        'bool register_arming_check; bool register_mode; bool register_mode_executor; '
                                        'bool enable_replace_internal_mode; uint8 replace_internal_mode; '
-                                       'bool activate_mode_immediately',
+                                       f'bool activate_mode_immediately{unselectable}'
+                                       + ('; bool request_offboard_setpoints; uint32 MESSAGE_VERSION=2' if number >= 4 else '')
+                                       + f'; uint16 LATEST_PX4_ROS2_API_VERSION={interface}',
         'UnregisterExtComponent': f'{_STAMP}; {_NAME}; int8 arming_check_id; int8 mode_id; int8 mode_executor_id',
         'VehicleControlMode': f'{_STAMP}; bool flag_armed; bool flag_multicopter_position_control_enabled; '
                               'bool flag_control_manual_enabled; bool flag_control_auto_enabled; '
                               'bool flag_control_offboard_enabled; bool flag_control_position_enabled; '
                               'bool flag_control_velocity_enabled; bool flag_control_altitude_enabled; '
-                              'bool flag_control_climb_rate_enabled; bool flag_control_acceleration_enabled; '
-                              'bool flag_control_attitude_enabled; bool flag_control_rates_enabled; '
-                              'bool flag_control_allocation_enabled; bool flag_control_termination_enabled; uint8 source_id',
+                              'bool flag_control_climb_rate_enabled; '
+                              + ('' if number >= 4 else 'bool flag_control_acceleration_enabled; ')
+                              + 'bool flag_control_attitude_enabled; bool flag_control_rates_enabled; '
+                              'bool flag_control_allocation_enabled'
+                              + ('' if number >= 4 else '; bool flag_control_termination_enabled; uint8 source_id'),
     }
 
 
@@ -162,6 +194,7 @@ def plain_messages(firmware: str) -> SimpleNamespace:
 
 def _plain(name: str, text: str) -> type:
     spelled = {'bool': 'boolean', 'float32': 'float', 'float64': 'double', 'char': 'uint8'}
+    constants = {part.split()[1].partition('=')[0]: int(part.partition('=')[2]) for part in text.split(';') if '=' in part}
     fields = {}
     for kind, field in (part.split() for part in text.split(';') if '=' not in part):
         scalar, bracket, count = kind.partition('[')
@@ -175,7 +208,7 @@ def _plain(name: str, text: str) -> type:
     def start(self: Any, **values: Any) -> None:
         vars(self).update({field: zero(kind) for field, kind in fields.items()} | values)
 
-    return type(name, (), {'__init__': start, 'get_fields_and_field_types': classmethod(lambda _: fields)})
+    return type(name, (), {'__init__': start, 'get_fields_and_field_types': classmethod(lambda _: fields), **constants})
 
 
 def _build(folder: Path, files: dict[str, str]) -> None:

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import pytest
 
-from av_px4.external_mode import API_VERSION, SETTLE_S, ExternalMode, Register, Registration
+from av_px4.external_mode import REFUSED_S, SETTLE_S, Configure, ExternalMode, Register, Registration
+from av_px4.handover import VehicleStatus
+
+HOVER = VehicleStatus(4, True, False)
 
 
-def registered(time=0.0, mode_id=23):
+def registered(time=0.0, mode_id=23, version=1):
     """A mode that PX4 took at `time`."""
     mode = ExternalMode(seed=1)
     mode.start(time - SETTLE_S)
     request = mode.step(time, True)
-    mode.on_reply(time, request.request_id, 'AV Track', API_VERSION, True, 2, mode_id)
+    mode.on_reply(time, request.request_id, 'AV Track', version, True, 2, mode_id)
+    for k in range(3 if version == 1 else 0):    # configurations
+        assert isinstance(mode.step(time + 0.11 * k, True), Configure)
     return mode
+
+
+def steps(mode, begin, end, status=HOVER):
+    """What is sent, by time."""
+    times = [round(begin + 0.1 * k, 1) for k in range(round(10 * (end - begin)))]
+    return {time: step for time in times if (step := mode.step(time, True, status))}
 
 
 class TestExternalMode:
     def test_asks_until_it_is_answered(self):
         mode = ExternalMode()
         mode.start(-SETTLE_S)
-        requests = [mode.step(0.1 * k, True) for k in range(50)]
+        requests = [mode.step(0.1 * k, True) for k in range(110)]
         asked = [request for request in requests if request]
         assert len(asked) == 3 and isinstance(asked[0], Register) and len({request.request_id for request in asked}) == 3
 
@@ -36,7 +47,7 @@ class TestExternalMode:
         mode = registered()
         for k in range(100):
             assert mode.on_question(0.3 * k, k, True, 1 << 2).registration_id == 2
-            assert mode.step(0.3 * k, True) is None and mode.active_mode(0.3 * k) == 23
+            assert mode.step(0.3 * k + 0.4, True) is None and mode.active_mode(0.3 * k) == 23
 
     def test_silence_ends_it_and_it_asks_again_once_the_old_one_is_ended(self):
         mode = registered()
@@ -44,51 +55,96 @@ class TestExternalMode:
         mode.on_question(5.5, 1, True)
         assert mode.active_mode(7.0) == 23 and mode.active_mode(7.6) is None
         assert mode.step(7.6, False) is None and mode.registration is None
-        steps = {round(0.1 * k, 1): step for k in range(76, 120) if (step := mode.step(0.1 * k, True))}
-        assert list(steps) == [8.6, 9.6, 11.6] and steps[8.6] == Registration('AV Track', 2, 23)
-        assert isinstance(steps[9.6], Register)
+        sent = steps(mode, 7.6, 12.0)
+        assert list(sent) == [8.6, 9.6] and sent[8.6] == Registration('AV Track', 2, 23)
+        assert isinstance(sent[9.6], Register)
+
+    @pytest.mark.parametrize(('status', 'ended'), [
+        (VehicleStatus(23, True, False), False), (VehicleStatus(5, True, True, intended=23), False),
+        (VehicleStatus(5, True, True, intended=14), True), (VehicleStatus(4, True, False), True),
+        (VehicleStatus(23, False, False), True)])
+    def test_the_mode_that_the_pilot_has_selected_is_not_ended_in_flight(self, status, ended):
+        """PX4 would change to Hold, also out of a failsafe."""
+        mode = ExternalMode()
+        mode.start(0.0, Registration('AV Track', 0, 23))
+        assert bool(steps(mode, 0.0, 10.0, status)) == ended
 
     def test_what_a_former_process_registered_is_ended_first(self):
         mode, former = ExternalMode(), Registration('AV Track', 0, 24)
         mode.start(0.0, former)
-        steps = [step for k in range(35) if (step := mode.step(0.1 * k, True))]
-        assert steps[0] == former and [type(step) for step in steps[1:]] == [Register]
+        sent = list(steps(mode, 0.0, 4.5).values())
+        assert sent[0] == former and [type(step) for step in sent[1:]] == [Register]
 
     def test_what_is_granted_twice_is_ended_once(self):
         """The reply to the first request was late, and PX4 has granted both."""
         mode = ExternalMode(seed=1)
         mode.start(-SETTLE_S)
-        first, second = mode.step(0.0, True), mode.step(2.0, True)
-        assert mode.on_reply(2.1, first.request_id, 'AV Track', API_VERSION, True, 0, 23)
-        assert mode.on_reply(2.2, second.request_id, 'AV Track', API_VERSION, True, 1, 24) is None
-        assert [step for k in range(30) if (step := mode.step(2.3 + 0.1 * k, True))] == [Registration('AV Track', 1, 24)]
+        first, second = mode.step(0.0, True), mode.step(5.0, True)
+        mode.on_reply(5.1, first.request_id, 'AV Track', 1, True, 0, 23)
+        mode.on_reply(5.2, second.request_id, 'AV Track', 1, True, 1, 24)
+        assert [step for step in steps(mode, 5.3, 8.3).values() if not isinstance(step, Configure)] == [
+            Registration('AV Track', 1, 24)]
         assert mode.registration == Registration('AV Track', 0, 23)
 
     def test_px4_started_anew_and_no_longer_counts_it(self):
         mode = registered()
         for k in range(40):
             answer = mode.on_question(0.3 * k, k, True, 0)
-        assert answer is not None                      # it still answers, in case that it was only slow
+        assert not answer.can_run                      # it still answers, in case that it was only slow
         assert mode.active_mode(12.0) is None
 
     @pytest.mark.parametrize(('fields', 'problem'), [
-        ({'success': False}, 'refused'), ({'api_version': 2}, 'version 2'), ({'mode_id': 5}, 'mode 5'),
+        ({'success': False}, 'refused'), ({'api_version': 3}, 'version 3'), ({'mode_id': 5}, 'mode 5'),
         ({'mode_id': -1}, 'mode -1'), ({'mode_id': 14}, 'mode 14')])
-    def test_what_is_no_mode_of_ours_is_refused(self, fields, problem):
-        mode = ExternalMode()
+    def test_what_is_no_mode_of_ours_is_refused_once(self, fields, problem):
+        """And ended, where PX4 has granted it; a version that is not spoken is not asked for again."""
+        mode = ExternalMode(seed=1)
         mode.start(-SETTLE_S)
         reply = {'request_id': mode.step(0.0, True).request_id, 'name': 'AV Track', 'api_version': 1, 'success': True,
                  'arming_check_id': 0, 'mode_id': 23, **fields}
-        assert mode.on_reply(0.0, **reply) is None and problem in mode.problem
-        assert mode.active_mode(0.0) is None
+        mode.on_reply(0.0, **reply)
+        assert problem in mode.problem and mode.active_mode(0.0) is None
+        sent = steps(mode, 0.1, 30.0)
+        ended = [time for time, step in sent.items() if isinstance(step, Registration)]
+        assert len(ended) == reply['success'] and all(time <= 2.1 for time in ended)
+        asked = [time for time, step in sent.items() if isinstance(step, Register)]
+        assert asked == [] if 'api_version' in fields else asked[0] >= REFUSED_S
+
+    def test_a_refusal_while_armed_holds_until_it_is_disarmed(self):
+        mode = ExternalMode(seed=1)
+        mode.start(-SETTLE_S)
+        mode.on_reply(0.0, mode.step(0.0, True, HOVER).request_id, 'AV Track', 1, False, -1, -1, armed=True)
+        assert not steps(mode, 0.1, 60.0) and 'armed' in mode.problem
+        assert steps(mode, 60.0, 62.0, VehicleStatus(4, False, False))
+
+    @pytest.mark.parametrize('version', [1, 2])
+    def test_it_says_what_it_sends_after_each_selection(self, version):
+        """Version 2 until PX4 replies, version 1, to which there is no reply, three times."""
+        mode = registered(version=version)
+        own, confirm = VehicleStatus(23, True, False), version == 2
+        for begin in (1.0, 5.0):
+            mode.on_question(begin, 1, True)
+            assert not steps(mode, begin, begin + 0.5)
+            sent = steps(mode, begin + 0.5, begin + 1.5, own)
+            assert (len(sent) > 5 if confirm else len(sent) == 3) and {type(step) for step in sent.values()} == {Configure}
+            if confirm:
+                mode.on_configured(24, 0)
+                assert steps(mode, begin + 1.5, begin + 1.7, own)
+                mode.on_configured(23, 0)
+            assert not steps(mode, begin + 1.7, begin + 2.0, own)
+
+    def test_a_vehicle_that_takes_no_positions_cannot_run_the_mode(self):
+        mode = registered(version=2)
+        mode.on_configured(23, 2)
+        assert not mode.on_question(0.5, 1, True).can_run and 'refuses position setpoints' in mode.problem
 
     def test_replies_to_others_are_ignored(self):
         mode = ExternalMode(seed=1)
         mode.start(-SETTLE_S)
         number = mode.step(0.0, True).request_id
-        assert mode.on_reply(0.0, number + 1, 'AV Track', 1, True, 0, 23) is None
-        assert mode.on_reply(0.0, number, 'Other', 1, True, 0, 23) is None
-        assert mode.on_question(0.0, 1, True) is None
+        mode.on_reply(0.0, number + 1, 'AV Track', 1, True, 0, 23)
+        mode.on_reply(0.0, number, 'Other', 1, True, 0, 23)
+        assert mode.registration is None and mode.on_question(0.0, 1, True) is None
 
     def test_a_name_that_does_not_fit_is_refused(self):
         with pytest.raises(ValueError, match='1 to 24 bytes'):

@@ -11,7 +11,7 @@ from gimbal_bench import OWN, Bench
 
 from av_common.limited_axis import AxisLimits
 from av_px4.commands import GIMBAL_CONFIGURE, GIMBAL_PITCH_YAW, Command
-from av_px4.gimbal import Claim, GimbalSettings
+from av_px4.gimbal import AfterTakeover, Claim, GimbalSettings
 
 
 class TestClaim:
@@ -46,6 +46,30 @@ class TestClaim:
         bench.run(0.9, pan=0.5)
         assert len(bench.sent) == count + 1 and bench.client.takeovers == 1   # the one that was denied
         bench.run(2.0, pan=0.5)
+        assert bench.autopilot.owner == OWN
+
+    @pytest.mark.parametrize('after', [AfterTakeover.WHEN_ASKED, AfterTakeover.NEVER])
+    def test_who_took_it_keeps_it_until_pointing_is_asked_again_or_for_good(self, after):
+        bench = Bench(GimbalSettings(after_takeover=after))
+        bench.run(2.0, pan=0.5)
+        bench.autopilot.owner = (255, 190)
+        bench.run(20.0, pan=0.5)
+        assert bench.autopilot.owner == (255, 190) and bench.client.state == 'left to another, who took it'
+        bench.run(1.0, move=False)
+        assert bench.autopilot.owner == (255, 190)    # nothing of the rig's to give back
+        bench.run(2.0, pan=0.5)
+        assert (bench.autopilot.owner == OWN) == (after is AfterTakeover.WHEN_ASKED)
+
+    def test_px4s_own_use_is_no_takeover(self):
+        """The denial may come before the status that says so."""
+        bench = Bench(GimbalSettings(after_takeover=AfterTakeover.NEVER))
+        bench.run(2.0, pan=0.5)
+        bench.autopilot.owner = None
+        bench.run(0.1, pan=0.5)
+        bench.autopilot.change_mode(RETURN, 'the pilot')
+        bench.run(3.0, pan=0.5)
+        bench.autopilot.change_mode(HOLD, 'the pilot')
+        bench.run(3.0, pan=0.5)
         assert bench.autopilot.owner == OWN
 
     def test_without_a_gimbal_input_it_asks_once_a_second_and_never_points(self):

@@ -23,7 +23,8 @@ NAMES = ('base_link', 'gimbal_link')
 def report(flags, yaw_deg, pitch_deg, time=50.0, **changes):
     """MAVLink: roll and pitch from the horizon, yaw to the right of north or of the heading."""
     q = euler2quat(0.0, math.radians(pitch_deg), math.radians(yaw_deg), 'sxyz')
-    usual = {'timestamp': round(1e6 * time), 'device_flags': flags, 'q': list(q), 'failure_flags': 0}
+    usual = {'timestamp': round(1e6 * time), 'device_flags': flags, 'q': list(q), 'failure_flags': 0,
+             'received_from_mavlink': True}
     return SimpleNamespace(**usual | changes)
 
 
@@ -43,9 +44,15 @@ def test_the_gimbal_looks_where_it_reports_from_a_vehicle_that_tilts(flags, yaw)
     world = quat2mat(attitude_ned_to_enu(VEHICLE)) @ quat2mat(attitude_of(state.orientation))
     assert np.allclose(world[:, 0], angles_to_direction(0.0, math.radians(25.0)), atol=1e-6)
     assert world[2, 1] == pytest.approx(0.0, abs=1e-6)  # level
-    assert np.degrees(feedback.measured) == pytest.approx([40.0, 25.0])
+    assert np.degrees(feedback.reported) == pytest.approx([40.0, 25.0])
     assert (state.source, state.header.frame_id, state.child_frame_id) == (GimbalState.SOURCE_FEEDBACK, *NAMES)
     assert to_seconds(state.header.stamp) == pytest.approx(1000.0 + 0.05 * 59, abs=1e-3)
+
+
+def test_a_setpoint_is_no_measurement():
+    """What PX4 reports for a gimbal on PWM outputs is where a claim begins, no more."""
+    state, feedback = converted(lambda time: report(YAW_IN_VEHICLE_FRAME, -40.0, 25.0, time, received_from_mavlink=False))
+    assert state is None and np.degrees(feedback.reported) == pytest.approx([40.0, 25.0])
 
 
 def test_without_the_vehicles_attitude_nothing_is_said():

@@ -1,4 +1,4 @@
-"""What may be sent to turn the vehicle, over random histories of status, mode, staleness and loss."""
+"""What may be sent to turn the vehicle, over random histories of status, mode, staleness, others, and loss."""
 
 from __future__ import annotations
 
@@ -9,15 +9,26 @@ import numpy as np
 import pytest
 from fake_autopilot import FakeAutopilot, wrap
 
-from av_px4.guard import MARGIN, OFFBOARD, BodyGuard, GuardSettings, Inputs, VehicleStatus
+from av_px4.guard import (
+    ATTITUDE_TIMEOUT,
+    BEARING_TIMEOUT,
+    COMMAND_TIMEOUT,
+    MARGIN,
+    MAX_ACCELERATION,
+    POSITION_TIMEOUT,
+    STATUS_TIMEOUT,
+    BodyGuard,
+    Inputs,
+)
+from av_px4.handover import OFFBOARD, VehicleStatus, others_that_steer
 
-SEQUENCES, STEPS = 10_000, 40
-MODES = (0, 2, 4, 5, 14, 14, 14, 18, 23, 24)
+SEQUENCES, STEPS = 5_000, 60
+MODES = (2, 4, 5, 14, 14, 14, 18, 23, 23, 24)
 STREAMS = ('status', 'attitude', 'position', 'command', 'bearing')
-SETTINGS = GuardSettings()
-TIMEOUTS = {'status': SETTINGS.status_timeout, 'attitude': SETTINGS.attitude_timeout,
-            'position': SETTINGS.position_timeout, 'command': SETTINGS.command_timeout, 'bearing': SETTINGS.bearing_timeout}
-GOOD = Inputs(VehicleStatus(OFFBOARD, True, False), 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True, None, True, False)
+MAX_RATE = math.radians(30.0)
+TIMEOUTS = {'status': STATUS_TIMEOUT, 'attitude': ATTITUDE_TIMEOUT, 'position': POSITION_TIMEOUT,
+            'command': COMMAND_TIMEOUT, 'bearing': BEARING_TIMEOUT}
+GOOD = Inputs(VehicleStatus(OFFBOARD, True, False), 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, True, None, True)
 
 
 def settle(guard, inputs, time, seconds=0.6):
@@ -25,63 +36,94 @@ def settle(guard, inputs, time, seconds=0.6):
     return [guard.step(time + k * 0.02, inputs) for k in range(1, round(seconds / 0.02) + 1)]
 
 
+def handed_over(inputs=GOOD, time=0.0, **options):
+    """A guard whose vehicle held before `time` (s), and is what `inputs` say since then."""
+    guard = BodyGuard(**{'offboard': True, **options})
+    settle(guard, replace(inputs, status=VehicleStatus(4, True, False)), time - 1.0, 1.0)
+    return guard
+
+
 def random_sequence(rng):
     """Steps (dt, inputs) of one history: streams that die and come back, modes that change, pilots that take over."""
     alive, ages = dict.fromkeys(STREAMS, True), dict.fromkeys(STREAMS, 0.0)
-    status, fields = GOOD.status, {'yaw_rate': 0.5, 'move': True, 'own_mode': None, 'place_known': True,
+    status, fields = GOOD.status, {'yaw_rate': 0.5, 'enabled': True, 'own_mode': None, 'place_known': True, 'others': '',
                                    'unacknowledged': False}
     uniform, dts = rng.random((STEPS, 4)), rng.uniform(0.01, 0.05, STEPS)
     for k in range(STEPS):
         if uniform[k, 0] < 0.15:
             stream = STREAMS[int(uniform[k, 1] * 5)]
             alive[stream] = not alive[stream]
-        if uniform[k, 2] < 0.2:
-            choice, value = int(uniform[k, 3] * 8), uniform[k, 1]
-            if choice < 3 and alive['status']:
-                status = VehicleStatus(MODES[int(value * len(MODES))], value < 0.9, value > 0.95)
+        if uniform[k, 2] < 0.25:
+            choice, value = int(uniform[k, 3] * 9), uniform[k, 1]
+            if choice < 4 and alive['status']:
+                status = VehicleStatus(MODES[int(value * len(MODES))], value < 0.95, 0.4 < value < 0.5)
             elif choice < 5:
                 fields['yaw_rate'] = (math.nan, math.inf, -9.0, 9.0, 0.3, -0.4, 0.0)[int(value * 7)]
+            elif choice == 8:
+                fields['others'] = '/other publishes trajectory_setpoint' if value < 0.3 else ''
             else:
-                name = ('move', 'place_known', 'unacknowledged')[choice - 5]
-                fields[name] = value < 0.5
+                name = ('enabled', 'place_known', 'unacknowledged')[choice - 5]
+                fields[name] = value < (0.2 if name == 'unacknowledged' else 0.8)
                 fields['own_mode'] = (None, 23, 5)[int(value * 3)]
         ages = {name: 0.0 if alive[name] else ages[name] + dts[k] for name in STREAMS}
         yield dts[k], Inputs(status, ages['status'], ages['attitude'], ages['position'], ages['command'], ages['bearing'],
                              **fields)
 
 
+class Consent:
+    """Whether the pilot has handed over, told again: he came from another mode without a failsafe, to a rig that offered."""
+
+    def __init__(self):
+        self.before, self.given = None, False
+
+    def update(self, status, offered):
+        if status != self.before:
+            if self.before is None or status.nav_state != self.before.nav_state:
+                self.given = (self.before is not None and not self.before.failsafe
+                              and (status.nav_state != OFFBOARD or offered))
+            self.given &= not status.failsafe
+            self.before = status
+
+
 def test_no_history_leads_to_harm():
-    """10,000 random histories: allowed modes only, within the limits, still within 0.3 s of staleness, and it recovers."""
+    """Random histories: handed-over modes only, within the limits, still within 0.3 s of staleness, and it recovers."""
     rng, turned, refused = np.random.default_rng(7), 0, 0
     for number in range(SEQUENCES):
-        guard, time = BodyGuard(SETTINGS), 1234.5 + number
-        sent, previous, bad_since = 0.0, None, dict.fromkeys((*STREAMS, 'asked'), None)
+        guard, consent, time = BodyGuard(offboard=True), Consent(), 1234.5 + number
+        sent, previous, offered, bad_since = 0.0, None, False, dict.fromkeys((*STREAMS, 'asked'), None)
         for dt, inputs in random_sequence(rng):
             time += dt
+            consent.update(inputs.status, offered)
             decision = guard.step(time, inputs)
-            allowed = (inputs.status_age <= 1.5 and not inputs.status.failsafe and (
+            offered = decision.heartbeat
+            mode = (inputs.status_age <= STATUS_TIMEOUT and not inputs.status.failsafe and (
                 inputs.status.nav_state == 14 or (inputs.own_mode == 23 and inputs.status.nav_state == 23)))
-            assert not decision.setpoint or allowed
+            assert not decision.setpoint or mode
+            assert not decision.heartbeat or not (inputs.others or inputs.status.failsafe)
+            if inputs.others or (mode and not consent.given):    # at most what ends the turn before
+                assert not decision.setpoint or (decision.yaw_rate == 0.0 and previous)
             refused += not decision.setpoint
             if decision.setpoint:
-                assert abs(decision.yaw_rate) <= SETTINGS.max_rate + 1e-12
+                assert abs(decision.yaw_rate) <= MAX_RATE + 1e-12
                 before = 0.0 if previous is None else previous
-                assert abs(decision.yaw_rate - before) <= SETTINGS.max_acceleration * dt + 1e-9
+                change = abs(decision.yaw_rate - before) if decision.reason != inputs.others else 0.0
+                assert change <= MAX_ACCELERATION * dt + 1e-9 or 'select another mode' in decision.reason
                 newest = max(inputs.command_age, inputs.bearing_age, inputs.attitude_age)
                 assert decision.yaw_rate == 0.0 or newest < 0.3 - MARGIN    # the next step comes within MARGIN
                 sent = decision.yaw_rate
                 turned += sent != 0.0
             previous = decision.yaw_rate if decision.setpoint else None
-            if not allowed and inputs.status_age <= 1.5:
+            if not mode and inputs.status_age <= STATUS_TIMEOUT:
                 sent = 0.0    # the pilot or PX4 flies; what was sent before counts no more
             bad = {name: getattr(inputs, f'{name}_age') > TIMEOUTS[name] for name in STREAMS}
-            bad['asked'] = not inputs.move or inputs.unacknowledged or not math.isfinite(inputs.yaw_rate)
+            bad['asked'] = not inputs.enabled or inputs.unacknowledged or not math.isfinite(inputs.yaw_rate)
             for name, is_bad in bad.items():
                 bad_since[name] = (time if bad_since[name] is None else bad_since[name]) if is_bad else None
                 # a place once held stays known; the histories here that lose it are stricter than the node can be
                 if bad_since[name] is not None and time - bad_since[name] >= 0.3 and inputs.place_known:
                     assert sent == 0.0, (number, name)
-        decisions = settle(guard, GOOD, time)
+        settle(guard, replace(GOOD, status=VehicleStatus(4, True, False)), time)
+        decisions = settle(guard, GOOD, time + 0.6)
         assert decisions[-1].yaw_rate == pytest.approx(0.5) and decisions[-1].heartbeat
     assert turned > SEQUENCES and refused > SEQUENCES   # the histories do reach motion and refusal
 
@@ -89,40 +131,47 @@ def test_no_history_leads_to_harm():
 class TestOneByOne:
     @pytest.mark.parametrize('mode', [mode for mode in range(32) if mode != OFFBOARD])
     def test_in_no_other_mode_is_anything_sent(self, mode):
-        guard = BodyGuard()
+        guard = handed_over()
         settle(guard, GOOD, 0.0)
-        assert not any(d.setpoint for d in settle(guard, replace(GOOD, status=VehicleStatus(mode, True, False)), 1.0))
+        assert not any(d.setpoint for d in settle(guard, replace(GOOD, status=VehicleStatus(mode, True, False)), 0.6))
 
     @pytest.mark.parametrize('own', [5, 2, 14, 31, -1])
     def test_a_registration_cannot_claim_one_of_px4s_own_modes(self, own):
         inputs = replace(GOOD, status=VehicleStatus(own if own != 14 else 4, True, False), own_mode=own)
-        assert not any(d.setpoint for d in settle(BodyGuard(), inputs, 0.0))
+        assert not any(d.setpoint for d in settle(handed_over(inputs), inputs, 0.0))
 
     def test_the_own_mode_is_as_good_as_offboard(self):
         inputs = replace(GOOD, status=VehicleStatus(23, True, False), own_mode=23)
-        assert settle(BodyGuard(), inputs, 0.0)[-1].yaw_rate == pytest.approx(0.5)
+        for offboard in (False, True):
+            assert settle(handed_over(inputs, offboard=offboard), inputs, 0.0)[-1].yaw_rate == pytest.approx(0.5)
+
+    def test_offboard_is_not_taken_unless_it_was_asked_for(self):
+        decisions = settle(handed_over(offboard=False), GOOD, 0.0)
+        assert not any(d.setpoint or d.heartbeat for d in decisions)
 
     def test_before_the_first_status_nothing_is_sent(self):
         decision = BodyGuard().step(0.0, replace(GOOD, status=None))
         assert not decision.setpoint and not decision.heartbeat
 
-    def test_the_heartbeat_comes_before_the_mode(self):
-        decisions = settle(BodyGuard(), replace(GOOD, status=VehicleStatus(4, True, False)), 0.0)
-        assert all(d.heartbeat and not d.setpoint for d in decisions)
+    def test_the_heartbeat_comes_before_the_mode_and_not_before_pointing_is_enabled(self):
+        hover = replace(GOOD, status=VehicleStatus(4, True, False))
+        assert all(d.heartbeat and not d.setpoint for d in settle(BodyGuard(offboard=True), hover, 0.0)[6:])
+        for off in ({'enabled': False}, {'command_age': 0.3}):
+            assert not any(d.heartbeat for d in settle(BodyGuard(offboard=True), replace(hover, **off), 0.0))
 
     def test_a_stale_bearing_or_a_disabled_rig_keeps_offboard_and_holds(self):
-        for inputs in (replace(GOOD, bearing_age=1.0), replace(GOOD, move=False)):
-            guard = BodyGuard()
+        for inputs in (replace(GOOD, bearing_age=1.0), replace(GOOD, enabled=False)):
+            guard = handed_over()
             settle(guard, GOOD, 0.0)
             decisions = settle(guard, inputs, 0.6, 0.3)
             assert all(d.heartbeat and d.setpoint for d in decisions) and decisions[-1].yaw_rate == 0.0
 
     def test_without_a_position_offboard_is_not_even_offered(self):
-        decision = BodyGuard().step(0.0, replace(GOOD, place_known=False))
+        decision = settle(BodyGuard(offboard=True), replace(GOOD, place_known=False), 0.0)[-1]
         assert not decision.heartbeat and not decision.setpoint
 
     def test_a_silent_status_brakes_before_it_is_stale(self):
-        guard, sent = BodyGuard(), []
+        guard, sent = handed_over(), []
         for k in range(150):
             decision = guard.step(0.02 * k, replace(GOOD, status_age=max(0.0, 0.02 * k - 1.0)))
             if decision.setpoint:
@@ -130,19 +179,33 @@ class TestOneByOne:
         assert sent[50] == pytest.approx(0.5) and sent[-1] == 0.0 and len(sent) < 130
 
     def test_after_a_stall_of_its_own_it_waits_for_a_new_status(self):
-        """Whatever PX4 said meanwhile may still be in a queue, while the last status looks fresh."""
-        guard = BodyGuard()
+        """Whatever PX4 said meanwhile may still be in a queue, while the last status looks fresh: no heartbeat, either."""
+        guard = handed_over()
         settle(guard, GOOD, 0.0)
-        decision = guard.step(1.5, replace(GOOD, status_age=0.9))
-        assert decision.heartbeat and not decision.setpoint
-        assert not guard.step(1.52, replace(GOOD, status_age=0.92)).setpoint
-        assert guard.step(1.6, replace(GOOD, status_age=0.05)).setpoint
+        for time, age in ((1.5, 0.9), (1.52, 0.92), (1.56, 0.01)):
+            decision = guard.step(time, replace(GOOD, status_age=age))
+            assert not decision.heartbeat and not decision.setpoint
+        assert guard.step(1.65, replace(GOOD, status_age=0.1)).setpoint
+
+    def test_a_mode_that_was_left_unseen_is_not_taken_again(self):
+        """PX4 numbers each activation by its time."""
+        guard, status = handed_over(), replace(GOOD.status, activated=5)
+        assert settle(guard, replace(GOOD, status=status), 0.0)[-1].setpoint
+        again = settle(guard, replace(GOOD, status=replace(status, activated=6)), 0.6)
+        assert not any(d.setpoint for d in again[1:]) and not any(d.heartbeat for d in again)
+
+    def test_others_end_a_turn_with_one_setpoint(self):
+        guard = handed_over()
+        settle(guard, GOOD, 0.0)
+        first, *rest = settle(guard, replace(GOOD, others='/other publishes goto_setpoint'), 0.6)
+        assert (first.setpoint, first.yaw_rate, first.heartbeat) == (True, 0.0, False)
+        assert not any(d.setpoint or d.heartbeat for d in rest) and rest[0].reason == '/other publishes goto_setpoint'
 
     @pytest.mark.parametrize('silent', [('command_age',), ('bearing_age',), ('command_age', 'bearing_age')])
     @pytest.mark.parametrize('late', [0.0, 0.01, 0.02, 0.03])
     def test_from_30_deg_a_second_px4_turns_by_less_than_10_deg_after_0_3_s(self, silent, late):
         """With the flown answer, whoever dies, and whatever is commanded on."""
-        guard, autopilot, yaws = BodyGuard(), FakeAutopilot(nav_state=OFFBOARD), []
+        guard, autopilot, yaws = handed_over(), FakeAutopilot(nav_state=OFFBOARD), []
         for k in range(1000):
             time, age = 0.005 * k, max(0.0, 0.005 * k - 2.0)
             if k % 4 == 0:
@@ -156,17 +219,29 @@ class TestOneByOne:
         assert 1.0 < math.degrees(wrap(yaws[-1] - yaws[round((2.3 - late) / 0.005)])) < 10.0
 
     def test_a_fast_body_may_be_braked_with_an_old_measurement(self):
-        guard = BodyGuard()
+        guard = handed_over()
         settle(guard, GOOD, 0.0)
         rates = [guard.step(0.6 + 0.01 * k, replace(GOOD, yaw_rate=-0.2 if k > 15 else 0.5, bearing_age=0.01 * k)).yaw_rate
                  for k in range(1, 40)]
         assert rates[4] > 0.3 and min(rates[:24]) < -0.1 and not any(rates[25:])
 
     def test_disarmed_nothing_turns(self):
-        assert settle(BodyGuard(), replace(GOOD, status=VehicleStatus(14, False, False)), 0.0)[-1].yaw_rate == 0.0
+        disarmed = replace(GOOD, status=VehicleStatus(14, False, False))
+        assert settle(handed_over(disarmed), disarmed, 0.0)[-1].yaw_rate == 0.0
 
-    def test_limits_that_cannot_stop_in_time_are_refused(self):
-        with pytest.raises(ValueError, match='max_acceleration 100.0 deg/s'):
-            GuardSettings(max_rate=math.radians(45), max_acceleration=math.radians(100))
-        with pytest.raises(ValueError, match='status_timeout is 0.5'):
-            GuardSettings(status_timeout=0.5)
+    @pytest.mark.parametrize('rate_deg', [0.0, -5.0, 101.0, math.nan])
+    def test_rates_from_which_it_cannot_stop_in_time_are_refused(self, rate_deg):
+        with pytest.raises(ValueError, match='a yaw rate of'):
+            BodyGuard(math.radians(rate_deg))
+
+
+TOPIC = '/fmu/in/trajectory_setpoint'
+
+
+@pytest.mark.parametrize(('publishers', 'own', 'said'), [
+    ([], 0, ''), (['/px4_node'], 1, ''), (['/px4_node', '/px4_node'], 1, f'another /px4_node publishes {TOPIC}'),
+    (['/px4_node'], 0, f'another /px4_node publishes {TOPIC}'), (['/follower', '/px4_node'], 1, f'/follower publishes {TOPIC}'),
+    (['/_CREATED_BY_BARE_DDS_APP_'], 0, f'a program outside ROS publishes {TOPIC}'),
+    (['/b', '/a', '/b'], 0, f'/a publishes {TOPIC}, /b publishes {TOPIC}')])
+def test_others_are_named(publishers, own, said):
+    assert others_that_steer('/px4_node', {TOPIC: own}, {TOPIC: publishers}) == said

@@ -40,7 +40,7 @@ def offered(state):
 def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle):
     """To the left is to the left, on every firmware; nothing leaves before the pilot hands over; all is given back."""
     firmware_1_14, full = vehicle.firmware == '1.14', vehicle.firmware == '1.16'
-    node = vehicle.node(**({'gimbal.need_ack': 'false'} if firmware_1_14 else {'external_mode': 'true'}))
+    node = vehicle.node(offboard='true', **({'gimbal.need_ack': 'false'} if firmware_1_14 else {}))
     for pan, tilt in ((40.0, 25.0), (-130.0, -20.0), (130.0, 25.0), (-40.0, -20.0))[:4 if full else 2]:
         vehicle.tell(point={'pan': math.radians(pan), 'tilt': math.radians(tilt), 'yaw_rate': 0.3 * math.copysign(1, pan)})
         vehicle.wait(looks(pan, tilt), why=f'gimbal at {pan}, {tilt}')
@@ -63,9 +63,91 @@ def test_gimbal_and_body_in_all_quadrants_in_the_layout_of_each_firmware(vehicle
     assert not [event for event in state['events'] if event.startswith('a setpoint')]
 
 
+@pytest.mark.parametrize('vehicle', ['1.16', '1.18'], indirect=True)
+def test_beside_a_users_program_in_offboard_nothing_is_sent(vehicle):
+    """It flies at 2 m/s, whatever the rig was asked for; its death is noticed; the rig says who steers."""
+    vehicle.tell(program={'speed': 2.0}, point={'yaw_rate': 0.4, 'pan': 0.2})
+    vehicle.wait(lambda state: state['nav_state'] == 4)
+    vehicle.node(offboard='true')
+    vehicle.wait(looks(math.degrees(0.2), 0.0), why='the gimbal is pointed all the same')
+    vehicle.tell(pilot=14)
+    begin = vehicle.wait(lambda state: state['speed'] > 1.9 and state['position'][0] > 10.0, why='at its speed')
+    state = vehicle.wait(lambda state: state['position'][0] > begin['position'][0] + 10.0)
+    speed = (state['position'][0] - begin['position'][0]) / (state['time'] - begin['time'])
+    assert speed == pytest.approx(2.0, abs=0.1) and state['setpoints'] == state['heartbeats'] == 0
+    assert '/path_follower publishes /fmu/in/offboard_control_mode' in state['said']['state']
+    vehicle.tell(program={'speed': 2.0, 'sends': False}, pilot=None)
+    vehicle.wait(lambda state: state['failsafe'] and state['nav_state'] == 5, why='PX4 notices')
+    assert vehicle.state['setpoints'] == vehicle.state['heartbeats'] == 0
+
+
+def test_after_a_crash_in_offboard_the_pilot_decides(vehicle, tmp_path):
+    """Killed and started again: the vehicle returns, and turns again once it has been handed over again."""
+    vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2}, pilot=14)
+    node = vehicle.node({'AV_RIG_RUN': str(tmp_path)}, offboard='true')
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='turning')
+    vehicle.tell(pilot=None)
+    vehicle.kill_node(node)
+    vehicle.wait(lambda state: state['failsafe'], why='failsafe')
+    sent = vehicle.state['heartbeats'], vehicle.state['setpoints']
+    vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': '1'}, offboard='true')
+    vehicle.wait(lambda state: 'select another mode first' in state['said'].get('state', ''), why='waits for the pilot')
+    start = vehicle.state['time']
+    state = vehicle.wait(lambda state: state['time'] > start + 3.0)
+    assert state['nav_state'] == 5 and (state['heartbeats'], state['setpoints']) == sent
+    vehicle.tell(pilot=2)
+    vehicle.wait(lambda state: state['nav_state'] == 2)
+    vehicle.tell(pilot=14)
+    vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why='turning again')
+
+
+def test_fields_of_another_firmware_are_not_decoded():
+    """px4_msgs of 1.16, and a firmware that says of its messages without a version what 1.15 would."""
+    vehicle = FakeVehicle('1.16', '--told', '1.15')
+    try:
+        vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2}, pilot=14)
+        vehicle.node(offboard='true')
+        vehicle.wait(lambda state: 'out/vehicle_local_position is not used: the fields of VehicleLocalPosition'
+                     in state['said'].get('diagnostics', ''), why='named')
+        vehicle.wait(lambda state: state['odometry'] is not None, why='what is the same is used')
+        assert vehicle.state['heartbeats'] == vehicle.state['setpoints'] == 0
+    finally:
+        vehicle.close()
+
+
+def test_two_vehicles_with_their_system_ids():
+    """As PX4's multi-vehicle guide starts them: each has its own gimbal, its own mode, and its pilot."""
+    vehicles = [FakeVehicle('1.17', '--system', str(number + 1), namespace=f'px4_{number}') for number in (1, 2)]
+    try:
+        for sign, vehicle in zip((1.0, -1.0), vehicles, strict=True):
+            vehicle.tell(point={'yaw_rate': 0.4 * sign, 'pan': 0.5 * sign})
+            vehicle.node(offboard='true')
+        for number, (sign, vehicle) in enumerate(zip((1.0, -1.0), vehicles, strict=True), 2):
+            vehicle.wait(looks(math.degrees(0.5 * sign), 0.0), why=f'the gimbal of {number}')
+            vehicle.wait(lambda state: list(state['modes'].values()) == [['AV Track', 23]], why=f'the mode of {number}')
+            assert vehicle.state['owner'] == [number, 191]
+        for mode in (23, 14):
+            for sign, vehicle in zip((1.0, -1.0), vehicles, strict=True):
+                vehicle.tell(pilot=mode)
+                vehicle.wait(lambda state, sign=sign: sign * state['yaw_rate'] < -0.3, why=f'turns in {mode}')
+                vehicle.tell(pilot=4)
+                vehicle.wait(lambda state: state['nav_state'] == 4 and state['yaw_rate'] == 0.0)
+    finally:
+        for vehicle in vehicles:
+            vehicle.close()
+
+
+def test_motor_speeds_are_passed_on(vehicle):
+    vehicle.node()
+    vehicle.wait(lambda state: state['odometry'] is not None)
+    vehicle.tell(esc_rpm=[3000, 6000])
+    vehicle.wait(lambda state: vehicle.tell(esc_rpm=[3000, 6000]) or state['said'].get('motors'), why='motor_speeds')
+    assert vehicle.state['said']['motors'] == pytest.approx([100.0 * math.pi, 200.0 * math.pi])
+
+
 def test_a_vehicle_that_obeys_in_any_mode_is_sent_nothing_in_any_other(vehicle):
     """In Hold, position control, return and landing, disarmed or in failsafe: not one setpoint beyond a mode's last moment."""
-    vehicle.node()
+    vehicle.node(offboard='true')
     vehicle.tell(point={'yaw_rate': 0.4, 'pan': 0.2})
     vehicle.wait(offered)
     vehicle.tell(pilot=14)
@@ -86,7 +168,7 @@ def test_a_vehicle_that_obeys_in_any_mode_is_sent_nothing_in_any_other(vehicle):
 
 def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle):
     """Status, attitude, position, acknowledgements, bearing, command: without any one of them the vehicle stands still."""
-    vehicle.node()
+    vehicle.node(offboard='true')
     point = {'yaw_rate': 0.4, 'pan': 0.2}
     vehicle.tell(point=point)
     vehicle.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
@@ -97,7 +179,9 @@ def test_what_goes_stale_stops_it_and_what_comes_back_moves_it(vehicle):
         vehicle.wait(lambda state: state['yaw_rate'] < -0.3, why=f'turning before {missing}')
         vehicle.tell(**missing)
         vehicle.wait(lambda state: state['yaw_rate'] == 0.0, why=f'still with {missing}')
-        vehicle.tell(silence=[], point=point)
+        vehicle.tell(silence=[], point=point, pilot=4)    # a failsafe of PX4, if there was one, is for the pilot to end
+        vehicle.wait(lambda state: state['nav_state'] == 4)
+        vehicle.tell(pilot=14)
 
 
 def test_return_to_launch_takes_the_gimbal_and_it_is_claimed_again(vehicle):
@@ -137,7 +221,7 @@ def stale():
 
 
 def test_topics_of_another_firmware_do_not_matter_unless_they_are_those_that_send(stale):
-    stale.node()
+    stale.node(offboard='true')
     stale.tell(point={'pan': 0.2, 'yaw_rate': 0.3})
     stale.wait(lambda state: offered(state) and looks(math.degrees(0.2), 0.0)(state))
     stale.wait(lambda state: 'diagnostics' in state['said'])
@@ -145,19 +229,19 @@ def test_topics_of_another_firmware_do_not_matter_unless_they_are_those_that_sen
     stale.tell(speak={'vehicle_local_position': 'vehicle_local_position_v1'})
     stale.wait(lambda state: '/fmu/out/vehicle_local_position_v1 is version 1' in state['said']['diagnostics']
                and 'is silent' in state['said']['diagnostics'], why='the version that sends is named')
-    stale.wait(lambda state: state['said']['state'].endswith('OFFBOARD is not offered: no fresh position'))
+    stale.wait(lambda state: 'OFFBOARD is not offered: no fresh position' in state['said']['state'])
     stale.tell(speak={})
     stale.wait(lambda state: 'px4_msgs' not in state['said']['diagnostics'] and 'not offered' not in state['said']['state'])
 
 
 def test_the_external_mode_is_registered_once_whatever_restarts(vehicle, tmp_path):
     """Killed and started again, in flight: PX4 forgets nothing while armed. Then the agent, and then PX4 itself."""
-    node = vehicle.node({'AV_RIG_RUN': str(tmp_path)}, external_mode='true')
+    node = vehicle.node({'AV_RIG_RUN': str(tmp_path)})
     for restart in ('1', '2'):
         start = vehicle.wait(lambda state: state['modes'])['time']
         vehicle.wait(lambda state, start=start: state['time'] > start + 0.5)
         vehicle.kill_node(node)
-        node = vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': restart}, external_mode='true')
+        node = vehicle.node({'AV_RIG_RUN': str(tmp_path), 'AV_RIG_RESTARTS': restart})
         vehicle.wait(lambda state: not state['modes'], why='the former registration ended')
         vehicle.wait(lambda state: state['modes'], why='registered again')
     vehicle.tell(connected=False)

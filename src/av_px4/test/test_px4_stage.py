@@ -12,7 +12,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4.gimbal import Claim
 from av_px4.settings import Px4Settings
-from av_px4.stage import MODE_MESSAGES, ODOMETRY_TOPIC, STATE_TOPIC, Px4Stage, make_px4_stage
+from av_px4.stage import MODE_MESSAGES, MOTORS_TOPIC, NO_MODE, ODOMETRY_TOPIC, STATE_TOPIC, Px4Stage
 
 HOLD, OFFBOARD = 4, 14
 LEVEL = [1.0, 0.0, 0.0, 0.0]
@@ -32,13 +32,18 @@ class Rig:
     """A stage, a vehicle that hovers and a target; `run` advances both by steps of 20 ms."""
 
     def __init__(self, settings=None, **changes):
-        self.stage = Px4Stage(settings or Px4Settings(**changes), MESSAGES)
+        self.stage = Px4Stage(settings or Px4Settings(**{'offboard': True, 'external_mode': ''} | changes), MESSAGES)
         self.time, self.sent, self.nav_state, self.silent, self.offset, self.epoch = 100.0, [], HOLD, set(), 0.0, 1.7e9
         self.stage.start(self.now)
 
     @property
     def now(self):
         return Instant(self.time, self.epoch + self.time)
+
+    def hand_over(self):
+        """The pilot selects OFFBOARD once the rig has offered it."""
+        self.run(1.0)
+        self.nav_state = OFFBOARD
 
     def run(self, seconds, **command):
         for step in range(round(seconds * 50)):
@@ -59,7 +64,8 @@ class Rig:
         self.take('vehicle_local_position', Message(xy_valid=True, z_valid=True, x=0.0, y=0.0, z=-2.0, xy_reset_counter=0,
                                                     z_reset_counter=0, delta_xy=[0.0, 0.0], delta_z=0.0))
         if step % 25 == 0:
-            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=2, failsafe=False, system_id=7))
+            self.take('vehicle_status', Message(nav_state=self.nav_state, arming_state=2, failsafe=False, system_id=7,
+                                                nav_state_user_intention=self.nav_state, nav_state_timestamp=0))
 
     def take(self, name, message):
         if name not in self.silent:
@@ -76,7 +82,7 @@ class Rig:
 def test_nothing_turns_the_body_before_the_pilot_hands_over_and_then_it_turns_to_the_left():
     rig = Rig()
     rig.run(1.0, yaw_rate=0.3)
-    assert not rig.of('trajectory_setpoint') and len(rig.of('offboard_control_mode')) >= 50
+    assert not rig.of('trajectory_setpoint') and len(rig.of('offboard_control_mode')) >= 40
     rig.nav_state = OFFBOARD
     rig.run(1.0, yaw_rate=0.3)
     setpoint = rig.of('trajectory_setpoint')[-1]
@@ -86,7 +92,7 @@ def test_nothing_turns_the_body_before_the_pilot_hands_over_and_then_it_turns_to
 @pytest.mark.parametrize('silent', ['rig', 'bearing', 'command', 'vehicle_attitude', 'vehicle_local_position'])
 def test_without_an_input_the_body_stands_still(silent):
     rig = Rig()
-    rig.nav_state = OFFBOARD
+    rig.hand_over()
     rig.run(1.0, yaw_rate=0.3)
     rig.silent = {silent}
     rig.run(1.0, yaw_rate=0.3)
@@ -96,7 +102,7 @@ def test_without_an_input_the_body_stands_still(silent):
 def test_commands_of_two_sources_turn_nothing():
     """One source commands 0.3 rad/s, the other one -0.3 with stamps 0.1 s older; which is genuine cannot be told."""
     rig = Rig()
-    rig.nav_state = OFFBOARD
+    rig.hand_over()
     rig.run(1.0, yaw_rate=0.3)
     for _ in range(50):
         rig.run(0.02, yaw_rate=0.3)
@@ -112,7 +118,7 @@ def test_commands_of_two_sources_turn_nothing():
 def test_a_forged_bearing_gives_a_genuine_one_no_new_measurement():
     """Genuine bearings are predictions; those between them, with stamps of now, state new measurements."""
     rig = Rig()
-    rig.nav_state = OFFBOARD
+    rig.hand_over()
     rig.run(1.0, yaw_rate=0.3)
     measured, rig.silent = rig.now.ros, {'rig'}
     for k in range(50):
@@ -132,24 +138,20 @@ def test_a_forged_bearing_gives_a_genuine_one_no_new_measurement():
 def test_a_bearing_without_a_measurement_turns_nothing(begin):
     """Its `measured` is 0; not even when simulated time has just begun."""
     rig = Rig()
-    rig.nav_state, rig.silent = OFFBOARD, {'rig'}
-    rig.run(1.0)
-    rig.epoch = begin - rig.time
+    rig.epoch, rig.silent = begin - rig.time, {'rig'}
     for _ in range(5):
         rig.run(0.02)
         bearing = Bearing(state=Bearing.STATE_VISUAL_ACTIVE)
-        command = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
-        bearing.header.stamp = command.header.stamp = to_stamp(rig.now.ros)
+        bearing.header.stamp = to_stamp(rig.now.ros)
         rig.take('bearing', bearing)
-        rig.take('command', command)
-    assert rig.stage.decision.reason == 'no fresh measurement'
+        assert math.isinf(rig.stage._guard_inputs().bearing_age)
 
 
 @pytest.mark.parametrize('frozen', ['measured', 'command'])
 def test_what_is_published_again_and_again_turns_nothing_after_0_3_s(frozen):
     """Predictions with moving stamps, and one command repeated for ever."""
     rig = Rig()
-    rig.nav_state = OFFBOARD
+    rig.hand_over()
     rig.run(1.0, yaw_rate=0.3)
     last = to_stamp(rig.now.ros)
     rig.silent, began = {'rig'}, rig.time
@@ -171,7 +173,7 @@ def test_what_is_published_again_and_again_turns_nothing_after_0_3_s(frozen):
 
 def test_a_command_that_waited_in_a_queue_is_not_fresh():
     rig = Rig()
-    rig.nav_state = OFFBOARD
+    rig.hand_over()
     rig.run(1.0)
     late = PointingCommand(mode=PointingCommand.MODE_TRACK, move_body=True, yaw_rate=0.3)
     late.header.stamp = to_stamp(rig.now.ros - 0.3)
@@ -224,7 +226,8 @@ def test_the_state_is_sent_when_it_changes():
 
 @pytest.mark.parametrize(('silent', 'changes', 'why'), [
     ('vehicle_status', {}, 'no fresh vehicle_status'), ('vehicle_attitude', {}, 'no fresh attitude'),
-    ('vehicle_local_position', {}, 'no fresh position'), ('', {'turn_body': False}, 'turn_body is false'), ('', {}, '')])
+    ('vehicle_local_position', {}, 'no fresh position'), ('', {'turn_body': False}, 'turn_body is false'), ('', {}, ''),
+    ('rig', {}, 'pointing is not enabled')])
 def test_the_state_says_why_offboard_is_not_offered(silent, changes, why):
     rig = Rig(**changes)
     rig.silent = {silent}
@@ -234,6 +237,12 @@ def test_the_state_says_why_offboard_is_not_offered(silent, changes, why):
     assert (values['offboard offered'], values['offboard withheld']) == (str(not why), why)
     assert bool(rig.of('offboard_control_mode', since=rig.time - 0.1)) == (not why)
     assert state.message.endswith(f'OFFBOARD is not offered: {why}' if why else 'nav_state 4)')
+
+
+def test_by_default_offboard_is_not_spoken_of():
+    rig = Rig(offboard=False)
+    rig.run(1.0)
+    assert 'OFFBOARD' not in rig.of(STATE_TOPIC)[-1].message and not rig.of('offboard_control_mode')
 
 
 def test_the_state_says_that_px4_reads_no_heartbeat():
@@ -249,14 +258,32 @@ def test_a_message_of_another_firmware_is_refused():
 
 
 def test_an_external_mode_needs_messages_that_the_firmware_has():
-    gimbal = SimpleNamespace(enabled=True, id=0, frame='gimbal_link', lock_to_horizon=True, need_ack=True, ack_timeout=1.0,
-                             rate_deg=120.0, acceleration_deg=600.0, pan_limits_deg=[-150.0, 150.0],
-                             tilt_limits_deg=[-80.0, 45.0])
-    parameters = SimpleNamespace(
-        gimbal=gimbal, body=SimpleNamespace(rate_deg=45.0, acceleration_deg=200.0), component=191, turn_body=True,
-        external_mode=True, external_mode_name='AV Track', rate=50.0, odom_frame='odom', base_frame='base_link',
-        timeouts=SimpleNamespace(command=0.25, bearing=0.3, attitude=0.2, position=0.5, status=1.5))
-    assert make_px4_stage(parameters, MESSAGES).mode.name == 'AV Track'
     old = SimpleNamespace(**{name: kind for name, kind in vars(MESSAGES).items() if name not in MODE_MESSAGES})
-    with pytest.raises(ImportError, match='external_mode'):
-        make_px4_stage(parameters, old)
+    assert Px4Stage(Px4Settings(), old).mode_withheld == NO_MODE
+    assert Px4Stage(Px4Settings(), MESSAGES).mode_withheld == 'not registered yet'
+
+
+def esc(rpm, online):
+    return Message(esc_count=len(rpm), esc_online_flags=online, esc=[Message(esc_rpm=speed) for speed in rpm] + [Message()] * 2)
+
+
+def test_the_motors_speeds_are_those_that_are_measured_and_else_those_that_are_commanded():
+    rig = Rig(full_speed=1000.0)
+    commands = Message(control=[0.0, 0.5, 1.0, math.nan, math.nan])
+    rig.take('actuator_motors', commands)
+    assert list(rig.of(MOTORS_TOPIC)[-1].data) == [0.0, 500.0, 1000.0]
+    rig.take('esc_status', esc([6000, -6000, 3000, 2_000_000_000], 0b1011))
+    speeds = list(rig.of(MOTORS_TOPIC)[-1].data)
+    assert speeds[:2] == pytest.approx([200.0 * math.pi] * 2) and all(map(math.isnan, speeds[2:]))
+    rig.run(0.2)
+    rig.take('actuator_motors', commands)
+    assert len(rig.of(MOTORS_TOPIC)) == 2
+    rig.run(0.5)
+    rig.take('actuator_motors', commands)
+    assert len(rig.of(MOTORS_TOPIC)) == 3
+
+
+def test_without_the_speed_at_full_command_commands_tell_nothing():
+    rig = Rig()
+    rig.take('actuator_motors', Message(control=[0.5] * 4))
+    assert not rig.of(MOTORS_TOPIC)

@@ -37,12 +37,13 @@ from av_evaluation.hearing.free_field import PAIR
 from av_evaluation.hearing.signals import RATE, add_noise, flat
 from av_interfaces.msg import AudioFrame, Bearing, Doa, DoaArray, PointingCommand
 from av_px4.commands import GIMBAL_PITCH_YAW
-from av_px4.guard import OFFBOARD
+from av_px4.handover import OFFBOARD
 from av_px4.nodes.px4_link import PX4_QOS, load_px4_msgs
 
 START_S = 8.0       # in which the nodes start
 HOP_S = 0.05        # of doa_node
 VEHICLE_HZ = 100.0  # of PX4's attitude and position
+HOLD, HANDED_OVER_S = 4, 6.0   # PX4's mode before OFFBOARD, and when the pilot selects that
 MOST_CPU = 10.0     # % of a core
 
 
@@ -130,7 +131,7 @@ class DirectionProbe(Probe):
 
 
 class BearingProbe(Probe):
-    """Bearings, beside an armed vehicle in OFFBOARD that acknowledges every command at once."""
+    """Bearings, beside an armed vehicle that acknowledges every command at once; its pilot selects OFFBOARD."""
 
     def __init__(self, rate: float) -> None:
         super().__init__(rate)
@@ -160,7 +161,8 @@ class BearingProbe(Probe):
         self._vehicle['vehicle_attitude'].publish(messages.VehicleAttitude(timestamp_sample=10_000 * self._ticks, q=level))
         self._vehicle['vehicle_local_position'].publish(messages.VehicleLocalPosition(xy_valid=True, z_valid=True))
         if self._ticks % 50 == 0:
-            status = messages.VehicleStatus(nav_state=OFFBOARD, arming_state=2, system_id=1)
+            mode = HOLD if self._ticks < HANDED_OVER_S * VEHICLE_HZ else OFFBOARD
+            status = messages.VehicleStatus(nav_state=mode, nav_state_user_intention=mode, arming_state=2, system_id=1)
             self._vehicle['vehicle_status'].publish(status)
 
     def _send(self) -> None:
@@ -226,7 +228,8 @@ def fusion(rate: float, seconds: float) -> Iterator[Figure]:
 
 def px4(rate: float, seconds: float) -> Iterator[Figure]:
     """pointing_node and px4_node, `rate` (Hz) bearings a second."""
-    nodes: dict[str, Sequence[str]] = {'av_pointing.nodes.pointing_node': ('enabled:=true',), 'av_px4.nodes.px4_node': ()}
+    nodes: dict[str, Sequence[str]] = {'av_pointing.nodes.pointing_node': ('enabled:=true',),
+                                        'av_px4.nodes.px4_node': ('offboard:=true',)}
     yield from measure(lambda: BearingProbe(rate), nodes, seconds, 10.0, None)
 
 

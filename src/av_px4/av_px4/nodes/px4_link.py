@@ -6,19 +6,25 @@ import importlib
 import math
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from av_common.guarded_node import GuardedNode
+from av_px4.handover import STEERING, others_that_steer
+from av_px4.layouts import PROTOCOL, LayoutCheck, layout_hash
+from av_px4.messages import characters, text
 from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
 
 # PX4 publishes BEST_EFFORT and TRANSIENT_LOCAL. A VOLATILE subscriber is compatible and receives no message from before its
 # subscription: an old status must not look like a fresh one. PX4's own subscribers are BEST_EFFORT and VOLATILE.
 PX4_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT,
                      durability=DurabilityPolicy.VOLATILE)
+ASK, ANSWER = 'message_format_request', 'message_format_response'
 
 
 def load_px4_msgs() -> ModuleType:
@@ -30,10 +36,18 @@ def load_px4_msgs() -> ModuleType:
                           'as release/1.16), into the workspace, and build and source it; see docs/guides/px4.md') from error
 
 
+@cache
+def installed_hash(kind: str) -> int:
+    """PX4's hash of a message of the installed px4_msgs."""
+    folder = Path(get_package_share_directory('px4_msgs')) / 'msg'
+    return layout_hash(kind, lambda name: (folder / f'{name}.msg').read_text())
+
+
 class Px4Link:
     """Subscriptions and publishers that are created as soon as PX4's topics appear. Raises ImportError without px4_msgs.
 
-    Of the versions of a topic, that of px4_msgs is used. While it is silent the others are watched without being decoded.
+    Of the versions of a topic, that of px4_msgs is used. While it is silent the others are watched without being decoded. A
+    topic whose fields are others in the firmware is neither decoded nor written.
 
     Parameters:
         node: node that owns them
@@ -54,6 +68,11 @@ class Px4Link:
         self._publishers: dict[str, tuple[str, Any]] = {}
         self._watched: dict[str, Any] = {}    # subscriptions to other versions
         self._heard: dict[str, float] = {}    # monotonic time in s of the newest message, by topic
+        self._layouts = LayoutCheck(installed_hash)
+        self._asks = False
+        self._steering: set[str] = set()      # topics that steer the vehicle
+        self.advertise(ASK, 'MessageFormatRequest')
+        self.subscribe(ANSWER, 'MessageFormatResponse', self._on_layout)
 
     def subscribe(self, name: str, message: str, callback: Callable[[Any], None]) -> None:
         """Subscribe to an output of PX4 as soon as it exists. Without its message in px4_msgs there is no subscription.
@@ -78,8 +97,12 @@ class Px4Link:
 
     def publish(self, name: str, message: Any) -> None:
         """Publish a message to the input `name` of PX4, if PX4 has it."""
-        if name in self._publishers:
+        if self.reads(name):
             self._publishers[name][1].publish(message)
+
+    def reads(self, name: str) -> bool:
+        """Whether PX4 reads the input `name`, with the fields of px4_msgs."""
+        return name in self._publishers and self._layouts.may_use(f'in/{name}')
 
     def topic(self, name: str) -> str | None:
         """Full name of the topic of an output or input, None while PX4 does not have it."""
@@ -87,20 +110,41 @@ class Px4Link:
         return found[0] if found else None
 
     def discover(self) -> None:
-        """Search the ROS graph for PX4's topics: open new ones, and close those that are no longer offered."""
+        """Search the ROS graph for PX4's topics, and open new ones."""
         known = [name for name, types in self._node.get_topic_names_and_types()
                  if any(kind.startswith('px4_msgs/') for kind in types)]
         written = [topic for topic in known if '/out/' in topic and self._node.count_publishers(topic)]
         read = [topic for topic in known if '/in/' in topic and self._node.count_subscribers(topic)]
-        for name, (kind, callback) in self._wanted.items():
-            offered = self._offered('out', name, written)
-            self._open(name, kind, offered, self._subscriptions, partial(self._subscription, kind, callback))
-            self._watch(name, kind, offered)
         for name, kind in self._inputs.items():
             offered = self._offered('in', name, read)
-            self._open(name, kind, offered, self._publishers, partial(self._publisher, kind))
+            self._open(f'in/{name}', kind, offered, self._publishers, partial(self._publisher, kind))
             # what PX4 reads cannot be silent: a version that is offered is right
-            self._report(name, mismatch(kind, offered, dict.fromkeys(offered.values(), 0.0)))
+            self._report(f'in/{name}', mismatch(kind, offered, dict.fromkeys(offered.values(), 0.0)))
+        for name, (kind, callback) in self._wanted.items():
+            offered = self._offered('out', name, written)
+            self._open(f'out/{name}', kind, offered, self._subscriptions, partial(self._subscription, name, kind, callback))
+            self._watch(name, kind, offered)
+        asks = ASK in self._publishers and ANSWER in self._subscriptions and self._hears(read)
+        if asks and not self._asks:
+            self._layouts.begin()
+        self._asks = asks
+        self._steering = {topic for name in STEERING for topic in (
+            self._resolved('in', name), *self._offered('in', name, known).values())}
+
+    def others(self) -> str:
+        """Who else steers the vehicle, by the ROS graph; empty if nobody does."""
+        publishers = {topic: [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                              for info in self._node.get_publishers_info_by_topic(topic)] for topic in self._steering}
+        own = {topic: 1 for topic, _ in self._publishers.values()}
+        return others_that_steer(self._node.get_fully_qualified_name(), own, publishers)
+
+    def ask(self) -> None:
+        """Ask PX4 for the next layout that is not known; to be called often."""
+        topic = self._layouts.question(time.monotonic()) if self._asks else None
+        if topic is not None:
+            request = self.messages.MessageFormatRequest(protocol_version=PROTOCOL)
+            request.topic_name = characters(f'fmu/{topic}', request.topic_name)
+            self._publishers[ASK][1].publish(request)
 
     def close(self) -> None:
         """Close all subscriptions and publishers."""
@@ -109,13 +153,27 @@ class Px4Link:
         for opened in (self._subscriptions, self._publishers, self._watched, self._heard):
             opened.clear()
 
-    def _offered(self, side: str, name: str, topics: list[str]) -> dict[int, str]:
-        return offered_versions(self._node.resolve_topic_name(f'{self._prefix}/{side}/{name}'), topics)
+    def _on_layout(self, message: Any) -> None:
+        if message.protocol_version == PROTOCOL:
+            self._layouts.answer(text(message.topic_name).removeprefix('fmu/'), message.success, message.message_hash)
+            self.ask()
 
-    def _subscription(self, kind: type, callback: Callable[[Any], None], topic: str) -> Any:
+    def _hears(self, read: list[str]) -> bool:
+        """Whether PX4 reads questions, and has sent anything within SILENT_S: else it may be another one when it does."""
+        newest = max((self._heard.get(topic, -math.inf) for topic, _ in self._subscriptions.values()), default=-math.inf)
+        return self._publishers[ASK][0] in read and time.monotonic() - newest <= SILENT_S
+
+    def _resolved(self, side: str, name: str) -> str:
+        return self._node.resolve_topic_name(f'{self._prefix}/{side}/{name}')
+
+    def _offered(self, side: str, name: str, topics: list[str]) -> dict[int, str]:
+        return offered_versions(self._resolved(side, name), topics)
+
+    def _subscription(self, name: str, kind: type, callback: Callable[[Any], None], topic: str) -> Any:
         def take(message: Any) -> None:
             self._hear(topic)
-            callback(message)
+            if self._layouts.may_use(f'out/{name}'):
+                callback(message)
         return self._node.create_subscription(kind, topic, take, PX4_QOS)
 
     def _hear(self, topic: str, _: object = None) -> None:
@@ -124,11 +182,13 @@ class Px4Link:
     def _publisher(self, kind: type, topic: str) -> Any:
         return self._node.create_publisher(kind, topic, PX4_QOS)
 
-    def _open(self, name: str, kind: type, offered: dict[int, str], opened: dict[str, tuple[str, Any]],
+    def _open(self, place: str, kind: type, offered: dict[int, str], opened: dict[str, tuple[str, Any]],
               create: Callable[[str], Any]) -> None:
         """Open the version of px4_msgs. What was opened stays open, so that an agent that restarts finds it."""
-        topic = offered.get(version_of(kind))
+        topic, name = offered.get(version_of(kind)), place.rpartition('/')[2]
         if topic is not None and name not in opened:
+            if name not in (ASK, ANSWER):
+                self._layouts.add(place, kind.__name__)
             opened[name] = (topic, create(topic))
 
     def _watch(self, name: str, kind: type, offered: dict[int, str]) -> None:
@@ -141,13 +201,14 @@ class Px4Link:
             self._watched[topic] = self._node.create_subscription(kind, topic, partial(self._hear, topic), PX4_QOS, raw=True)
         if not silent:
             self._node.destroy_entities([self._watched.pop(topic) for topic in rivals if topic in self._watched])
-        self._report(name, mismatch(kind, offered, ages))
+        self._report(f'out/{name}', mismatch(kind, offered, ages))
 
     def _ages(self, offered: dict[int, str]) -> dict[str, float]:
         now = time.monotonic()
         return {topic: now - self._heard.get(topic, -math.inf) for topic in offered.values()}
 
-    def _report(self, name: str, problem: str) -> None:
+    def _report(self, place: str, problem: str) -> None:
+        problem, name = problem or self._layouts.problem(place), place.rpartition('/')[2]
         if problem:
             self.problems[name] = problem
         else:

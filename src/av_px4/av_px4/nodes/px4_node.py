@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from nav_msgs.msg import Odometry
+from std_msgs.msg import Float32, Float32MultiArray
 
 from av_common.freshness import Instant
 from av_common.launched import KeptNumbers
@@ -19,20 +20,31 @@ from av_common.source_report import SourceReport
 from av_interfaces.msg import Bearing, GimbalState, PointingCommand
 from av_px4.external_mode import Registration
 from av_px4.gimbal import Claim
+from av_px4.guard import STATUS_TIMEOUT
 from av_px4.nodes.px4_link import Px4Link
 from av_px4.nodes.px4_node_parameters import px4_node as parameters
-from av_px4.settings import px4_settings
-from av_px4.stage import GIMBAL_TOPIC, ODOMETRY_TOPIC, STATE_TOPIC, Outgoing, make_px4_stage
+from av_px4.settings import MODE_NAME, px4_settings
+from av_px4.stage import (
+    GIMBAL_TOPIC,
+    HEARTBEAT,
+    MOTORS_TOPIC,
+    ODOMETRY_TOPIC,
+    RATE_HZ,
+    STATE_TOPIC,
+    Outgoing,
+    make_px4_stage,
+)
 
 OUTPUTS = {'vehicle_status': 'VehicleStatus', 'vehicle_attitude': 'VehicleAttitude', 'vehicle_odometry': 'VehicleOdometry',
            'vehicle_local_position': 'VehicleLocalPosition', 'vehicle_command_ack': 'VehicleCommandAck',
            'gimbal_device_attitude_status': 'GimbalDeviceAttitudeStatus',
-           'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest'}
-INPUTS = {'vehicle_command': 'VehicleCommand', 'offboard_control_mode': 'OffboardControlMode',
-          'trajectory_setpoint': 'TrajectorySetpoint'}
+           'esc_status': 'EscStatus', 'actuator_motors': 'ActuatorMotors'}
+MODE_OUTPUTS = {'register_ext_component_reply': 'RegisterExtComponentReply', 'arming_check_request': 'ArmingCheckRequest',
+                'setpoint_config_reply': 'SetpointConfigReply'}
 MODE_INPUTS = {'register_ext_component_request': 'RegisterExtComponentRequest',
-               'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply',
-               'config_control_setpoints': 'VehicleControlMode'}
+               'unregister_ext_component': 'UnregisterExtComponent', 'arming_check_reply': 'ArmingCheckReply'}
+LIMIT_TOPIC = 'yaw_rate_limit'
+DISCOVERY_S, WATCH_S = 0.5, 0.1    # periods of the search for topics, and of the look for others that steer the vehicle
 NO_MODE = (-1, -1)
 # What stops the vehicle is sent repeatedly: PX4 reads without acknowledgement, and nothing follows.
 LAST_SENT, LAST_PERIOD_S = 3, 0.02
@@ -53,26 +65,29 @@ class Px4Node(RigNode):
         self._settings = self.settings
         self._link = Px4Link(self, self._settings.fmu)
         self._stage = make_px4_stage(self._settings, self._link.messages)
-        for name, kind in OUTPUTS.items():
+        for name, kind in (OUTPUTS | (MODE_OUTPUTS if self._stage.mode else {})).items():
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
-        for name, kind in (INPUTS | (MODE_INPUTS if self._settings.external_mode else {})).items():
+        for name, kind in self._inputs().items():
             self._link.advertise(name, kind)
         self._undated, self._sources = 0, SourceReport(self)
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
+        self.create_publisher(Float32, LIMIT_TOPIC, LATCHED).publish(Float32(data=self._stage.settings.max_rate))
 
     def activate(self) -> None:
         """Subscribe to the rig's topics and search for PX4's."""
         check, mode = map(int, self._kept_mode.values)
-        former = Registration(self._settings.external_mode_name, check, mode) if (check, mode) != NO_MODE else None
+        former = Registration(MODE_NAME, check, mode) if (check, mode) != NO_MODE else None
         self._stage.start(self._instant(), former)
         for kind, topic, take in ((PointingCommand, 'pointing/command', self._stage.on_command),
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
             self.while_active(self.create_subscription, kind, topic, partial(self._take, take), RESULT)
-        self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_timer)
-        self.while_active(self.create_timer, 0.5, self._discover)
+        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_timer)
+        self.while_active(self.create_timer, DISCOVERY_S, self._discover)
+        self.while_active(self.create_timer, WATCH_S, self._watch)
         self._discover()
+        self._watch()
 
     def deactivate(self) -> None:
         """Stop the vehicle's motion, release the gimbal and unregister the mode."""
@@ -81,16 +96,34 @@ class Px4Node(RigNode):
             self._send(last)
             time.sleep(LAST_PERIOD_S)
         self._kept_mode.keep(*NO_MODE)
+        self._outputs.pop(MOTORS_TOPIC, None)
         self._link.close()
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
-        """Limits must leave time to stop."""
+        """Stops of the gimbal must enclose 0."""
         px4_settings(settings)
+
+    def _inputs(self) -> dict[str, str]:
+        """PX4's inputs that this node writes, with their messages: only those that it needs, as others look at the graph."""
+        p, names = self._settings, {'vehicle_command': 'VehicleCommand'}
+        if p.turn_body and (p.offboard or self._stage.mode):
+            names['trajectory_setpoint'] = 'TrajectorySetpoint'
+        if p.turn_body and p.offboard:
+            names[HEARTBEAT] = 'OffboardControlMode'
+        if self._stage.mode:
+            newer = hasattr(self._link.messages, 'SetpointConfig')
+            names |= MODE_INPUTS | ({'setpoint_config': 'SetpointConfig'} if newer else
+                                    {'config_control_setpoints': 'VehicleControlMode'})
+        return names
 
     def _discover(self) -> None:
         self._link.discover()
-        self._stage.unread = {name for name in INPUTS | MODE_INPUTS if not self._link.topic(name)}
+        self._stage.unread = {name for name in self._inputs() if not self._link.reads(name)}
+
+    def _watch(self) -> None:
+        self._stage.others = self._link.others()
+        self._link.ask()
 
     def _instant(self) -> Instant:
         return Instant(time.monotonic(), self.now())
@@ -106,6 +139,8 @@ class Px4Node(RigNode):
 
     def _send(self, messages: list[Outgoing]) -> None:
         for topic, message in messages:
+            if topic == MOTORS_TOPIC and topic not in self._outputs:    # else it would seem to be a second source
+                self._outputs[topic] = self.while_active(self.create_publisher, Float32MultiArray, topic, STREAM)
             if topic in self._outputs:
                 self._outputs[topic].publish(message)
             else:
@@ -120,11 +155,13 @@ class Px4Node(RigNode):
         self._sources.report(status, stage.sources.refused)
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
-        status.add('gimbal', stage.gimbal.claim.value)
+        status.add('gimbal', stage.gimbal.state)
         status.add('gimbal takeovers', str(stage.gimbal.takeovers))
         status.add('last acknowledgement', stage.gimbal.last_result)
         status.add('body', stage.decision.reason)
+        status.add('others that steer the vehicle', stage.others)
         status.add('OFFBOARD withheld', stage.offboard_withheld)
+        status.add('own mode withheld', stage.mode_withheld)
         status.add('heading and position resets', str(stage.odometry.resets))
         status.add('clock restarts', str(stage.odometry.clock_restarts))
         status.add('odometry undated', str(stage.odometry.undated))
@@ -137,10 +174,12 @@ class Px4Node(RigNode):
         self._undated = self._stage.odometry.undated
         if self._link.topic('vehicle_status') is None and 'vehicle_status' not in self._link.problems:
             found.append('no topics of PX4: is MicroXRCEAgent running, and UXRCE_DDS_CFG set?')
-        elif self._stage.meters['status'].age > self._settings.timeouts.status:
+        elif self._stage.meters['status'].age > STATUS_TIMEOUT:
             found.append('no fresh vehicle_status')
-        elif self._settings.turn_body and self._stage.offboard_withheld:
-            found.append(f'OFFBOARD is not offered: {self._stage.offboard_withheld}')
+        elif self._settings.turn_body and self._stage.others:
+            found.append(f'the body is not turned: {self._stage.others}')
+        elif self._settings.turn_body and self._settings.external_mode and self._stage.mode_missing:
+            found.append(self._stage.mode_missing)
         if self._settings.gimbal.enabled and gimbal.claim is Claim.ASKED and not gimbal.last_result:
             found.append('the claim of the gimbal is not acknowledged: is MNT_MODE_IN 4 or 0, and has PX4 been restarted since '
                          'it was set? It takes effect at boot only (SITL: PX4_PARAM_MNT_MODE_IN=4)'

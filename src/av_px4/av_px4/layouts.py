@@ -1,0 +1,97 @@
+"""Whether PX4's messages have the fields of the installed px4_msgs.
+
+DDS compares the names of types only: a message of another firmware is decoded all the same, into numbers that mean nothing. PX4
+1.15 and later tell a hash of a topic's fields on request (`message_format_request`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+PROTOCOL = 1         # protocol_version of request and response
+ANSWER_S = 0.3       # time for an answer
+TRIES = 5            # of one question, after which PX4 counts as mute
+BASIC = frozenset({'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
+                   *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))})
+_FIELD = re.compile(r'^\s*([a-zA-Z0-9_/]+)(\[[^\]]*\])?[ \t]+(\w+)[ \t]*(=)?', re.MULTILINE)
+
+
+def layout_hash(kind: str, definition: Callable[[str], str]) -> int:
+    """PX4's hash of a message: FNV-1a of 32 bits (RFC 9923) over types and names of its fields, nested ones included.
+
+    Parameters:
+        kind: name of the message
+        definition: gives the text of a message's definition by its name
+    """
+    value = 0x811C9DC5
+    for byte in _fields(kind, definition).encode():
+        value = (value ^ byte) * 0x01000193 & 0xFFFFFFFF
+    return value
+
+
+def _fields(kind: str, definition: Callable[[str], str]) -> str:
+    text = ''
+    for base, array, name, constant in _FIELD.findall(definition(kind)):
+        if not constant:
+            text += f'{base}{array} {name}\n' + ('' if base in BASIC else _fields(base, definition))
+    return text
+
+
+class LayoutCheck:
+    """Asks PX4 for the hashes of topics, one after the other.
+
+    Attributes:
+        mute: PX4 cannot be asked, or does not answer; its messages are then taken as they are, as those of PX4 1.14.
+
+    Parameters:
+        hash_of: gives the hash of a message of the installed px4_msgs by its name.
+    """
+
+    def __init__(self, hash_of: Callable[[str], int]) -> None:
+        self.mute = True
+        self._hash_of = hash_of
+        self._kinds: dict[str, str] = {}     # topics to ask for, and their messages
+        self._equal: dict[str, bool] = {}    # what PX4 said of them
+        self._asked, self._tries, self._until = '', 0, 0.0
+
+    def begin(self) -> None:
+        """Ask anew: PX4 can be asked from now on, or may be another one."""
+        self.mute, self._asked, self._until = False, '', 0.0
+        self._equal.clear()
+
+    def add(self, topic: str, kind: str) -> None:
+        """Have a topic (such as `out/vehicle_status`) with the message `kind` checked."""
+        self._kinds.setdefault(topic, kind)
+
+    def question(self, time: float) -> str | None:
+        """The topic to ask for at `time` (s, monotonic), None if nothing is due."""
+        waiting = [topic for topic in self._kinds if topic not in self._equal]
+        if not waiting or self.mute or time < self._until:
+            return None
+        self._tries = self._tries + 1 if self._asked == waiting[0] else 1
+        self._asked, self._until = waiting[0], time + ANSWER_S
+        self.mute = self._tries > TRIES
+        return None if self.mute else self._asked
+
+    def answer(self, topic: str, success: bool, message_hash: int) -> None:
+        """Process an answer; what PX4 does not know counts as equal.
+
+        Parameters:
+            topic: as in the question
+            success, message_hash: fields of MessageFormatResponse
+        """
+        if topic == self._asked:
+            self._equal[topic] = not success or message_hash == self._hash_of(self._kinds[topic])
+            self._asked, self._until = '', 0.0
+
+    def may_use(self, topic: str) -> bool:
+        """Whether a topic's messages may be decoded and sent: PX4 said so, or cannot say."""
+        return self._equal.get(topic, self.mute or topic not in self._kinds)
+
+    def problem(self, topic: str) -> str:
+        """What is wrong with a topic; empty if nothing is known to be."""
+        if self._equal.get(topic, True):
+            return ''
+        return (f'{topic} is not used: the fields of {self._kinds[topic]} in the firmware are not those of the installed '
+                'px4_msgs: build the branch of px4_msgs that belongs to the firmware')

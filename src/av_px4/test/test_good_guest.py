@@ -1,0 +1,217 @@
+"""The rig beside other programs, after faults, and with a pilot who decides: nothing is sent that nobody asked for."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from fake_autopilot import HOLD, OFFBOARD, POSITION, RETURN
+from flight_bench import Flight, Program
+from px4_layouts import FIRMWARES
+
+from av_px4.external_mode import Registration
+
+TURN = {'yaw_rate': 0.3}
+RATE = pytest.approx(-0.3, abs=0.01)    # PX4 counts clockwise
+STEERING = ('trajectory_setpoint', 'offboard_control_mode')
+OWN = FIRMWARES[1:]                     # firmwares with external modes
+
+
+def steered(flight, since=-math.inf):
+    """Setpoints and heartbeats of the rig."""
+    return [message for topic in STEERING for message in flight.of(topic, since)]
+
+
+def select(flight, mode, seconds=4.0):
+    """The pilot selects a mode, as soon as PX4 lets him."""
+    flight.pilot = mode
+    selected = flight.run(seconds, until=lambda flight: flight.model.nav_state == mode, **TURN)
+    flight.pilot = None
+    return selected
+
+
+def in_own_mode(firmware='1.17', **settings):
+    """A flight that turns in the rig's own mode."""
+    flight = Flight(firmware, **settings)
+    assert flight.run(10.0, until=lambda flight: flight.own_mode, **TURN)
+    assert select(flight, flight.own_mode), flight.said.message
+    flight.run(2.5, **TURN)
+    assert flight.model.yaw_rate == RATE
+    return flight
+
+
+def in_offboard(firmware='1.17', **settings):
+    """A flight that turns in OFFBOARD, in which the rig was asked to take part."""
+    flight = Flight(firmware, offboard=True, **settings)
+    assert select(flight, OFFBOARD), flight.said.message
+    flight.run(2.5, **TURN)
+    assert flight.model.yaw_rate == RATE
+    return flight
+
+
+class TestOthers:
+    """A program of the user that flies in OFFBOARD at 2 m/s."""
+
+    @pytest.mark.parametrize('firmware', FIRMWARES)
+    @pytest.mark.parametrize('settings', [{}, {'turn_body': False}, {'offboard': True}], ids=str)
+    def test_it_flies_as_if_the_rig_was_not_there_and_px4_notices_its_death(self, firmware, settings):
+        """Also with pointing enabled, and where the rig was asked to take part in OFFBOARD."""
+        flight = Flight(firmware, **settings)
+        flight.program = Program()
+        flight.run(0.2, **TURN)
+        assert select(flight, OFFBOARD)
+        flight.run(5.0, **TURN)
+        begin = flight.model.position[0]
+        flight.run(5.0, **TURN)
+        assert (flight.model.position[0] - begin) / 5.0 == pytest.approx(2.0, abs=0.05)
+        assert not steered(flight)
+        assert flight.value('others') == '/path_follower publishes /fmu/in/trajectory_setpoint'
+        flight.program = None
+        assert flight.run(1.2, until=lambda flight: flight.model.failsafe, **TURN)
+        flight.run(5.0, **TURN)
+        assert flight.model.nav_state == RETURN and not steered(flight)
+
+    def test_with_pointing_not_enabled_nothing_is_sent_in_any_mode(self):
+        flight = Flight(offboard=True)
+        flight.enabled = False
+        for mode in (HOLD, POSITION, OFFBOARD, 23):
+            assert select(flight, mode) == (mode in (HOLD, POSITION))
+            flight.run(1.0)
+        assert not steered(flight) and flight.value('offboard withheld') == 'pointing is not enabled'
+        assert flight.value('external mode withheld') == 'pointing is not enabled'
+
+    def test_by_default_no_heartbeat_is_sent_and_the_own_mode_turns(self):
+        flight = in_own_mode()
+        assert not flight.of('offboard_control_mode')
+        assert not select(flight, OFFBOARD)
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_who_comes_while_the_rig_turns_gets_a_vehicle_that_stands(self, begin):
+        """The turn is ended by one setpoint; in OFFBOARD the program flies on, PX4 leaves the own mode."""
+        flight = begin()
+        flight.program, came = Program(), flight.time
+        flight.run(1.0, **TURN)
+        setpoints = flight.of('trajectory_setpoint', came)
+        assert len(setpoints) <= 2 and math.isnan(setpoints[-1].yawspeed)
+        assert not flight.of('offboard_control_mode', came + 0.05)
+        flight.run(2.0, **TURN)
+        assert flight.model.yaw_rate == 0.0
+        assert flight.model.nav_state == (OFFBOARD if begin is in_offboard else RETURN)
+
+
+class TestConsent:
+    """A failsafe ends in PX4 as soon as heartbeats come again; the rig must not be the reason."""
+
+    @pytest.mark.parametrize('firmware', FIRMWARES)
+    @pytest.mark.parametrize('dead', [0.3, 2.4])
+    def test_a_new_process_waits_for_the_pilot_in_offboard(self, firmware, dead):
+        """Killed and started again, before or after PX4 has noticed."""
+        flight = in_offboard(firmware)
+        flight.rig = None
+        flight.run(dead)
+        flight.start()
+        came = flight.time
+        flight.run(10.0, **TURN)
+        assert flight.model.nav_state == RETURN and flight.model.failsafe and not steered(flight, came)
+        assert 'select another mode first' in flight.value('offboard withheld')
+        assert select(flight, POSITION) and select(flight, OFFBOARD)
+        flight.run(2.5, **TURN)
+        assert flight.model.yaw_rate == RATE
+
+    @pytest.mark.parametrize('firmware', OWN)
+    @pytest.mark.parametrize('known', [True, False])
+    def test_a_new_process_waits_for_the_pilot_in_the_own_mode(self, firmware, known):
+        """Whether or not it knows what the former one had registered."""
+        flight = in_own_mode(firmware)
+        former = Registration('AV Track', 0, 23)
+        flight.rig = None
+        flight.run(2.0)
+        flight.start(former if known else None)
+        came = flight.time
+        flight.run(10.0, **TURN)
+        assert flight.model.nav_state == RETURN and not steered(flight, came)
+        assert select(flight, POSITION)
+        flight.run(3.0, **TURN)
+        assert select(flight, flight.rig.mode.registration.mode_id), flight.said.message
+        flight.run(2.5, **TURN)
+        assert flight.model.yaw_rate == RATE
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    @pytest.mark.parametrize('stall', [0.2, 0.6, 0.9, 1.5, 3.0])
+    @pytest.mark.parametrize('what', ['agent', 'process'])
+    def test_after_a_stall_it_goes_on_or_waits_for_the_pilot(self, begin, stall, what):
+        """Of the agent or of the process: PX4 is never in a mode that it left by itself."""
+        flight = begin()
+        rig = flight.rig
+        if what == 'agent':
+            flight.linked = False
+        else:
+            flight.rig = None
+        events = len(flight.model.events)
+        flight.run(stall, **TURN)
+        flight.linked, flight.rig = True, rig
+        flight.run(6.0, **TURN)
+        assert not [event for event in flight.model.events[events:] if 'the failsafe is over' in event]
+        left = flight.model.nav_state == RETURN
+        assert left or flight.model.yaw_rate == RATE
+        assert stall == 0.9 or left == (stall > 1.0)    # PX4 waits 1 s and 1.2 s, the rig 0.1 s and more
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_any_failsafe_ends_what_the_pilot_had_handed_over(self, begin):
+        """Such as that of a battery: it is over, and the vehicle is back in the mode, but the rig is not."""
+        flight = begin()
+        model, mode = flight.model, flight.model.nav_state
+        model.failsafe, model._check_failsafe = True, lambda: None
+        model._enter(RETURN, 'battery')
+        flight.run(2.0, **TURN)
+        model.failsafe = False
+        model._enter(mode, 'the battery was wrong')
+        back = flight.time + 0.02
+        flight.run(2.0, **TURN)
+        assert not steered(flight, back) and model.yaw_rate == 0.0
+
+    def test_offboard_that_was_selected_for_somebody_else_is_not_taken(self):
+        """A program outside ROS, over MAVLink, say: the graph does not show it, and the rig was not enabled."""
+        flight = Flight(offboard=True)
+        flight.enabled = False
+        program = Program()
+        for _ in range(200):
+            program.tick(flight.model)
+            flight.run(0.01)
+        assert flight.model.select_mode(OFFBOARD)
+        flight.enabled = True
+        for _ in range(300):
+            program.tick(flight.model)
+            flight.run(0.01, **TURN)
+        assert not steered(flight)
+        assert flight.value('offboard withheld').startswith('selected without this rig')
+
+
+class TestPilot:
+    """He is obeyed at once, and what he has is what he selected."""
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    @pytest.mark.parametrize('firmware', OWN)
+    def test_when_he_selects_another_mode_nothing_is_sent_any_more(self, begin, firmware):
+        flight = begin(firmware)
+        flight.model.change_mode(POSITION, 'the pilot')
+        left = flight.time + 0.1
+        flight.run(3.0, **TURN)
+        assert not flight.of('trajectory_setpoint', left) and flight.model.setpoints_in_foreign_modes == 0
+
+    @pytest.mark.parametrize('begin', [in_own_mode, in_offboard])
+    def test_pointing_that_is_disabled_in_flight_holds_the_vehicle(self, begin):
+        """To let it go would be a fault for PX4, which would return; the body stands within 0.1 s of commands."""
+        flight = begin()
+        flight.enabled = False
+        flight.run(0.1)
+        assert math.isnan(flight.of('trajectory_setpoint')[-1].yawspeed)
+        flight.run(5.0)
+        assert flight.model.nav_state not in (RETURN, HOLD) and flight.model.yaw_rate == 0.0
+        assert math.dist(flight.model.position, (0.0, 0.0, -2.0)) < 0.01
+
+    @pytest.mark.parametrize('firmware', FIRMWARES)
+    def test_no_history_arms_or_changes_the_mode(self, firmware):
+        flight = Flight(firmware, offboard=True)
+        flight.run(3.0, pan=0.3, **TURN)
+        assert {message.command for message in flight.of('vehicle_command')} == {1000, 1001}
