@@ -5,13 +5,14 @@
 #   make test       all tests; TESTS="src/av_audio/test -k delay" for some
 #   make report     all figures and tables of the paper, with our results (QUICK=1: one run of each; SEEDS=n, DATA=folder)
 #   make detector   every figure of a detector's model card, COCO's beside it (QUICK=1: a fifth; MODEL=file, CACHE=folder for 9 GB, DATA=folder)
-#   make lint       style, types, layers of packages, package.xml files, links of documents, shell scripts
+#   make docs       the documents as a site, build/docs/html/index.html
+#   make lint       style, types, layers of packages, package.xml files, links, sentences and commands of documents, shell scripts
 #   make distributions   imports all packages with the Python and the libraries of each supported distribution
 #   make clean      remove the output of build and tests; make distclean: also the assembled ROS 2 environment
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
-.PHONY: build demo test report detector distributions lint layers packages links clean distclean
+.PHONY: build demo test report detector distributions docs lint layers packages documents clean distclean
 .DEFAULT_GOAL := build
 
 ENV := . tools/ros_env.sh
@@ -47,8 +48,12 @@ detector: build
 distributions:
 	python3 tools/distributions/check.py
 
+# With the names, parameters and messages of all packages; the first time it installs Sphinx there.
+docs: build
+	$(ENV) && python3 tools/docs/make_site.py
+
 # Needs no build. Rules and exceptions are in pyproject.toml. Workflows are checked if actionlint is installed.
-lint: layers packages links
+lint: layers packages documents
 	$(ENV) && ruff check .
 	$(ENV) && mypy
 	for script in tools/*.sh .ci/run; do bash -n "$$script"; done
@@ -64,9 +69,11 @@ packages:
 	$(ENV) && python3 tools/lint/package_dependencies.py src/*
 	$(ENV) && python3 tools/lint/metadata.py src/*
 
-# Links in documents lead to files and headings that exist.
-links:
+# Links lead to files and headings that exist, sentences are short, and commands can be typed.
+documents:
 	$(ENV) && python3 tools/lint/links.py
+	$(ENV) && python3 tools/lint/sentences.py
+	$(ENV) && python3 tools/lint/commands.py
 
 clean:
 	rm -rf build install log .pytest_cache .mypy_cache .ruff_cache .hypothesis src/*/*.egg-info src/*/*/nodes/*_parameters.py
