@@ -13,7 +13,7 @@ from gimbal_bench import Bench
 from av_common.rig import load_rig
 from av_common.track import State, Track
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import Ages, Mode, PointingController
 from av_px4.frames import gimbal_degrees, pose_from_px4, yawspeed_ned
 from av_px4.gimbal import Gimbal, GimbalInputs

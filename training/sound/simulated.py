@@ -21,7 +21,7 @@ from av_audio.localizer import LocalizerSettings
 from av_common.microphone_array import MicrophoneArray
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import Bystander, Scenario, Target, load_scenario

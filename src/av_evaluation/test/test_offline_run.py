@@ -13,8 +13,8 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.methods import bearings
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.metrics import figures_of, summarise
-from av_fusion.baseline.gated_tracker import GatedTracker
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.gated.tracker import GatedTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_pointing.controller import PointingController, PointingSettings
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario

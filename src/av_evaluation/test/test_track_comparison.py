@@ -11,7 +11,7 @@ from av_common.angles import angles_to_direction
 from av_common.rig import load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.tracks import CUTOFF_DEG, TrackComparison
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 from av_common.rig import GimbalMount
-from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.calibration.array_calibration import SelfCalibrationSettings
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.state_machine import MachineSettings
+from av_fusion.gated.tracker import GatedSettings, GatedTracker
 from av_fusion.gimbal_stage import JointNames
+from av_fusion.identity.blade_pass import HIGHEST_HZ, LOWEST_HZ
 from av_fusion.methods import TRACKERS
-from av_fusion.multi_target.blade_pass import HIGHEST_HZ, LOWEST_HZ
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.state_machine import MachineSettings
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_fusion.tracker_protocol import Tracker
+from av_fusion.tracks.settings import FilterSettings
 
 
 def make_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
@@ -38,24 +37,15 @@ def own_tracker(parameters: Any, gimbal: GimbalMount | None = None) -> Tracker:
         parameters, gimbal: as for `make_tracker`.
     """
     p = parameters
-    machine = MachineSettings(p.tau, p.hysteresis, p.dwell, p.sight_timeout, p.sound_timeout)
-    fixed = math.radians(p.rotation.fixed_deg)
+    machine = MachineSettings(p.tau, p.hysteresis, p.dwell)
+    delays = {'sound_delay': p.sound_delay, 'sight_delay': p.sight_delay}
     if p.method == 'gated':
-        fixed = fixed or GatedSettings().rotation.fixed
-    rotation = RotationSettings(enabled=p.rotation.enabled, patience=p.rotation.patience,
-                                sector=math.radians(p.rotation.sector_deg), fixed=fixed)
-    if p.method == 'gated':
-        return GatedTracker(GatedSettings(machine=machine, rotation=rotation, sound_delay=p.sound_delay,
-                                          sight_delay=p.sight_delay))
-    target = BayesSettings(
-        machine=machine, rotation=rotation, acceleration_density=p.acceleration_density,
-        rate_sigma=math.radians(p.rate_sigma_deg), coast=p.coast, confirm_threshold=p.confirm_threshold,
-        detection_probability=p.detection_probability, assumed_visibility=p.assumed_visibility,
-        self_calibration=SelfCalibrationSettings(p.self_calibration.enabled, p.self_calibration.memory),
-        gimbal=gimbal if p.look.enabled else None, sound_delay=p.sound_delay, sight_delay=p.sight_delay)
-    return MultiTargetTracker(MultiTargetSettings(
-        target, acceleration_density=p.targets.acceleration_density, policy=p.targets.policy,
-        visits=p.look.visits, dwell=p.look.dwell, types=types_of(p.targets.types)))
+        return GatedTracker(GatedSettings(machine=machine, **delays))
+    return MultiTargetTracker(TrackerSettings(
+        FilterSettings(confirm_threshold=p.confirm_threshold, detection_probability=p.detection_probability,
+                       assumed_visibility=p.assumed_visibility),
+        machine, RotationSettings(enabled=p.rotation), SelfCalibrationSettings(p.self_calibration), p.follow_threshold,
+        p.policy, gimbal=gimbal, visits=p.visits, types=types_of(p.types), **delays))
 
 
 def types_of(entries: Sequence[str]) -> dict[str, float]:
@@ -72,7 +62,7 @@ def types_of(entries: Sequence[str]) -> dict[str, float]:
         except ValueError:
             types[name.strip()] = math.nan
         if not (name.strip() and LOWEST_HZ <= types[name.strip()] <= HIGHEST_HZ):
-            raise ValueError(f"targets.types: {entry!r}, expected a name and {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, "
+            raise ValueError(f"types: {entry!r}, expected a name and {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, "
                              "such as 'hexarotor: 133'")
     return types
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PointStamped
@@ -18,26 +19,46 @@ from av_common.cue import cue_direction
 from av_common.freshness import FUTURE_S
 from av_common.gimbal_history import GimbalHistory, NotYetKnownError, sample_of
 from av_common.stamps import to_seconds, to_stamp
+from av_common.track import Source, State, Targets, Track
 from av_common.track_messages import bearing_message, state_message, targets_message
-from av_fusion.checkpoints import Checkpoints
-from av_fusion.contested_inputs import DETECTIONS, DOA, ODOMETRY, ContestedInputs
-from av_fusion.filter.azimuth_posterior import azimuth_posterior
-from av_fusion.filter.fixed_emitters import FixedEmitters, FixedEmitterSettings
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf
 from av_fusion.measurement.gimbal import blurred
 from av_fusion.measurement.input_gate import InputGate
 from av_fusion.measurement.odometry import pose_of
 from av_fusion.observer import FusionObserver
+from av_fusion.posterior import azimuth_posterior
 from av_fusion.settings import make_tracker
-from av_fusion.stage_settings import FusionStageSettings
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
+DOA, DETECTIONS, ODOMETRY = 'doa', 'detections', 'odometry'
 MOST_WAITING = 20  # measurements of each input that wait for a transform
 CUE_PERIOD_S = 1.0  # cues repeat what is known: one of this time is used
 CUE_SIGMA = math.radians(10.0)  # of a cue's direction: headings, positions, and motion since its time
 CUE_WRONG = 0.2  # probability that a cue concerns another target
 LONGEST_SILENCE_S = 60.0  # longer pauses between inputs are not filled by `outputs_until`
+
+
+@dataclass(frozen=True)
+class FusionStageSettings:
+    """Settings of a `FusionStage`.
+
+    Parameters:
+        base_frame: frame of the rig's body, in which bearings are given.
+        rate (Hz): rate of outputs while no measurement arrives.
+        clock_tolerance (s): a stamp this long before the time of arrival, or FUTURE_S later, belongs to another clock and is
+            not used.
+        missing_after (s): an input without messages for this long is reported as missing.
+        visibility_age (s): largest difference between the stamps of a visibility and of an image to which it applies.
+        transform_wait (s): how long a measurement waits for the orientation of its sensor at its capture time.
+    """
+
+    base_frame: str = 'base_link'
+    rate: float = 20.0
+    clock_tolerance: float = 2.0
+    missing_after: float = 1.0
+    visibility_age: float = 1.0
+    transform_wait: float = 0.15
 
 
 class FusionOutput(NamedTuple):
@@ -55,7 +76,6 @@ class FusionStage:
     Times are in s of one clock. Arrivals must not decrease, except for a restart of the clock.
 
     Attributes:
-        emitters: sources at fixed places that are no targets.
         gate: decides which messages are used, and counts the others.
         untransformed: number of measurements that were not used because their sensor's orientation came too late.
 
@@ -65,23 +85,18 @@ class FusionStage:
         settings: see `FusionStageSettings`.
         observer: is called with measurements and tracks, or None.
         gimbal: orientations of the gimbal that carries the camera, added to by `on_gimbal`; None without one.
-        checkpoints: keeps states of the tracker, to return to where an input has a second source; None to keep none.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
-                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None,
-                 checkpoints: Checkpoints | None = None) -> None:
+                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None) -> None:
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
-        self.emitters = FixedEmitters(self.settings.fixed_emitters, tracker.motion)
         self.gate = InputGate((DOA, DETECTIONS, ODOMETRY), self.settings.clock_tolerance)
-        self._checkpoints = checkpoints
         self._observer = observer
         self._period = 1.0 / self.settings.rate
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = self._cued = -math.inf
         self._gimbal = gimbal
-        self._contested = ContestedInputs(self.gate)
         self.untransformed = 0
         self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
 
@@ -134,12 +149,11 @@ class FusionStage:
             message: attitude and yaw rate of the rig in ENU.
             arrival (s): time of its arrival.
         """
-        pose = pose_of(message) if self._accept(ODOMETRY, message, arrival) else None
-        if pose is None or not self._contested.use_pose(self.tracker, pose, arrival):
+        if not self.gate.accept(ODOMETRY, to_seconds(message.header.stamp), arrival):
             return
-        jump = self.tracker.add_pose(pose)
-        if jump is not None:
-            self.emitters.turn_world(jump)
+        pose = pose_of(message)
+        if pose is not None:
+            self.tracker.add_pose(pose)
 
     def on_cue(self, message: PointStamped, arrival: float) -> None:
         """Decide between mirror images by a place where other rigs have a target; bearings become no more precise by it.
@@ -158,8 +172,7 @@ class FusionStage:
         if message.header.frame_id == self.settings.base_frame or 0.0 <= arrival - self._cued < CUE_PERIOD_S:
             return
         self._cued = arrival
-        for density in self.tracker.densities():
-            density.mixture.weigh_by_cue(direction, CUE_SIGMA**2, CUE_WRONG)
+        self.tracker.use_cue(direction, CUE_SIGMA**2, CUE_WRONG)
 
     @property
     def due(self) -> float:
@@ -190,22 +203,18 @@ class FusionStage:
         silent = self.gate.silent(now, self.settings.missing_after)
         return silent if ODOMETRY in silent or self.tracker.motion.is_known(now) else [*silent, ODOMETRY]
 
-    def _accept(self, name: str, message: Any, arrival: float) -> bool:
-        contested_before, stamp = self.gate.sources.is_contested(name, arrival), to_seconds(message.header.stamp)
-        accepted = self.gate.accept(name, stamp, arrival)
-        if self.gate.sources.is_contested(name, arrival) and not contested_before:
-            self._undo(name, arrival)
-        return accepted or self.gate.continues(name, stamp, arrival)
+    def refuse_contested(self, publishers: Mapping[str, list[str]]) -> None:
+        """State which inputs have more than one publisher: none of their messages is used, and every bearing is a prediction.
 
-    def _undo(self, name: str, now: float) -> None:
-        """Return to the state from before an input had two sources: first messages of the second one were used."""
-        self._waiting.get(name, deque()).clear()
-        if self._checkpoints is not None:
-            self.tracker, self.emitters = self._checkpoints.before(now) or (self.tracker, self.emitters)
-            self._contested.resume(self.tracker)
+        Parameters:
+            publishers: names of the publishers of `doa`, `detections` or `odometry` where there are several.
+        """
+        for name in publishers:
+            self._waiting.get(name, deque()).clear()
+        self.gate.contested = dict(publishers)
 
     def _queue(self, name: str, message: Any, arrival: float) -> FusionOutput | None:
-        if not self._accept(name, message, arrival):
+        if not self.gate.accept(name, to_seconds(message.header.stamp), arrival):
             return None
         self._waiting[name].append((message, arrival))
         return self._use_waiting(arrival)
@@ -230,15 +239,10 @@ class FusionStage:
         return self._output(now) if used else None
 
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
-        measurements = self._contested.use_doas(self.tracker, self.converter.doa(message), to_seconds(message.header.stamp),
-                                                arrival)
-        if measurements is None:
-            return False
-        measurements = self.emitters.judge(measurements)
+        measurements = self.converter.doa(message)
         if self._observer is not None:
             self._observer.on_doa(measurements, arrival)
-        self.tracker.add_doas([measurement for measurement in measurements
-                               if measurement.confidence >= self.settings.min_doa_confidence])
+        self.tracker.add_doas(measurements)
         return True
 
     def _use_detections(self, message: Detection2DArray, arrival: float) -> bool:
@@ -246,24 +250,21 @@ class FusionStage:
         time = to_seconds(message.header.stamp)
         measurement = self.converter.detections(
             message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
-        if measurement is not None:
-            measurement = self._contested.use_image(self.tracker, measurement, arrival)
         if measurement is None:
             return False
         if self._gimbal is not None:
             measurement = blurred(measurement, self._gimbal.variance(time))
         if self._observer is not None:
             self._observer.on_camera(measurement, message, arrival)
-        self.emitters.see(measurement)
         self.tracker.add_camera(measurement)
         return True
 
     def _output(self, now: float) -> FusionOutput:
         self._last_output = now
         track = self.tracker.estimate(now)
-        track, targets = self._contested.supported(track, self.tracker.targets(track), now)
-        if self._checkpoints is not None:
-            self._checkpoints.keep((self.tracker, self.emitters), now)
+        targets = self.tracker.targets(track)
+        if self.gate.contested:
+            track, targets = _as_predictions(track, targets, self.gate.contested)
         if self._observer is not None:
             self._observer.on_track(track, now)
         frame = self.settings.base_frame
@@ -271,10 +272,18 @@ class FusionStage:
                             targets_message(targets, frame))
 
 
+def _as_predictions(track: Track, targets: Targets, contested: Mapping[str, list[str]]) -> tuple[Track, Targets]:
+    """The estimates as predictions, on which nothing moves: an input has several publishers, any of which may be a forger."""
+    reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})' for name, nodes in contested.items())
+    state = State.NONE if track.state == State.NONE else State.COASTING
+    predicted = track._replace(state=state, source=Source.NOTHING, reason=reason, requested_rotation=0.0, look=None)
+    return predicted, targets._replace(targets=tuple(
+        [target._replace(track=target.track._replace(source=Source.NOTHING)) for target in targets.targets]))
+
+
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
-                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
-                      checkpoints: Checkpoints | None = None) -> FusionStage:
+                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
@@ -283,11 +292,8 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
-        gimbal, checkpoints: see `FusionStage`.
+        gimbal: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
-    emitters = FixedEmitterSettings(parameters.fixed_emitters.enabled, parameters.fixed_emitters.learn_after,
-                                    parameters.sound_delay, parameters.sight_delay)
-    settings = FusionStageSettings(parameters.base_frame, parameters.rate, parameters.min_sound_confidence,
-                                   fixed_emitters=emitters)
-    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal, checkpoints)
+    settings = FusionStageSettings(parameters.base_frame, parameters.rate)
+    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal)

@@ -7,10 +7,10 @@ from typing import Protocol
 
 from av_common.track import Targets, Track
 from av_fusion.disambiguation.rotation import RotationPlanner
-from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Rows
+from av_fusion.measurement.vectors import Vector
+from av_fusion.tracks.track import Track as FilterTrack
 
 
 class Tracker(Protocol):
@@ -30,8 +30,8 @@ class Tracker(Protocol):
     def reset(self) -> None:
         """Discard the track, but keep the rig's motion and the result of calibration."""
 
-    def add_pose(self, pose: Pose) -> Rows | None:
-        """Use attitude and motion of the rig; returns the rotation of the world where the attitude jumped, else None."""
+    def add_pose(self, pose: Pose) -> None:
+        """Use attitude and motion of the rig."""
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """Use the directions of arrival of one window, of different sources; those that are not plausible are ignored."""
@@ -39,11 +39,14 @@ class Tracker(Protocol):
     def add_camera(self, measurement: CameraMeasurement) -> None:
         """Use the detections of an image, or their absence."""
 
-    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
-        """Those of the directions of arrival of one window that lie in the gate of a track."""
+    def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
+        """Decide between mirror images by where others say that a target is.
 
-    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
-        """The image with those of its detections that lie in the gate of a track; None without any."""
+        Parameters:
+            cue: unit vector in the world.
+            variance (rad^2): of its direction along each axis.
+            wrong: probability that it concerns another target.
+        """
 
     def estimate(self, time: float) -> Track:
         """The track at `time`, which may be later than the newest measurement."""
@@ -51,14 +54,17 @@ class Tracker(Protocol):
     def targets(self, track: Track) -> Targets:
         """All targets at the time of the newest estimate, `track`."""
 
-    def densities(self) -> Sequence[TargetDensity]:
-        """The posterior of each target that may exist; empty for a tracker without one."""
+    def densities(self) -> Sequence[FilterTrack]:
+        """The density of each target that may exist; empty for a tracker without one."""
 
     def select(self, identifier: int) -> None:
         """Follow the target with this id as long as it is tracked; 0: follow the one of the policy.
 
         Raises ValueError where no such target is tracked.
         """
+
+    def forget_emitters(self) -> int:
+        """Forget which targets are fixed emitters; returns how many were."""
 
     def diagnostics(self) -> dict[str, str]:
         """Names and values of internal state for diagnostics, such as the result of self-calibration."""

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from av_fusion.multi_target.association import free_factors, unclaimed
+from av_fusion.tracks.association import free_factors, unclaimed
 
 
 def exact(ratios, others):

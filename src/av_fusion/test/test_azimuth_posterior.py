@@ -9,9 +9,9 @@ import pytest
 from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
-from av_fusion.filter.azimuth_posterior import EDGES, SECTORS, _wrapped_normal, azimuth_posterior
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.posterior import EDGES, SECTORS, _wrapped_normal, azimuth_posterior
+from av_fusion.tracker import MultiTargetTracker
 
 CENTRES = 0.5 * (EDGES[1:] + EDGES[:-1])
 

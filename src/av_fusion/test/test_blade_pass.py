@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from av_fusion.identity.blade_pass import BladePassFrequency, fundamental_likelihoods, smoothed
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.multi_target.blade_pass import BladePassFrequency, fundamental_likelihoods, smoothed
-from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
-from av_fusion.multi_target.settings import MultiTargetSettings
 from av_fusion.settings import types_of
+from av_fusion.tracks.filter import MultiBernoulliFilter
+from av_fusion.tracks.settings import FilterSettings
 
 SIGMA = math.radians(2.0)
 
@@ -50,7 +50,7 @@ def test_sound_keeps_names_where_motion_cannot(frequencies, sure):
     said to be uncertain.
     """
     random, motion = np.random.default_rng(2), RigMotion()
-    targets, names = MultiTargetFilter(MultiTargetSettings(), motion), []
+    targets, names = MultiBernoulliFilter(FilterSettings(), motion), []
     for step in range(200):
         time = 0.1 * step
         motion.add(Pose.level(time, 0.0))
@@ -72,7 +72,7 @@ def test_sound_keeps_names_where_motion_cannot(frequencies, sure):
 @pytest.mark.parametrize('entry', ['hexarotor', 'hexarotor: fast', ': 133', 'hexarotor: 5', 'hexarotor: nan'])
 def test_entries_that_are_no_types_are_refused(entry):
     """The error names the parameter and the entry."""
-    with pytest.raises(ValueError, match=r'targets\.types.*expected a name'):
+    with pytest.raises(ValueError, match=r'types: .*expected a name'):
         types_of([entry])
     assert types_of(['hexarotor: 133', '']) == {'hexarotor': 133.0}
 

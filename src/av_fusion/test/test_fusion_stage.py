@@ -14,7 +14,6 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 from av_common.frames import FLU_TO_OPTICAL
 from av_common.parameters import node_parameters
 from av_common.stamps import to_seconds, to_stamp
-from av_fusion.checkpoints import Checkpoints
 from av_fusion.measurement.converter import fixed_rotations
 from av_fusion.stage import make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, Visibility
@@ -41,7 +40,7 @@ class Recorder:
 
 def make_stage(observer=None, **values):
     return make_fusion_stage(node_parameters('av_fusion', 'fusion_node', overrides=values), fixed_rotations(ROTATIONS),
-                             observer=observer, checkpoints=Checkpoints())
+                             observer=observer)
 
 
 def doa(stamp, azimuth, frame='microphones', confidence=0.9):
@@ -155,15 +154,6 @@ def test_visibility_belongs_to_images_of_its_time():
     assert recorder.camera[0].visibility == 0.75 and math.isnan(recorder.camera[1].visibility)
 
 
-def test_weak_directions_are_observed_but_not_used():
-    recorder = Recorder()
-    stage = make_stage(recorder, min_sound_confidence=0.5)
-    for k in range(10):
-        stage.on_doa(doa(START + 0.1 * k, 0.2, confidence=0.4), START + 0.1 * k)
-    assert len(recorder.doa) == 10 and len(recorder.tracks) == 10
-    assert all(track.state == Bearing.STATE_NONE for track in recorder.tracks)
-
-
 def test_only_detections_of_target_classes_count():
     recorder = Recorder()
     stage = make_stage(recorder, target_classes=['drone', 'bird'])
@@ -205,24 +195,36 @@ def hum(stamp, drone_probability, azimuth=0.7):
     return message
 
 
-def test_a_learnt_emitter_is_not_followed_and_forgotten_by_request():
-    """What is forgotten is judged anew, by the mean of the last 20 windows at its place."""
-    stage = make_stage(**{'fixed_emitters.learn_after': 10.0})
-    for step in range(100):
-        stage.on_doa(hum(START + 0.2 * step, 0.1), START + 0.2 * step)
-    later = START + 20.0
-    assert '2; ' in stage.emitters.diagnostics()['fixed emitters']
-    assert stage.on_doa(hum(later, 0.6), later).bearing.state == Bearing.STATE_NONE
-    assert stage.emitters.forget() == 2
-    times = [later + 0.2 * step for step in range(1, 31)]
-    assert [stage.on_doa(hum(time, 0.6), time).bearing.state for time in times][-1] != Bearing.STATE_NONE
+def test_what_stays_and_is_no_drone_is_a_fixed_emitter_until_it_is_forgotten():
+    """A hum that is heard from one place for minutes: then its sound must be clearly a drone's to be followed."""
+    stage = make_stage()
+    for step in range(900):
+        state = stage.on_doa(hum(START + 0.2 * step, 0.45), START + 0.2 * step).state
+    assert state.state == Bearing.STATE_NONE and 'judged not a drone' in state.reason
+    assert any(name.startswith('fixed emitter') for name in stage.tracker.diagnostics())
+    assert stage.tracker.forget_emitters() >= 1
+    assert not any(name.startswith('fixed emitter') for name in stage.tracker.diagnostics())
 
 
-def test_a_jump_of_the_heading_turns_learnt_emitters():
-    stage = make_stage(**{'fixed_emitters.learn_after': 10.0})
-    for step in range(100):
-        time = START + 0.2 * step
-        stage.on_odometry(odometry(time, 0.0), time)
-        stage.on_doa(hum(time, 0.1), time)
-    stage.on_odometry(odometry(time + 0.1, 1.0), time + 0.1)
-    assert [azimuth for azimuth, _ in stage.emitters.known] == pytest.approx([1.7, math.pi - 0.7 + 1.0 - math.tau], abs=0.05)
+@pytest.mark.parametrize('contested', ['doa', 'detections', 'odometry'])
+def test_while_an_input_has_two_publishers_every_bearing_is_a_prediction(contested):
+    """None of its messages is used, whatever else arrives; afterwards all is as before."""
+    stage = make_stage()
+    stage.on_camera_info(camera_info())
+
+    def step(now):
+        stage.on_odometry(odometry(now, 0.0), now)
+        stage.on_doa(doa(now, 0.2), now)
+        return stage.on_detections(detections(now, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), now) or stage.on_time(now)
+
+    for k in range(10):
+        before = step(START + 0.1 * k)
+    assert before.bearing.source and before.bearing.state == Bearing.STATE_VISUAL_ACTIVE
+    stage.refuse_contested({contested: ['/doa_node', '/forger']})
+    for k in range(10, 20):
+        during = step(START + 0.1 * k)
+        if during is not None:
+            assert during.bearing.source == 0 and during.bearing.state == Bearing.STATE_COASTING
+            assert '/forger' in during.state.reason
+    stage.refuse_contested({})
+    assert step(START + 2.0).bearing.source != 0

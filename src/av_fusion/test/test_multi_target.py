@@ -11,8 +11,8 @@ from simulated_sensors import SimulatedSensors
 from av_common.angles import wrap
 from av_fusion.measurement.measurements import CameraMeasurement, Detection, DoaMeasurement, Hypothesis
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
-from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.tracks.filter import MultiBernoulliFilter
+from av_fusion.tracks.settings import FilterSettings
 
 SOUND_SIGMA, SIGHT_SIGMA = math.radians(2.0), math.radians(0.3)
 WINDOW = 0.1  # s, as long as the time between two: errors are independent
@@ -21,7 +21,7 @@ WINDOW = 0.1  # s, as long as the time between two: errors are independent
 def make_filter():
     """A filter of a rig that stands at the origin, facing east."""
     motion = RigMotion()
-    return MultiTargetFilter(MultiTargetSettings(), motion), motion
+    return MultiBernoulliFilter(FilterSettings(), motion), motion
 
 
 def heard(random, time, azimuths, confidence=0.9):
@@ -54,7 +54,7 @@ def check(targets):
     for track in targets.tracks:
         weights = [component.weight for component in track.mixture.components]
         assert 0.0 <= track.existence <= 1.0 and min(weights, default=0.0) >= 0.0
-        assert sum(weights) + track.mixture.background == pytest.approx(1.0, abs=1e-6)
+        assert sum(weights) + track.mixture.absent == pytest.approx(1.0, abs=1e-6)
         for component in track.mixture.components:
             assert np.isfinite(component.covariance).all() and math.isfinite(component.azimuth)
 
@@ -127,7 +127,7 @@ def test_fog_does_not_speak_against_a_drone_that_is_heard(visibility, is_drone):
         targets.update_sound(time, heard(random, time, [0.2, 1.5]))
         if step > 20:
             targets.update_image(time, seen(random, time, [0.2], 0.2)._replace(visibility=visibility))
-    drones = {track.id for track in targets.tracks if track.is_drone}
+    drones = {track.id for track in targets.tracks if not track.kind.drone < 0.5}
     assert [identifier in drones for identifier in followed(targets, [0.2, 1.5])] == [is_drone, True]
 
 

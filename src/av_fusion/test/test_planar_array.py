@@ -9,7 +9,7 @@ import pytest
 
 from av_common.angles import wrap
 from av_fusion.measurement.measurements import DoaMeasurement, Hypothesis
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 
 SIGMA = math.radians(2.0)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
-from av_fusion.filter.settings import BayesSettings
 from av_fusion.measurement.measurements import CameraMeasurement, Cone, Detection, DoaMeasurement
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_fusion.tracks.settings import FilterSettings
 
 
 def biased_measurement(time, azimuth, offset, scale, random, sigma=0.01):
@@ -28,7 +26,7 @@ def error_after_sight(enabled, offset_deg=5.0, scale=0.05, wrong_share=0.0, seed
     random = np.random.default_rng(seed)
     sensors = SimulatedSensors(seed)
     calibration = SelfCalibrationSettings(enabled=enabled)
-    tracker = MultiTargetTracker(MultiTargetSettings(replace(BayesSettings(usual_elevation=0.0), self_calibration=calibration)))
+    tracker = MultiTargetTracker(TrackerSettings(FilterSettings(usual_elevation=0.0), self_calibration=calibration))
     errors = []
     for step in range(20 * 32):
         t = 100.0 + step / 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from av_common.track import State
-from av_fusion.filter.state_machine import MachineSettings, StateMachine
+from av_fusion.state_machine import MachineSettings, StateMachine
 
 
 def test_switches_at_tau_as_published():

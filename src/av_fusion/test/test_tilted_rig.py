@@ -39,7 +39,7 @@ def error(attitude, elevation_deg, sensors, reported=None):
     """RMSE (deg) across the line of sight in the body, with the images that the swaying rig gets."""
     target, errors = passing(elevation_deg), []
     seen = in_picture(swaying(), target)
-    for seed in (1, 2):
+    for seed in (1, 2, 3, 4):
         rig = TiltedRig(attitude, target, reported=reported, seed=seed, sound=lambda t: sensors != 'sight',
                         sight=seen if sensors != 'sound' else lambda t: t < 2.0 and seen(t))    # the side is known by then
         rig.run(SECONDS)
@@ -51,11 +51,11 @@ def error(attitude, elevation_deg, sensors, reported=None):
 @pytest.mark.parametrize('elevation_deg', [5.0, 20.0])
 @pytest.mark.parametrize(('sensors', 'most'), [('both', 1.2), ('sight', 1.2), ('sound', 1.3)])
 def test_tilting_costs_little_and_knowing_the_yaw_alone_much(elevation_deg, sensors, most):
-    """With the same images; by the yaw alone, as before, several times the error. 16 s a figure: the ratio varies by 0.1."""
+    """With the same images; by the yaw alone, as before, several times the error. 32 s a figure."""
     flat, tilted = (error(attitude, elevation_deg, sensors) for attitude in (level(), swaying()))
     before = error(swaying(), elevation_deg, sensors, heading_only(swaying()))
     print(f'{sensors}, {elevation_deg:.0f} deg up: level {flat:.2f}, tilting {tilted:.2f}, by yaw alone {before:.1f} deg')
-    assert tilted < most * flat and before > 4.0 * tilted
+    assert tilted < most * flat and not before < 4.0 * tilted    # NaN where nothing is followed
 
 
 def test_tilting_tells_front_from_back_without_turning():

@@ -10,19 +10,17 @@ from simulated_sensors import SimulatedSensors
 
 from av_common.angles import wrap
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter import consistency, process_noise
-from av_fusion.filter.gaussian_component import PASSING_S
-from av_fusion.filter.settings import BayesSettings
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.multi_target import bernoulli_track
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
+from av_fusion.tracks import motion
+from av_fusion.tracks.component import PASSING_S
+from av_fusion.tracks.settings import FilterSettings
 
 AZIMUTHS = np.radians(np.arange(-180.0, 180.0, 0.5))
 RATES = np.radians(np.arange(-80.0, 81.0, 2.0))
 DT, SUBSTEPS = 0.5, 10  # windows that follow one another without overlap: every sound is new evidence
-SETTINGS = BayesSettings(usual_elevation=0.0, usual_elevation_sigma=math.radians(0.3), elevation_density=1e-8, loss_rate=0.0,
-                         sound_floor_sigma=0.0, rotation=RotationSettings(enabled=False))
+SETTINGS = FilterSettings(usual_elevation=0.0, usual_elevation_sigma=math.radians(0.3), elevation_density=1e-8, loss_rate=0.0,
+                          sound_floor_sigma=0.0, acceleration_density=0.02, unheard_rate=0.0, sound_detection_probability=0.99)
 
 
 class Histogram:
@@ -64,10 +62,9 @@ class Histogram:
 @pytest.mark.parametrize('start_deg', [20.0, 150.0, -130.0, -40.0])
 def test_mixture_is_the_posterior(start_deg, monkeypatch):
     """While the rig turns at 15 deg/s: front and back within 0.15, mean within 0.3 of sigma, sigma within a quarter."""
-    for module in (process_noise, bernoulli_track):  # the histogram knows one acceleration only
-        monkeypatch.setattr(module, 'ONLY', process_noise.ONLY._replace(largest=1.0))
-    monkeypatch.setattr(consistency, 'LEAST', 1.0)  # and expects the innovations that its models state
-    tracker = MultiTargetTracker(MultiTargetSettings(SETTINGS))
+    for bound in ('LEAST', 'LARGEST'):  # the histogram knows one acceleration only
+        monkeypatch.setattr(motion, bound, 1.0)
+    tracker = MultiTargetTracker(TrackerSettings(SETTINGS, rotation=RotationSettings(enabled=False)))
     histogram, sensors = Histogram(), SimulatedSensors(int(abs(start_deg)), math.radians(2.0))
     compared = 0
     for step in range(16):

@@ -12,7 +12,7 @@ from av_evaluation.experiments.offline_run import OfflineRun
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_fusion.calibration.latency import estimate_offset
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 

@@ -13,9 +13,8 @@ from av_common.rig import load_rig
 from av_evaluation.experiments.measurement_simulation import blade_pass_of
 from av_evaluation.experiments.offline_run import OfflineRun
 from av_fusion.measurement.measurements import DoaMeasurement
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
 from av_fusion.settings import types_of
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_simulator.config_files import find_config
 from av_simulator.profile import Profile
 from av_simulator.scenario import Scenario, Target, Weather
@@ -64,7 +63,7 @@ def fly(profile: str, seed: int, duration: float) -> Flight:
     scenario = Scenario(
         'drone_types', (Target(RandomFlight(centre, (3.0, 3.0, 1.0), 8.0, seed), profile, drone=profile),), duration, seed,
         weather=Weather(fog=Profile(values=(FOG,))), noise=Noise(snr=Snr(float(random.uniform(*SNR_DB)))))
-    tracker = MultiTargetTracker(MultiTargetSettings(types=types_of(
+    tracker = MultiTargetTracker(TrackerSettings(types=types_of(
         node_parameters('av_fusion', 'fusion_node').targets.types)))
     run = OfflineRun(scenario, load_rig(find_config('rig')), tracker)
     run.run()

@@ -19,11 +19,9 @@ import numpy as np
 from av_common.angles import wrap
 from av_common.rig import GimbalMount, load_rig
 from av_evaluation.experiments.offline_run import OfflineRun
-from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
 from av_fusion.disambiguation.rotation import RotationSettings
-from av_fusion.filter.settings import BayesSettings
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.gated.tracker import GatedSettings, GatedTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
@@ -108,7 +106,7 @@ def tracker_of(method: str, gimbal: GimbalMount | None = None) -> MultiTargetTra
     if method == 'published':
         return GatedTracker(GatedSettings())
     rotation = replace(RotationSettings(), fixed=FIXED) if method == 'fixed' else RotationSettings()
-    return MultiTargetTracker(MultiTargetSettings(BayesSettings(rotation=rotation, gimbal=gimbal)))
+    return MultiTargetTracker(TrackerSettings(rotation=rotation, gimbal=gimbal))
 
 
 def resolve(start: Start, method: str, seen: bool = False) -> Resolution:

@@ -11,11 +11,8 @@ from av_common.angles import angles_to_direction
 from av_common.gimbal_geometry import gimbal_to_body
 from av_common.rig import GimbalMount
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, Scan
-from av_fusion.filter.settings import BayesSettings
 from av_fusion.measurement.rig_motion import Pose
-from av_fusion.multi_target.drone_evidence import DRONE
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import Ages, PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
 
@@ -34,8 +31,7 @@ class GimbalRig:
 
     def __init__(self, simulation: MeasurementSimulation, visits: bool, gimbal: GimbalMount | None = None) -> None:
         self._simulation, self._gimbal, self._time = simulation, gimbal or GimbalMount(), 0.0
-        target = BayesSettings(gimbal=self._gimbal)
-        self.tracker = MultiTargetTracker(MultiTargetSettings(target, visits=visits))
+        self.tracker = MultiTargetTracker(TrackerSettings(gimbal=self._gimbal, visits=visits))
         self.controller = PointingController(with_gimbal(PointingSettings(move_body=False), self._gimbal))
 
     def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
@@ -53,7 +49,7 @@ class GimbalRig:
         if scan.time > 0.0:
             self._simulation.camera = gimbal_to_body(self._gimbal, command.pan, command.tilt)
         return {target.id: angles_to_direction(target.track.azimuth, target.track.elevation)
-                for target in tracker.targets(track).targets if not target.drone_probability < DRONE}
+                for target in tracker.targets(track).targets if not target.drone_probability < 0.5}
 
     def identity(self) -> float:
         """See `Peer`."""

@@ -15,9 +15,8 @@ from av_evaluation.experiments.measurement_simulation import MeasurementSimulati
 from av_evaluation.metrics.tracks import TrackComparison, TrackFigures
 from av_fusion.measurement.rig_motion import Pose, RigMotion
 from av_fusion.measurement.vectors import direction
-from av_fusion.multi_target.drone_evidence import DRONE
-from av_fusion.multi_target.multi_target_filter import MultiTargetFilter
-from av_fusion.multi_target.settings import MultiTargetSettings
+from av_fusion.tracks.filter import MultiBernoulliFilter
+from av_fusion.tracks.settings import FilterSettings
 from av_simulator.scenario import Scenario
 
 
@@ -38,13 +37,13 @@ class OwnFilter:
         filter: the filter.
 
     Parameters:
-        settings: see `MultiTargetSettings`.
+        settings: see `FilterSettings`.
     """
 
-    def __init__(self, settings: MultiTargetSettings | None = None) -> None:
-        self._settings = settings or MultiTargetSettings()
+    def __init__(self, settings: FilterSettings | None = None) -> None:
+        self._settings = settings or FilterSettings()
         self._motion = RigMotion()
-        self.filter = MultiTargetFilter(self._settings, self._motion)
+        self.filter = MultiBernoulliFilter(self._settings, self._motion)
 
     def use(self, scan: Scan) -> dict[int, NDArray[np.float64]]:
         """See `Peer`."""
@@ -56,7 +55,7 @@ class OwnFilter:
         found = {}
         for track in self.filter.tracks:
             primary = track.mixture.primary()
-            if track.existence >= self._settings.confirmed and primary is not None and not track.kind.probability < DRONE:
+            if track.existence >= self._settings.confirmed and primary is not None and not track.kind.drone < 0.5:
                 found[track.id] = np.array(direction(primary.azimuth, primary.elevation))
         return found
 

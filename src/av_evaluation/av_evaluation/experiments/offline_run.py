@@ -20,7 +20,6 @@ from av_evaluation.experiments.oracle import Oracle
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.metrics.tracks import TrackComparison
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.multi_target.drone_evidence import DRONE
 from av_fusion.tracker_protocol import Tracker
 from av_interfaces.msg import Bearing
 from av_pointing.controller import PointingController
@@ -85,8 +84,8 @@ class OfflineRun:
         """Run for `duration` (s), by default the scenario's; returns the log."""
         for _ in self.steps(duration):
             pass
-        if self.rig.emitters.known:
-            self.log.notes |= self.rig.emitters.diagnostics()
+        self.log.notes |= {name: text for name, text in self.rig.tracker.diagnostics().items()
+                           if name.startswith('fixed emitter')}
         if self._comparison is not None:
             self.log.tracks = self._comparison.figures()
         return self.log
@@ -126,7 +125,7 @@ class OfflineRun:
             places = np.array([target.trajectory(time)[0] for target in self.world.scenario.targets])
             away = places - np.array(self.world.rig_state(time).position)
             tracks = {track.id: angles_to_direction(track.azimuth_world, track.elevation_world)
-                      for track in self.rig.targets.tracks if not track.drone_probability < DRONE}
+                      for track in self.rig.targets.tracks if not track.drone_probability < 0.5}
             self._comparison.add(away / np.linalg.norm(away, axis=1, keepdims=True), tracks)
 
     def _log_truth(self, moment: float) -> Odometry:

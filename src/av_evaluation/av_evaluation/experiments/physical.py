@@ -27,7 +27,7 @@ from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_evaluation.runs.offline_rig import OfflineRig
 from av_fusion.measurement.geometry import camera_in_body
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState
 from av_vision.stage import DetectionStage, make_detection_stage
 

@@ -22,7 +22,7 @@ from av_common.rig import CameraMount
 from av_evaluation.hearing.places import pair, shoebox
 from av_evaluation.hearing.signals import RATE, Source, band_power, bright_rotors, recordings, rotors
 from av_evaluation.runs.offline_rig import OfflineRig
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker
 from av_sim_bridge.vehicle import VehicleState
 
 DURATION_S, STEP_S, SETTLED_S = 8.0, 0.1, 0.8

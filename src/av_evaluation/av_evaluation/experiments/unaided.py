@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_evaluation.runs.measurement_record import MeasurementRecord
-from av_fusion.baseline.gated_tracker import GatedSettings, GatedTracker
-from av_fusion.filter.state_machine import MachineSettings
+from av_fusion.gated.tracker import GatedSettings, GatedTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose
+from av_fusion.state_machine import MachineSettings
 
 
 def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: MeasurementRecord,

@@ -30,7 +30,6 @@ from av_evaluation.replay.pipeline import Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.replay.sensor_frames import SensorFrames
 from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
-from av_fusion.checkpoints import Checkpoints
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
@@ -216,7 +215,7 @@ class Replay:
             if self._record is not None:
                 tracker = RecordingTracker(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
-                                             gimbal if rig.gimbal else None, None if self._record else Checkpoints())
+                                             gimbal if rig.gimbal else None)
         pointing = None
         if self._settings.commands or self.stage == 'bearing':
             pointing = make_pointing_stage(self._parameters('av_pointing', 'pointing_node', {'enabled': True}))
@@ -286,8 +285,5 @@ class Replay:
                 if count:
                     self._lose(f"{count} messages of {name} left out: their stamps are more than {tolerance:.0f} s off the "
                                "bag's time")
-            for name, count in self._fusion.gate.sources.refused.items():
-                if count:
-                    self._lose(f'{count} messages of {name} left out: two sources sent them, whose stamps alternate')
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from av_common.track import Targets, Track
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_fusion.disambiguation.rotation import RotationPlanner
-from av_fusion.filter.target_density import TargetDensity
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
 from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Rows
+from av_fusion.measurement.vectors import Vector
 from av_fusion.tracker_protocol import Tracker
+from av_fusion.tracks.track import Track as FilterTrack
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
@@ -105,10 +105,10 @@ class RecordingTracker:
         """See `Tracker`."""
         self._tracker.reset()
 
-    def add_pose(self, pose: Pose) -> Rows | None:
+    def add_pose(self, pose: Pose) -> None:
         """See `Tracker`."""
         self._events.append(pose)
-        return self._tracker.add_pose(pose)
+        self._tracker.add_pose(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
@@ -120,13 +120,13 @@ class RecordingTracker:
         self._events.append(measurement)
         self._tracker.add_camera(measurement)
 
-    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
+    def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
         """See `Tracker`."""
-        return self._tracker.expected_doas(measurements)
+        self._tracker.use_cue(cue, variance, wrong)
 
-    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
+    def forget_emitters(self) -> int:
         """See `Tracker`."""
-        return self._tracker.expected_image(measurement)
+        return self._tracker.forget_emitters()
 
     def estimate(self, time: float) -> Track:
         """See `Tracker`."""
@@ -137,7 +137,7 @@ class RecordingTracker:
         """See `Tracker`."""
         return self._tracker.targets(track)
 
-    def densities(self) -> Sequence[TargetDensity]:
+    def densities(self) -> Sequence[FilterTrack]:
         """See `Tracker`."""
         return self._tracker.densities()
 

@@ -47,8 +47,8 @@ class OfflineRig:
     Attributes:
         log: truth, measurements and bearings.
         record: the measurements, for other trackers and methods.
+        tracker: estimates the bearing.
         bearing, targets: the newest bearing, and all tracks; None before the first.
-        emitters: sources at fixed places that have been learnt.
 
     Parameters:
         array: microphones.
@@ -68,7 +68,7 @@ class OfflineRig:
                  settings: LocalizerSettings | None = None, ego_noise: NoiseRecording | None = None,
                  gimbal: bool = False) -> None:
         settings = settings or LocalizerSettings()
-        self.record = MeasurementRecord()
+        self.record, self.tracker = MeasurementRecord(), tracker
         self.bearing: Bearing | None = None
         self.targets: TrackArray | None = None
         rotations = {'microphones': array_rotation, 'camera': camera_rotation}
@@ -80,7 +80,6 @@ class OfflineRig:
         recorder = RunRecorder(self.record)
         fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder,
                              gimbal=history)
-        self.emitters = fusion.emitters
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
             self._converter, self.record)

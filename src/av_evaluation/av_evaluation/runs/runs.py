@@ -26,9 +26,7 @@ from av_evaluation.replay.replay import Replay, ReplaySettings
 from av_evaluation.report.plot import draw
 from av_evaluation.runs.cases import Case
 from av_evaluation.runs.measurement_record import MeasurementRecord
-from av_fusion.filter.settings import BayesSettings
-from av_fusion.multi_target.settings import MultiTargetSettings
-from av_fusion.multi_target.tracker import MultiTargetTracker
+from av_fusion.tracker import MultiTargetTracker, TrackerSettings
 from av_pointing.controller import PointingController, PointingSettings
 from av_pointing.settings import with_gimbal
 from av_simulator.config_files import find_config
@@ -125,7 +123,7 @@ def _simulate(case: Case) -> tuple[RunLog, MeasurementRecord, list[str]]:
         rig = replace(rig, array=replace(rig.array, file=Path(case.array)))
     settings = with_gimbal(PointingSettings(move_gimbal=rig.gimbal is not None), rig.gimbal)
     pointing = PointingController(settings) if case.follow else None
-    tracker = MultiTargetTracker(MultiTargetSettings(BayesSettings(gimbal=rig.gimbal)))
+    tracker = MultiTargetTracker(TrackerSettings(gimbal=rig.gimbal))
     run = OfflineRun(scenario, rig, tracker, case.seed, pointing, estimators_of(case.methods),
                      detection_stage(case.model) if case.model else None,
                      settings=LocalizerSettings(band_hz=case.band_hz, max_sources=case.max_sources))

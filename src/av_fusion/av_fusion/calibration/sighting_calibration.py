@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration
+from av_fusion.calibration.array_calibration import LEAST_CONFIDENCE, ArraySelfCalibration, SelfCalibrationSettings
 from av_fusion.calibration.sighting_history import Sighting, SightingHistory
-from av_fusion.filter.outlier_rate import OutlierRateEstimator
-from av_fusion.filter.settings import BayesSettings
-from av_fusion.filter.target_density import effective_sample_fraction
 from av_fusion.measurement.measurements import Detection, DoaMeasurement
 from av_fusion.measurement.rig_motion import RigMotion
 from av_fusion.measurement.vectors import Rows, Vector, angles, cross, direction, dot, turned, turned_back
+from av_fusion.tracks.filter import effective_sample_fraction
 
 LEAST_COMPARED_VARIANCE = 1e-5  # of a cosine that is compared with a sighting
 
@@ -21,17 +19,16 @@ class SightingCalibration:
 
     Attributes:
         array: what is known of the array.
-        outlier_rate: share of directions of arrival that do not stem from the target.
 
     Parameters:
-        settings: see `BayesSettings`.
+        settings: see `SelfCalibrationSettings`.
+        floor (rad): error of directions of arrival beyond what they report.
         motion: attitude of the rig.
     """
 
-    def __init__(self, settings: BayesSettings, motion: RigMotion) -> None:
-        self._settings, self._motion = settings, motion
-        self.array = ArraySelfCalibration(settings.self_calibration)
-        self.outlier_rate = OutlierRateEstimator(settings.outlier_rate)
+    def __init__(self, settings: SelfCalibrationSettings, floor: float, motion: RigMotion) -> None:
+        self._floor, self._motion = floor, motion
+        self.array = ArraySelfCalibration(settings)
         self.reset()
 
     def reset(self) -> None:
@@ -57,18 +54,12 @@ class SightingCalibration:
             newest (s): capture time of the newest direction before.
         """
         sighting, cone = self._sightings.at(time), measurement.cone
-        seen = None if sighting is None else turned_back(self._motion.attitude(time), sighting.direction)
-        if self._settings.self_calibration.enabled:
-            if cone is not None and sighting is not None and seen is not None and measurement.confidence >= LEAST_CONFIDENCE:
-                fraction = effective_sample_fraction(time, newest, measurement.window)
-                variance = cone.variance + self._settings.sound_floor_sigma**2 * cone.slope_squared
-                azimuth, elevation = from_axis(cone.axis, seen)
-                self.array.compare(time, cone.cosine, azimuth, elevation, max(variance, LEAST_COMPARED_VARIANCE) / fraction,
-                                   sighting.variance)
-            measurement = self.array.corrected(measurement)
-        if seen is not None:
-            self.outlier_rate.compare(measurement, time, seen)
-        return measurement
+        if cone is not None and sighting is not None and measurement.confidence >= LEAST_CONFIDENCE:
+            seen = turned_back(self._motion.attitude(time), sighting.direction)
+            variance = cone.variance + self._floor**2 * cone.slope_squared
+            self.array.compare(time, cone.cosine, *from_axis(cone.axis, seen), max(variance, LEAST_COMPARED_VARIANCE)
+                               / effective_sample_fraction(time, newest, measurement.window), sighting.variance)
+        return self.array.corrected(measurement)
 
     def diagnostics(self) -> dict[str, str]:
         """What is known of the array, as texts."""

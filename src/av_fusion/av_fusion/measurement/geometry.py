@@ -30,7 +30,7 @@ LEVEL = math.cos(math.radians(1.0))  # horizontal part of an axis that counts as
 
 
 def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMeasurement]:
-    """One measurement for each ambiguity group of a message, the most likely to be of the target first.
+    """One measurement for each ambiguity group of a message, most confident first.
 
     A linear array (one with an axis) measures cones, other arrays directions. `rotation` (3, 3) turns vectors of the
     array's frame into the body frame.
@@ -62,7 +62,7 @@ def doa_in_body(message: DoaArray, rotation: NDArray[np.float64]) -> list[DoaMea
         measurements.append(DoaMeasurement(
             time, hypotheses, confidence, message.window, cone, sound.drone_probability if judged else math.nan,
             *((sound.fundamental, sound.fundamental_variance) if known else (math.nan, math.nan))))
-    return sorted(measurements, key=lambda measurement: -measurement.target_confidence)
+    return sorted(measurements, key=lambda measurement: -measurement.confidence)
 
 
 def _cone_of(axis: Vector, images: Sequence[Doa]) -> Cone | None:

@@ -16,7 +16,6 @@ LEAST_LEVEL = 0.1  # horizontal part of an axis; an axis closer to the vertical 
 LEAST_SINE = 0.05  # even close to its axis a linear array measures azimuth with a finite error
 UNIT_TOLERANCE = 0.01  # of the length of a unit vector
 COSINE_TOLERANCE = 1e-3  # excess of a cosine over 1 by single precision and rotations
-TARGET_ODDS = 3.0  # that a direction that is heard is the target's and not a bystander's, before its sound is judged
 LEAST_VARIANCE, LARGEST_VARIANCE = 1e-10, 40.0  # rad^2; variances outside are errors of the sender, or carry no information
 
 
@@ -74,7 +73,7 @@ class DoaMeasurement(NamedTuple):
     Parameters:
         time (s): centre of the window.
         hypotheses: mirror images, of which exactly one is the direction of the source.
-        confidence: probability 0..1 that the source is the target and not noise.
+        confidence: probability 0..1 that the direction stems from a source and not from noise.
         window (s): length of the analysis window; estimates of overlapping windows are not independent.
         cone: the cone of a linear array, whose two images are the hypotheses; None for other arrays. Close to the axis the
             hypotheses, which are estimates of the angle, differ from the images of the measured cosine.
@@ -90,25 +89,6 @@ class DoaMeasurement(NamedTuple):
     drone_probability: float = math.nan
     fundamental: float = math.nan
     fundamental_variance: float = math.nan
-
-    @property
-    def target_probability(self) -> float:
-        """Probability that a source in this direction is the target and not a bystander, such as a car or a talker.
-
-        Before a sound is judged, all that is heard counts as the target.
-        """
-        p = self.drone_probability
-        return 1.0 if math.isnan(p) else TARGET_ODDS * p / (TARGET_ODDS * p + 1.0 - p)
-
-    @property
-    def is_target(self) -> bool:
-        """Whether what is heard is more likely the target than a bystander."""
-        return self.target_probability >= 0.5
-
-    @property
-    def target_confidence(self) -> float:
-        """Probability that there is a source in this direction, and that it is the target."""
-        return self.confidence * self.target_probability
 
     @classmethod
     def of_cone(cls, time: float, cone: Cone, confidence: float, window: float = 0.5) -> DoaMeasurement:

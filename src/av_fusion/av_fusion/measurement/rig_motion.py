@@ -33,8 +33,6 @@ JUMP_M, ACCELERATION = 1.0, 30.0  # of a displacement beyond the velocity (m, m/
 SPEED_LIMIT, RATE_LIMIT = 300.0, 100.0  # m/s, rad/s; larger values are errors of the sender
 FROZEN_RAD, FROZEN_SHARE = math.radians(10.0), 0.2  # rotation by the rates, of which a live attitude shows more than this share
 NOTICED_S = 5.0  # for which a jump is reported
-CONTINUED_RAD, CONTINUED_RATE, CONTINUED_SPEED = math.radians(0.2), 0.5, 2.0  # rad, rad/s, m/s by which a pose may deviate
-USUAL_ACCELERATION = 5.0  # rad/s^2
 
 
 class Pose(NamedTuple):
@@ -129,20 +127,6 @@ class RigMotion:
             first = bisect.bisect_left(self._times, pose.time - self._keep_s)
             del self._times[:first], self._stored[:first]
         return jump
-
-    def continues(self, pose: Pose) -> bool:
-        """Whether a pose is the expected next one: of all that an unknown source may say, nothing else is believed."""
-        if not self._times or not pose.is_plausible or not 0.0 < pose.time - self._times[-1] <= KNOWN_S:
-            return False
-        rows, newest = rotation(pose.attitude), self._stored[-1]
-        dt = min(pose.time - self._times[-1], EXTRAPOLATE_S)
-        expected = product(quaternion_of(combined(dt, newest.rate, 0.0, ZERO)), newest.attitude)
-        step = vector_of(product(pose.attitude, inverse(expected)))
-        rate = combined(1.0, turned(rows, pose.rate), -1.0, newest.rate)
-        velocity = combined(1.0, turned(rows, pose.velocity), -1.0, newest.velocity)
-        return all(math.sqrt(dot(change, change)) <= limit for change, limit in (
-            (step, CONTINUED_RAD + CONTINUED_RATE * dt + 0.5 * USUAL_ACCELERATION * dt * dt),
-            (rate, CONTINUED_RATE + USUAL_ACCELERATION * dt), (velocity, CONTINUED_SPEED + ACCELERATION * dt)))
 
     def _velocities(self, pose: Pose, velocity: Vector, dt: float) -> tuple[Vector, Vector]:
         """Velocity in the world, now and on average since the last pose: as reported, or from positions where none is.
@@ -271,9 +255,12 @@ class RigMotion:
         """Displacement (m) of the rig in the world from `start` to `end` (s)."""
         if not self._times or start == end:
             return ZERO
-        return combined(1.0, self._path(end), -1.0, self._path(start))
+        return combined(1.0, self.path(end), -1.0, self.path(start))
 
-    def _path(self, time: float) -> Vector:
+    def path(self, time: float) -> Vector:
+        """Displacement (m) of the rig in the world since the first pose, at `time` (s)."""
+        if not self._times:
+            return ZERO
         ahead = time - self._times[-1]
         if ahead >= 0.0:
             newest = self._stored[-1]

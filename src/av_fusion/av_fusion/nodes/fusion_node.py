@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -14,12 +15,11 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
+from av_common.publishers import Publishers
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
-from av_common.source_report import SourceReport
 from av_common.tf_rotations import TfRotations
-from av_fusion.checkpoints import Checkpoints
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
 from av_fusion.settings import make_tracker
@@ -28,6 +28,7 @@ from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, 
 from av_interfaces.srv import SelectTarget
 
 POSTERIOR_PERIOD_S = 0.1
+PUBLISHERS_PERIOD_S = 0.05  # between looks at who publishes the inputs
 
 
 class FusionNode(RigNode):
@@ -35,7 +36,8 @@ class FusionNode(RigNode):
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
         'decide_probability': 'confirm_threshold', 'recall': 'detection_probability',
-        'refinement.enabled': 'self_calibration.enabled', 'refinement.memory': 'self_calibration.memory'}
+        'refinement.enabled': 'self_calibration', 'self_calibration.enabled': 'self_calibration',
+        'rotation.enabled': 'rotation', 'targets.policy': 'policy', 'targets.types': 'types', 'look.visits': 'visits'}
 
     def __init__(self) -> None:
         super().__init__('fusion_node', parameters)
@@ -46,10 +48,10 @@ class FusionNode(RigNode):
         self._rotations = TfRotations(self, self._settings.base_frame)
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
-                                        gimbal=GimbalHistory() if gimbal else None, checkpoints=Checkpoints())
+                                        gimbal=GimbalHistory() if gimbal else None)
         self._reporter = RigReporter(self._settings.network_rate)
         self._untransformed = 0
-        self._sources = SourceReport(self)
+        self._publishers = Publishers(self, ('doa', 'detections', 'odometry'))
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
@@ -71,6 +73,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
         self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
+        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
@@ -113,8 +116,11 @@ class FusionNode(RigNode):
         return response
 
     def _on_forget_emitters(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, f'{self._stage.emitters.forget()} fixed emitters forgotten'
+        response.success, response.message = True, f'{self._stage.tracker.forget_emitters()} fixed emitters forgotten'
         return response
+
+    def _look_for_publishers(self) -> None:
+        self._stage.refuse_contested(self._publishers.contested(time.monotonic()))
 
     def _publish_posterior(self) -> None:
         if self._posterior_publisher.get_subscription_count():
@@ -147,7 +153,7 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
-        self._sources.report(status, self._stage.gate.sources.refused)
+        self._publishers.report(status, time.monotonic())
         foreign = self._stage.gate.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(
@@ -157,7 +163,7 @@ class FusionNode(RigNode):
             foreign.update(dict.fromkeys(foreign, 0))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
-        for name, value in {**self._stage.tracker.diagnostics(), **self._stage.emitters.diagnostics()}.items():
+        for name, value in self._stage.tracker.diagnostics().items():
             status.add(name, value)
 
     def _diagnose_motion(self, status: DiagnosticStatusWrapper) -> None:

@@ -63,9 +63,9 @@ class PlainTracker:
         self._newest = dict.fromkeys(self._newest, -math.inf)
         self.restart()
 
-    def add_pose(self, pose: Pose) -> Any:
+    def add_pose(self, pose: Pose) -> None:
         """See `Tracker`."""
-        return self.motion.add(pose)
+        self.motion.add(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
         """See `Tracker`."""
@@ -116,14 +116,6 @@ class PlainTracker:
         """See `Tracker`."""
         if identifier not in (0, self._id if self._tracked else 0):
             raise ValueError(f'target {identifier} is not tracked')
-
-    def expected_doas(self, measurements: Sequence[DoaMeasurement]) -> list[DoaMeasurement]:
-        """See `Tracker`: there is no gate."""
-        return []
-
-    def expected_image(self, measurement: CameraMeasurement) -> CameraMeasurement | None:
-        """See `expected_doas`."""
-        return None
 
     def use_cue(self, cue: Any, variance: float, wrong: float) -> None:
         """See `Tracker`: what others say is not used."""

@@ -1,0 +1,52 @@
+"""Who publishes the inputs of a node, by the graph: an input with a second publisher is not used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_updater import DiagnosticStatusWrapper
+from rclpy.node import Node
+
+# After a node died without a word the graph still holds its publisher for the lease of the middleware's discovery (10 s of
+# Cyclone DDS, 20 s of Fast DDS): for so long a node of the same name is taken for its successor.
+LEASE_S = 20.0
+
+
+class Publishers:
+    """Watches the publishers of some inputs.
+
+    Which of two publishers is genuine cannot be seen from what they say, since a forged message is as plausible as its sender
+    wants it to be. One publisher is one source, whatever its stamps do. What keeps forgers out is SROS 2.
+
+    Parameters:
+        node: the node that subscribes.
+        topics: names of its inputs, relative to the node's namespace.
+    """
+
+    def __init__(self, node: Node, topics: Iterable[str]) -> None:
+        self._node, self._topics = node, tuple(topics)
+        self._doubled: dict[str, float] = {}  # since when (s, steady) an input has two publishers of one name
+
+    def contested(self, now: float) -> dict[str, list[str]]:
+        """Names of the publishers of each input that has more than one.
+
+        Parameters:
+            now (s): by a steady clock.
+        """
+        found = {}
+        for topic in self._topics:
+            names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                           for info in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)))
+            if len(names) < 2:
+                self._doubled.pop(topic, None)
+            elif len(set(names)) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
+                found[topic] = names
+        return found
+
+    def report(self, status: DiagnosticStatusWrapper, now: float) -> None:
+        """Add an error for each input that has more than one publisher; `now` (s) is by a steady clock."""
+        for topic, names in self.contested(now).items():
+            status.mergeSummary(
+                DiagnosticStatus.ERROR, f'{topic} has {len(names)} publishers ({", ".join(names)}) and is not used: stop all '
+                'but one, or give each rig a namespace; on an open network SROS 2 keeps others out')

@@ -1,0 +1,104 @@
+"""Which of several targets is followed: one utility, one threshold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from av_common.track import Target, Track
+
+MARGIN = 1.5  # of the utility of another target over that of the followed one, from which it is followed
+DWELL_S = 1.0  # for which it must be so
+STALE_S = 0.5  # age of the newest measurement from which a target is not kept where another one is measured
+CERTAIN = 0.9  # probability of a drone above which two targets are equally worth following
+
+
+def _angle(track: Track) -> float:
+    return math.acos(min(max(math.cos(track.azimuth) * math.cos(track.elevation), -1.0), 1.0))
+
+
+def _sigma(track: Track) -> float:
+    return math.sqrt(max(track.covariance_world[0], 1e-8))
+
+
+def _rate(track: Track) -> float:
+    return math.hypot(track.azimuth_world_rate * math.cos(track.elevation_world), track.elevation_world_rate)
+
+
+# What is to be small by policy (rad, or rad/s for `closing`: a target on a collision course has a constant bearing).
+POLICIES: Mapping[str, Callable[[Track], float]] = {
+    'certain': _sigma, 'centre': _angle, 'closing': lambda track: _rate(track) + _sigma(track)}
+
+
+class Selection:
+    """Chooses the target by its utility, and keeps it until another one has clearly more for some time, or it is not measured.
+
+    The utility is the probability that there is such a target times the odds that it is a drone, over what the policy wants
+    small. Only targets that are drones with at least the probability `threshold` are followed, or those that nothing judges.
+
+    Policies: `certain` (small variance), `centre` (closest to the body's x axis), `closing` (most constant bearing).
+
+    Parameters:
+        policy: one of POLICIES.
+        threshold: probability of a drone from which a target is followed.
+
+    Raises ValueError for another policy.
+    """
+
+    def __init__(self, policy: str, threshold: float) -> None:
+        if policy not in POLICIES:
+            raise ValueError(f'policy {policy!r}, expected one of {", ".join(POLICIES)}')
+        self._small, self.threshold = POLICIES[policy], threshold
+        self._followed = self._wanted = self._rival = 0
+        self._rival_since = math.inf
+
+    def want(self, identifier: int) -> None:
+        """Follow the target with this id while it is tracked; 0: by the policy."""
+        self._wanted = identifier
+
+    def is_followed(self, target: Target) -> bool:
+        """Whether a target is one to follow."""
+        return not target.drone_probability < self.threshold
+
+    def choose(self, time: float, targets: Sequence[Target]) -> int:
+        """The id of the target to follow, 0 where there is none.
+
+        Parameters:
+            time (s): the present.
+            targets: all that are tracked.
+        """
+        if any(target.id == self._wanted for target in targets):
+            self._followed = self._wanted
+            return self._followed
+        self._wanted = 0
+        utility = {target.id: self._utility(target) for target in targets if self.is_followed(target)}
+        rival = max(utility, key=utility.__getitem__, default=0)
+        if self._followed not in utility or _succeeds(time, rival, self._followed, targets):
+            self._followed = rival
+        elif utility[rival] <= MARGIN * utility[self._followed]:
+            self._rival = 0
+        elif rival != self._rival or not time >= self._rival_since:
+            self._rival, self._rival_since = rival, time
+        elif time - self._rival_since >= DWELL_S:
+            self._followed = rival
+        return self._followed
+
+    def _utility(self, target: Target) -> float:
+        drone = _likeness(target)
+        return target.existence * drone / (1.0 - drone) / (self._small(target.track) + math.radians(1.0))
+
+
+def _likeness(target: Target) -> float:
+    """Probability of a drone, up to CERTAIN; even while nothing judges."""
+    return 0.5 if math.isnan(target.drone_probability) else min(target.drone_probability, CERTAIN)
+
+
+def _succeeds(time: float, rival: int, followed: int, targets: Sequence[Target]) -> bool:
+    """Whether a rival is followed at once: it is measured, and the followed target is not judged, or stale and no likelier."""
+    known = {target.id: target for target in targets}
+    new, old = known[rival], known[followed]
+    if time - new.track.measured > STALE_S:
+        return False
+    if math.isnan(old.drone_probability) and not math.isnan(new.drone_probability):
+        return True
+    return time - old.track.measured > STALE_S and _likeness(new) >= _likeness(old)

@@ -1,0 +1,122 @@
+"""The published state machine: the camera leads while its score reaches tau, else the microphones lead."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from av_common.track import State
+
+
+@dataclass(frozen=True)
+class MachineSettings:
+    """Settings of `StateMachine`. The published machine has neither hysteresis nor dwell time.
+
+    Parameters:
+        tau: score of a detection from which the camera leads.
+        hysteresis: difference below tau at which the camera stops leading.
+        dwell (s): least time in a state.
+        sight_timeout, sound_timeout (s): age up to which an image, or a direction of arrival, is used.
+
+    Raises ValueError for values out of range.
+    """
+
+    tau: float = 0.5
+    hysteresis: float = 0.0
+    dwell: float = 0.0
+    sight_timeout: float = 0.5
+    sound_timeout: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tau <= 1.0:
+            raise ValueError(f'tau is {self.tau}, expected a score between 0 and 1')
+        if not 0.0 <= self.hysteresis <= self.tau:
+            raise ValueError(f'hysteresis is {self.hysteresis}, expected 0 to tau ({self.tau})')
+
+
+class StateMachine:
+    """Decides which sensor leads.
+
+    Attributes:
+        state: the current state.
+        reason: reason of the last change.
+        changed (s): time of the last change.
+        sight_confidence: score of the target's detection in the newest image, 0 without one.
+        sound_confidence: confidence of the newest direction of arrival.
+
+    Parameters:
+        settings: see `MachineSettings`.
+    """
+
+    def __init__(self, settings: MachineSettings | None = None) -> None:
+        self.settings = settings or MachineSettings()
+        self.state = State.NONE
+        self.reason = 'no measurement yet'
+        self.changed = 0.0
+        self.sight_confidence = 0.0
+        self.sound_confidence = 0.0
+        self._newest_image = self._newest_doa = self._associated_doa = -math.inf
+
+    def on_image(self, time: float, score: float) -> None:
+        """Use the score of the target's detection in an image, 0 if it was not detected.
+
+        Parameters:
+            time (s): capture time of the image.
+            score: score 0..1.
+        """
+        if time >= self._newest_image:
+            self._newest_image, self.sight_confidence = time, score
+
+    def on_doa(self, time: float, confidence: float, associated: bool = True) -> None:
+        """Use the confidence of a direction of arrival.
+
+        Parameters:
+            time (s): centre of the window.
+            confidence: confidence 0..1.
+            associated: whether it supports the track; the microphones lead by such directions only.
+        """
+        if associated:
+            self._associated_doa = max(self._associated_doa, time)
+        if time >= self._newest_doa:
+            self._newest_doa, self.sound_confidence = time, confidence
+
+    def step(self, time: float, tracked: bool, why: str = '') -> State:
+        """The state at `time`.
+
+        Parameters:
+            time (s): time of the decision.
+            tracked: whether a target is followed; without one the state is NONE.
+            why: why none is followed; empty where nothing is tracked.
+        """
+        settings = self.settings
+        gate = settings.tau - (settings.hysteresis if self.state == State.VISUAL_ACTIVE else 0.0)
+        recent_image = time - self._newest_image <= settings.sight_timeout
+        if not tracked:
+            wanted = State.NONE
+        elif recent_image and self.sight_confidence >= gate:
+            wanted = State.VISUAL_ACTIVE
+        else:
+            recent_doa = time - self._associated_doa <= settings.sound_timeout
+            wanted = State.ACOUSTIC_ACTIVE if recent_doa else State.COASTING
+        if wanted != self.state:
+            urgent = not tracked or self.state in (State.NONE, State.COASTING)
+            if urgent or time - self.changed >= settings.dwell:
+                self.state, self.changed = wanted, time
+                self.reason = self._reason(wanted, gate, recent_image, why)
+        elif not tracked:
+            self.reason = self._reason(wanted, gate, recent_image, why)
+        return self.state
+
+    def diagnostics(self) -> dict[str, str]:
+        """State and reason, as texts for diagnostics."""
+        return {'state': self.state.name, 'reason': self.reason}
+
+    def _reason(self, state: State, gate: float, recent_image: bool, why: str) -> str:
+        if state == State.NONE:
+            return f'no target: {why or "nothing is heard or seen"}'
+        if state == State.VISUAL_ACTIVE:
+            return f'sight confidence {self.sight_confidence:.2f} >= {gate:.2f}'
+        weak_sight = f'sight confidence {self.sight_confidence:.2f} < {gate:.2f}' if recent_image else 'no recent image'
+        if state == State.ACOUSTIC_ACTIVE:
+            return weak_sight
+        return f'{weak_sight} and no recent direction of arrival that fits the track: it is predicted'

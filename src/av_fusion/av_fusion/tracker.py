@@ -1,0 +1,289 @@
+"""Tracks several targets and follows one of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from av_common.rig import GimbalMount
+from av_common.track import Source, State, Target, Targets, Track
+from av_fusion.calibration.array_calibration import ArraySelfCalibration, SelfCalibrationSettings
+from av_fusion.calibration.sighting_calibration import SightingCalibration
+from av_fusion.disambiguation.camera_looks import CameraLooks
+from av_fusion.disambiguation.rotation import RotationPlanner, RotationSettings, Tilt
+from av_fusion.identity.selection import Selection
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, usable_camera, usable_doa
+from av_fusion.measurement.rig_motion import Pose, RigMotion
+from av_fusion.measurement.vectors import Vector
+from av_fusion.placed import placed
+from av_fusion.state_machine import MachineSettings, StateMachine
+from av_fusion.tracks.filter import LOOK_S, MultiBernoulliFilter
+from av_fusion.tracks.likelihood import mirror_axis
+from av_fusion.tracks.settings import FilterSettings
+from av_fusion.tracks.track import MAX_GAP_S
+from av_fusion.tracks.track import Track as FilterTrack
+
+SOURCES = {(False, False): Source.NOTHING, (True, False): Source.SIGHT, (False, True): Source.SOUND,
+           (True, True): Source.SIGHT | Source.SOUND}  # by whether sight and sound are recent
+UNKNOWN = 0.5  # visibility that is taken for a look while it is unknown: only looking tells
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Settings of `MultiTargetTracker`.
+
+    Parameters:
+        filter: models of targets and sensors.
+        machine, rotation, self_calibration: settings of the parts.
+        follow_threshold: probability of a drone from which a target is followed.
+        policy: which target is followed, see `Selection`.
+        coast (s): longest prediction of a track that no measurement supports.
+        gimbal: the gimbal that carries the camera, which then looks where the target is heard; None for a fixed camera.
+        visits: whether a camera on a gimbal visits several targets in turn, instead of the followed one alone.
+        dwell (s): duration of a visit.
+        types: blade-pass frequency (Hz) of each type of drone that is named when it is heard.
+        sound_delay, sight_delay (s): delay of the stamps of directions of arrival and of images.
+    """
+
+    filter: FilterSettings = field(default_factory=FilterSettings)
+    machine: MachineSettings = field(default_factory=MachineSettings)
+    rotation: RotationSettings = field(default_factory=RotationSettings)
+    self_calibration: SelfCalibrationSettings = field(default_factory=SelfCalibrationSettings)
+    follow_threshold: float = 0.5
+    policy: str = 'certain'
+    coast: float = 3.0
+    gimbal: GimbalMount | None = None
+    visits: bool = False
+    dwell: float = 1.0
+    types: dict[str, float] = field(default_factory=dict)
+    sound_delay: float = 0.0
+    sight_delay: float = 0.0
+
+
+class MultiTargetTracker:
+    """A `MultiBernoulliFilter` of which one target is followed. Implements `Tracker`.
+
+    Attributes:
+        settings: see `TrackerSettings`.
+        motion: the rig's attitude and path over time.
+        filter: all tracks.
+        machine: which sensor leads for the followed target, and why.
+        planner: rotations of the rig that resolve the front-back ambiguities of all targets.
+        looks: looks of a camera on a gimbal; None for a fixed camera.
+
+    Parameters:
+        settings: see the attribute.
+    """
+
+    def __init__(self, settings: TrackerSettings | None = None) -> None:
+        self.settings = settings or TrackerSettings()
+        self.motion = RigMotion()
+        self.machine = StateMachine(self.settings.machine)
+        self.planner = RotationPlanner(self.settings.rotation)
+        self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell) if self.settings.gimbal else None
+        self.filter = MultiBernoulliFilter(self.settings.filter, self.motion)
+        self._calibration = SightingCalibration(self.settings.self_calibration,
+                                                self.settings.filter.sound_floor_sigma, self.motion)
+        self._selection = Selection(self.settings.policy, self.settings.follow_threshold)
+        self._targets = Targets(0.0)
+        self._visibility = math.nan
+        self._mirror_axis: Vector | None = None  # in the body frame, of the newest direction of arrival
+
+    @property
+    def self_calibration(self) -> ArraySelfCalibration:
+        """What is known of the array, by comparison with the camera."""
+        return self._calibration.array
+
+    def reset(self) -> None:
+        """See `Tracker`."""
+        self.filter.reset()
+        self._calibration.reset()
+        self._targets = Targets(0.0)
+        self._visibility = math.nan
+        self._mirror_axis = None
+
+    def add_pose(self, pose: Pose) -> None:
+        """See `Tracker`. Where the attitude jumps, tracks keep their directions in the body: those were measured."""
+        jump = self.motion.add(pose)
+        if jump is not None:
+            self.filter.turn_world(jump)
+            self._calibration.turn_world(jump)
+
+    def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
+        """See `Tracker`."""
+        usable = [one for one in map(usable_doa, measurements) if one is not None]
+        if not usable:
+            return
+        time = usable[0].time - self.settings.sound_delay
+        self._reset_after_gap(time)
+        self._mirror_axis = mirror_axis(usable[0].hypotheses, usable[0].cone)
+        # A sighting is compared with the only sound: of several it is not known which is the one that is seen.
+        heard = [self._calibration.correct(one, time, self.filter.newest_doa) if len(usable) == 1
+                 else self._calibration.array.corrected(one) for one in usable]
+        self.filter.update_sound(time, heard)
+        followed = self._followed()
+        self.machine.on_doa(time, heard[0].confidence, followed is not None and followed.heard >= time)
+
+    def add_doa(self, measurement: DoaMeasurement) -> None:
+        """Use the only direction of arrival of a window."""
+        self.add_doas([measurement])
+
+    def add_camera(self, measurement: CameraMeasurement) -> None:
+        """See `Tracker`."""
+        usable = usable_camera(measurement)
+        if usable is None:
+            return
+        time = usable.time - self.settings.sight_delay
+        self._reset_after_gap(time)
+        self._visibility = usable.visibility
+        # What is heard elsewhere may be the target by an array that is not calibrated: only a second one that is seen counts.
+        seen = [track for track in self.filter.confirmed if time - track.seen < MAX_GAP_S]
+        self._calibration.see(time, usable.best if len(seen) < 2 else None)
+        self.filter.update_image(time, usable)
+        followed = self._followed()
+        score = followed.score if followed is not None else usable.best.score if usable.best is not None else 0.0
+        self.machine.on_image(time, score)
+        if self.looks is not None:
+            self.looks.on_image(time, usable, self.motion, score >= self.machine.settings.tau)
+
+    def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
+        """See `Tracker`."""
+        for track in self.filter.tracks:
+            track.mixture.weigh_by_cue(cue, variance, wrong)
+
+    def estimate(self, time: float) -> Track:
+        """See `Tracker`: the followed target. The filter itself is not moved."""
+        silent = abs(time - self.filter.newest) >= MAX_GAP_S
+        tracks = {} if silent else {track.id: track for track in self.filter.confirmed}
+        found = [target for target in (self._target(time, track) for track in tracks.values()) if target is not None]
+        known = [target for target in found if len(found) < 2 or self._is_judged(time, target, tracks)]
+        chosen = self._selection.choose(time, known)
+        self._targets = Targets(time, tuple(found), chosen)
+        followed = next((target for target in found if target.id == chosen), None)
+        if followed is None:
+            return self._without_target(time, found)
+        state = self.machine.step(time, True)
+        source = Source.NOTHING if state == State.COASTING else followed.track.source
+        unresolved = [tracks[target.id] for target in found if self._selection.is_followed(target)]
+        return followed.track._replace(
+            state=state, source=source, reason=self.machine.reason, changed=self.machine.changed,
+            requested_rotation=self._plan_rotation(time, unresolved), look=self._plan_look(time, state, unresolved),
+            sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
+            visibility=self._visibility)
+
+    @staticmethod
+    def _is_judged(time: float, target: Target, tracks: Mapping[int, FilterTrack]) -> bool:
+        """Whether it is known what a target is, or will not be: of several, one may be a bystander."""
+        return not math.isnan(target.drone_probability) or time - tracks[target.id].began >= LOOK_S
+
+    def _without_target(self, time: float, found: Sequence[Target]) -> Track:
+        """Nothing is followed; the reason names what is tracked all the same."""
+        self.planner.cancel()
+        state = self.machine.step(time, False, _why_not_followed(found))
+        return Track(time, state, self.machine.reason, self.machine.changed, attitude_known=self.motion.is_known(time),
+                     sound_confidence=self.machine.sound_confidence, sight_confidence=self.machine.sight_confidence,
+                     visibility=self._visibility)
+
+    def targets(self, track: Track) -> Targets:
+        """See `Tracker`."""
+        return self._targets
+
+    def densities(self) -> list[FilterTrack]:
+        """See `Tracker`."""
+        return list(self.filter.tracks)
+
+    def select(self, identifier: int) -> None:
+        """See `Tracker`."""
+        if identifier and all(target.id != identifier for target in self._targets.targets):
+            raise ValueError(f'target {identifier} is not tracked')
+        self._selection.want(identifier)
+
+    def forget_emitters(self) -> int:
+        """See `Tracker`."""
+        known = [track for track in self.filter.tracks if track.kind.is_fixed]
+        for track in self.filter.tracks:
+            track.kind.static_s = 0.0
+        return len(known)
+
+    def diagnostics(self) -> dict[str, str]:
+        """See `Tracker`."""
+        found = {**self.machine.diagnostics(), 'targets': str(len(self._targets.targets))}
+        for track in self.filter.tracks:
+            primary = track.mixture.primary()
+            if track.kind.is_fixed and primary is not None:
+                found[f'fixed emitter {track.id}'] = f'at {math.degrees(primary.azimuth):.0f} deg in the world'
+        return {**found, **self._calibration.diagnostics()}
+
+    def _followed(self) -> FilterTrack | None:
+        """The followed target, or the one that would be."""
+        tracks = {track.id: track for track in self.filter.tracks}
+        return tracks.get(self._targets.selected) or max(
+            (track for track in tracks.values() if not track.kind.drone < self._selection.threshold),
+            key=lambda track: track.existence, default=None)
+
+    def _reset_after_gap(self, time: float) -> None:
+        if math.isfinite(self.filter.newest) and abs(time - self.filter.newest) > MAX_GAP_S:
+            self.reset()
+
+    def _target(self, time: float, track: FilterTrack) -> Target | None:
+        """A track predicted to `time` (s); None where its direction is lost by then, or too long not measured."""
+        primary = track.mixture.primary()
+        if primary is None or time - primary.measured > self.settings.coast + self.settings.machine.sound_timeout:
+            return None
+        later = track.later(primary, time)
+        if later.across_variance >= self.settings.filter.lost_sigma**2:
+            return None
+        front = track.front_probability(time)
+        track.ambiguity.decide(track.mixture, primary, front, self._mirror_axis, self.motion.attitude(time))
+        machine = self.settings.machine
+        seen = time - primary.newest_sighting <= machine.sight_timeout
+        heard = time - primary.newest_doa <= machine.sound_timeout
+        source = SOURCES[seen, heard]
+        state = State.VISUAL_ACTIVE if seen else State.ACOUSTIC_ACTIVE if heard else State.COASTING
+        shown = placed(Track(time=time, state=state, source=source, measured=primary.measured, front_probability=front,
+                             resolved=track.ambiguity.resolved, sound_weight=heard * (1.0 - 0.5 * seen),
+                             sight_weight=seen * (1.0 - 0.5 * heard)), later, self.motion)
+        return Target(track.id, track.existence, shown, track.kind.drone, primary.newest_doa, primary.newest_sighting,
+                      track.identity, track.blade_pass.type_of(self.settings.types), track.blade_pass.frequency)
+
+    def _plan_rotation(self, time: float, tracks: Sequence[FilterTrack]) -> float:
+        """The rotation (rad) that resolves the ambiguities of all tracks soonest."""
+        axis, unresolved = self._mirror_axis, [track for track in tracks if not track.ambiguity.resolved]
+        if not unresolved or axis is None:
+            self.planner.cancel()
+            return 0.0
+        yaw = self.motion.yaw(time)
+        tilt = Tilt.of(self.motion.attitude(time), yaw, self.motion.rate(time), axis)
+        return self.planner.plan(time, yaw, lambda: [track.ambiguity.candidates(track.mixture, yaw, tilt.axis)
+                                                     for track in unresolved], tilt, self._visibility)
+
+    def _plan_look(self, time: float, state: State, tracks: Sequence[FilterTrack]) -> tuple[float, float] | None:
+        """Where a look decides most about the tracks that are not resolved, or else finds the followed or the next one."""
+        if self.looks is None or self.planner.is_asked(time):
+            return None
+        visits = self.settings.visits and len(tracks) > 1
+        followed = 0 if visits else self._targets.selected
+        wanted = [track for track in tracks if not track.ambiguity.resolved or track.id == followed]
+        visibility = (self._visibility if math.isfinite(self._visibility)
+                      else max(self.settings.filter.assumed_visibility, UNKNOWN))
+        visible, look = visibility * self.settings.filter.detection_probability, None
+        if not wanted or (state == State.VISUAL_ACTIVE and not visits):
+            self.looks.planner.cancel()
+        else:
+            components = [component for track in wanted for component in track.mixture.components]
+            look = self.looks.plan(time, components, visible, self.motion)
+        if look is None and visits:
+            targets = {track.id: primary for track in tracks if (primary := track.mixture.primary()) is not None}
+            look = self.looks.visit(time, targets, {track.id: track.existence for track in tracks}, visible, self.motion)
+        return look
+
+
+def _why_not_followed(found: Sequence[Target]) -> str:
+    """What is heard or seen although nothing is followed; empty for nothing."""
+    target = max(found, key=lambda each: each.existence, default=None)
+    if target is None:
+        return ''
+    sensed = 'seen' if target.track.source & Source.SIGHT else 'heard'
+    return (f'{sensed} at {math.degrees(target.track.azimuth):+.0f} deg, judged not a drone '
+            f'({target.drone_probability:.2f})')

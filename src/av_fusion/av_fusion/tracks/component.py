@@ -1,0 +1,327 @@
+"""A component of the posterior: a Gaussian of the target's direction on the sphere, its rates, and its inverse range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import remainder, tau
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, tangents, turned, turned_back
+from av_fusion.measurement.vectors import angles as angles_of
+from av_fusion.measurement.vectors import direction as direction_of
+from av_fusion.tracks.motion import CLIMB_S, MotionModel
+from av_fusion.tracks.past_state import PastState
+
+PASSING_S = 1.0  # correlation time of the acceleration of a target that passes by
+RANGE_S = 30.0  # time constant with which the range is forgotten
+TARGET_SPEED, RANGE_MEMORY_S = 5.0, 1.0  # m/s and s, of radial motion
+LEAST_INVERSE_RANGE, LARGEST_INVERSE_RANGE = 1e-3, 1.0  # 1/m
+LARGEST_AZIMUTH_VARIANCE = math.pi**2 / 3.0  # of an azimuth that is not known at all
+OCCLUSION_S = 5.0  # time constant of changes of fog, and of what passes between camera and target
+OCCLUDED = 0.02  # share of the time for which something near hides a target in clear air: the error of resolving by absence
+LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
+ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
+SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
+
+
+class BodyDirection(NamedTuple):
+    """A direction in the body frame, with the variances of azimuth and elevation; angles in rad."""
+
+    azimuth: float
+    elevation: float
+    azimuth_variance: float
+    elevation_variance: float
+
+
+@dataclass(eq=False, slots=True)
+class GaussianComponent:
+    """A Gaussian over direction, rates and inverse range, with its weight in the mixture.
+
+    The mean is a direction in the world. Deviations are in the plane that touches the sphere there, across (to larger azimuth)
+    and up. A change of the mean moves along a great circle and turns covariance and rates with the axes of that plane, so that
+    nothing is singular at the zenith: there the axes are any two.
+
+    Parameters:
+        weight: probability of the component.
+        azimuth, elevation (rad): mean direction in the world.
+        covariance (5, 5): of the state (across, up, rate across, rate up, inverse range).
+        across_rate, up_rate (rad/s): rates of the direction that are the target's own, without the rig's translation.
+        inverse_range (1/m): of the target.
+        elevation_measured: whether a measurement has updated the elevation, or the motion model alone.
+        p_hidden: probability that fog, or something near, hides the target from the camera.
+        hidden_time (s): time for which p_hidden is valid.
+        p_unheard: probability that the target cannot be heard, because louder sources mask it.
+        newest_doa, newest_sighting (s): capture times of the newest direction of arrival, and of the newest image with a
+            detection, that is associated with the component: more probably than not it stems from this target.
+    """
+
+    weight: float
+    azimuth: float
+    elevation: float
+    covariance: NDArray[np.float64] = field(repr=False)
+    across_rate: float = 0.0
+    up_rate: float = 0.0
+    inverse_range: float = 0.03
+    elevation_measured: bool = False
+    p_hidden: float = 0.0
+    hidden_time: float = -math.inf
+    p_unheard: float = 0.0
+    newest_doa: float = -math.inf
+    newest_sighting: float = -math.inf
+
+    @property
+    def measured(self) -> float:
+        """Capture time (s) of the newest measurement that is associated with the component."""
+        return max(self.newest_doa, self.newest_sighting)
+
+    @property
+    def direction(self) -> Vector:
+        """Unit vector of the mean in the world."""
+        return direction_of(self.azimuth, self.elevation)
+
+    @property
+    def position_variance(self) -> float:
+        """Larger variance (rad^2) of the direction across and up."""
+        return float(max(self.covariance[0, 0], self.covariance[1, 1]))
+
+    @property
+    def across_variance(self) -> float:
+        """Variance (rad^2) of the direction across."""
+        return float(self.covariance[0, 0])
+
+    def rates(self, velocity: Vector) -> tuple[float, float]:
+        """Rates (rad/s) across and up as seen from a rig that moves at `velocity` (m/s, world)."""
+        across, up = tangents(self.azimuth, self.elevation)
+        return (self.across_rate - self.inverse_range * dot(velocity, across),
+                self.up_rate - self.inverse_range * dot(velocity, up))
+
+    def predict(self, dt: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> None:
+        """Predict by `dt` s: white angular acceleration of `noise_scale` times the model's density.
+
+        Close to the horizon targets fly level: there the elevation returns to its usual value, and the rate up decays. What
+        is left of this at an elevation e has the weight cos(e)^2, so that both axes are alike at the zenith. A target that
+        passes by at constant speed accelerates on the sphere by up to its squared rate.
+
+        Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, eq. 6.2.2-12.
+
+        Parameters:
+            dt (s): duration of the prediction; with a negative one the state is extrapolated back without process noise.
+            model: motion of targets.
+            noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
+        """
+        level, climb = math.cos(self.elevation) ** 2, math.sin(self.elevation)
+        late = max(dt, 0.0)
+        kept = math.exp(-0.5 * level * late * model.elevation_density / model.usual_elevation_variance)
+        held = math.exp(-level * late / CLIMB_S)
+        forgotten = math.exp(-late / RANGE_S)
+        step = np.eye(SIZE)
+        step[0, 2], step[1, 3], step[1, 1], step[3, 3] = dt, 0.5 * dt * (1.0 + held), kept, held
+        step[4, 4], s = forgotten, self.inverse_range
+        across = dt * self.across_rate
+        up = 0.5 * dt * (1.0 + held) * self.up_rate + (kept - 1.0) * (self.elevation - model.usual_elevation)
+        if moved != ZERO:
+            left, above = tangents(self.azimuth, self.elevation)
+            beside, below, nearer = dot(moved, left), dot(moved, above), dot(moved, self.direction)
+            step[0, 4], step[1, 4], step[4, 4] = -beside, -below, forgotten * (1.0 + 2.0 * s * nearer)
+            across, up, s = across - s * beside, up - s * below, s + s * s * nearer
+        self.covariance = step @ self.covariance @ step.T
+        self.inverse_range = _bounded(model.usual_inverse_range + forgotten * (s - model.usual_inverse_range))
+        self.up_rate *= held
+        if late > 0.0:
+            self._add_noise(dt, model, noise_scale, level, climb, kept, forgotten)
+        self.azimuth = remainder(self.azimuth + math.cos(self.elevation) * across, tau)  # level flight, as far as it is level
+        self.move((1.0 - level) * across, up)
+
+    def _add_noise(self, dt: float, model: MotionModel, noise_scale: float, level: float, climb: float, kept: float,
+                   forgotten: float) -> None:
+        passing = min(self.across_rate**2 + self.up_rate**2, 0.5)
+        q = noise_scale * model.acceleration_density + PASSING_S * passing * passing
+        q_up = ((1.0 - level) * q + level * 2.0 * model.climb_variance / CLIMB_S + PASSING_S * (passing * climb) ** 2)
+        covariance = self.covariance
+        for k, density in ((0, q), (1, q_up)):
+            covariance[k, k] += density * dt**3 / 3.0
+            covariance[k, k + 2] += density * dt**2 / 2.0
+            covariance[k + 2, k] += density * dt**2 / 2.0
+            covariance[k + 2, k + 2] += density * dt
+        covariance[1, 1] += 0.5 * (1.0 - kept * kept) * model.usual_elevation_variance
+        covariance[4, 4] += ((1.0 - forgotten**2) * model.usual_inverse_range**2
+                             + RANGE_MEMORY_S * (TARGET_SPEED * self.inverse_range**2) ** 2 * dt)
+
+    def predicted(self, ahead: float, model: MotionModel, noise_scale: float, moved: Vector = ZERO) -> GaussianComponent:
+        """A copy, valid `ahead` s later. For an earlier time the state is extrapolated back without process noise.
+
+        Parameters:
+            ahead (s): time of the copy minus time of the component.
+            model: motion of targets.
+            noise_scale: factor of the acceleration density.
+            moved (m): displacement of the rig meanwhile, in the world.
+        """
+        copy = replace(self, covariance=self.covariance.copy())
+        copy.predict(ahead, model, noise_scale, moved)
+        return copy
+
+    def at(self, lag: float, moved: Vector = ZERO) -> PastState:
+        """The direction `lag` s before the component's time, since when the rig moved by `moved` (m, world)."""
+        across, up = -lag * self.across_rate, -lag * self.up_rate
+        jacobian = np.zeros((2, SIZE))
+        jacobian[0, 0] = jacobian[1, 1] = 1.0
+        jacobian[0, 2] = jacobian[1, 3] = -lag
+        if moved != ZERO:
+            beside, below = (dot(moved, axis) for axis in tangents(self.azimuth, self.elevation))
+            jacobian[0, 4], jacobian[1, 4] = beside, below
+            across, up = across + self.inverse_range * beside, up + self.inverse_range * below
+        gain = self.covariance @ jacobian.T
+        (hh, hv), (_, vv) = (jacobian @ gain).tolist()
+        level = math.cos(self.elevation)
+        azimuth = self.azimuth + level * across
+        left, above = tangents(azimuth, self.elevation)
+        past = PastState(direction_of(azimuth, self.elevation), left, above, gain, hh, hv, vv, lag, moved)
+        return past.shifted((1.0 - level * level) * across, up)
+
+    def update_across(self, past: PastState, row: tuple[float, float], innovations: Sequence[float], variances: Sequence[float],
+                      shares: Sequence[float]) -> None:
+        """Update as `update_alternatives`; elevation and rate up keep their means, and their uncertainty is accounted for.
+
+        Schmidt-Kalman filter (Schmidt, Advances in Control Systems 3, 1966, pp. 293-340). A cone about a level axis says
+        nothing about the elevation close to the horizon, and in linear approximation ever more once the mean has left it. Such
+        a mean would climb instead of turning back.
+
+        Parameters: see `update_alternatives`.
+        """
+        share, mean, square, variance = _moments(innovations, variances, shares)
+        if share < LEAST_ASSOCIATION:
+            return
+        total = past.variance(row) + variance
+        cross = past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]
+        gain = cross / total
+        gain[[1, 3]] *= math.sin(self.elevation) ** 2  # overhead both axes are alike
+        both = np.outer(gain, cross)
+        self.covariance = self.covariance - share * (both + both.T) + np.outer(gain, gain) * (share * total + square - mean**2)
+        self._add(gain * mean)
+
+    def shift(self, past: PastState, row: tuple[float, float], total: float, change: float, variance_change: float) -> None:
+        """Change mean and variance of the quantity that `row` measures (variance `total`), and of correlated quantities."""
+        gain = (past.gain[:, 0] * row[0] + past.gain[:, 1] * row[1]) / total
+        self.covariance = self.covariance + gain[:, None] * (gain * variance_change)
+        self._add(gain * change)
+
+    def _add(self, change: NDArray[np.float64]) -> None:
+        """Add to the mean of the state."""
+        across, up, across_rate, up_rate, inverse_range = change.tolist()
+        self.across_rate += across_rate
+        self.up_rate += up_rate
+        self.inverse_range = _bounded(self.inverse_range + inverse_range)
+        self.move(across, up)
+
+    def move(self, across: float, up: float) -> None:
+        """Move the mean along a great circle; covariance and rates turn with the axes of the plane."""
+        length = math.hypot(across, up)
+        if length < 1e-12:
+            return
+        cos_length, sin_length = math.cos(length), math.sin(length)
+        level, climb, east, north = math.cos(self.elevation), math.sin(self.elevation), across / length, up / length
+        x, y = level * cos_length - climb * sin_length * north, east * sin_length
+        course = math.atan2(level * cos_length * north - climb * sin_length, level * east)
+        self.elevation = math.atan2(climb * cos_length + level * sin_length * north, math.hypot(x, y))
+        self.azimuth = remainder(self.azimuth + math.atan2(y, x), tau)
+        self._turn_axes(course - math.atan2(north, east))
+
+    def _turn_axes(self, angle: float) -> None:
+        """Turn covariance and rates by `angle` (rad) from the axis across towards the axis up."""
+        c, s = math.cos(angle), math.sin(angle)
+        self.across_rate, self.up_rate = c * self.across_rate - s * self.up_rate, s * self.across_rate + c * self.up_rate
+        turn = np.array([[c, -s, 0, 0, 0], [s, c, 0, 0, 0], [0, 0, c, -s, 0], [0, 0, s, c, 0], [0, 0, 0, 0, 1.0]])
+        self.covariance = turn @ self.covariance @ turn.T
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn the component with the world, where the rig's attitude was corrected."""
+        left = turned(rows, tangents(self.azimuth, self.elevation)[0])
+        self.azimuth, self.elevation = angles_of(turned(rows, self.direction))
+        across, up = tangents(self.azimuth, self.elevation)
+        self._turn_axes(math.atan2(dot(left, up), dot(left, across)))
+
+    def in_body(self, attitude: Rows) -> BodyDirection:
+        """The direction in the body frame."""
+        azimuth, elevation = angles_of(turned_back(attitude, self.direction))
+        left, above = (turned(attitude, axis) for axis in tangents(azimuth, elevation))
+        across, up = tangents(self.azimuth, self.elevation)
+        (hh, hv), (_, vv) = self.covariance[:2, :2].tolist()
+        variances = []
+        for axis in (left, above):
+            h, v = dot(axis, across), dot(axis, up)
+            variances.append(h * h * hh + 2.0 * h * v * hv + v * v * vv)
+        level = max(math.cos(elevation) ** 2, 1e-9)
+        return BodyDirection(azimuth, elevation, min(variances[0] / level, max(LARGEST_AZIMUTH_VARIANCE, variances[0])),
+                             variances[1])
+
+    def front_share(self, attitude: Rows) -> float:
+        """Probability that the azimuth in the body is within 90 degrees, at an attitude of the body in the world."""
+        found = self.in_body(attitude)
+        scale = math.sqrt(2.0 * max(found.azimuth_variance, 1e-12))
+        return 0.5 * (math.erf((0.5 * math.pi - found.azimuth) / scale) + math.erf((0.5 * math.pi + found.azimuth) / scale))
+
+    def predict_hidden(self, time: float, visibility: float) -> None:
+        """Predict the probability that the target is hidden to the time of an image.
+
+        What hides a target changes slowly, over OCCLUSION_S: a hundred images without it are hardly more evidence than one.
+        Also in clear air something near hides it for the share OCCLUDED of the time, which bounds what an empty view can tell.
+
+        Parameters:
+            time (s): capture time of the image.
+            visibility: visibility of the image, 0..1.
+        """
+        usual, kept = 1.0 - (1.0 - OCCLUDED) * visibility, 1.0
+        if time > self.hidden_time:
+            kept, self.hidden_time = math.exp((self.hidden_time - time) / OCCLUSION_S), time
+        self.p_hidden = usual + kept * (self.p_hidden - usual) if self.p_hidden > usual else usual
+
+    def missed_detection(self, chance: float) -> float:
+        """Probability that an image does not show the target, where one that is not hidden is detected with `chance`."""
+        return self.p_hidden + (1.0 - self.p_hidden) * (1.0 - chance)
+
+    def update_hidden(self, chance: float, fraction: float, missed: float) -> None:
+        """Update the probability that the target is hidden by an image.
+
+        Parameters:
+            chance: see `missed_detection`.
+            fraction: effective sample fraction of the image.
+            missed: probability that the image does not show the target, given what it shows.
+        """
+        overlooked = max(1.0 - chance, 1e-3) ** fraction
+        self.p_hidden *= missed / max(self.p_hidden + (1.0 - self.p_hidden) * overlooked, 1e-9)
+
+    def update_alternatives(self, past: PastState, row: tuple[float, float], innovations: Sequence[float],
+                            variances: Sequence[float], shares: Sequence[float]) -> None:
+        """Update by alternative values of one quantity, by probabilistic data association (Bar-Shalom and Tse, 1975).
+
+        Parameters:
+            past: the component at the capture time.
+            row: derivatives of the quantity with respect to the direction across and up at that time.
+            innovations: measured minus predicted values.
+            variances: variances of the measured values.
+            shares: probabilities that the values belong to this component; the rest to 1 is the probability that none does.
+        """
+        share, mean, square, variance = _moments(innovations, variances, shares)
+        if share >= LEAST_ASSOCIATION:
+            total = past.variance(row) + variance
+            self.shift(past, row, total, mean, square - mean * mean - share * total)
+
+
+def _bounded(inverse_range: float) -> float:
+    return min(max(inverse_range, LEAST_INVERSE_RANGE), LARGEST_INVERSE_RANGE)
+
+
+def _moments(innovations: Sequence[float], variances: Sequence[float], shares: Sequence[float]
+             ) -> tuple[float, float, float, float]:
+    """Sum of the shares, mean and mean square of the innovations by them, and the variance of the values together."""
+    share = mean = square = information = 0.0
+    for s, nu, variance in zip(shares, innovations, variances, strict=True):
+        share, mean, square = share + s, mean + s * nu, square + s * nu * nu
+        information += s / variance
+    return share, mean, square, share / information if information > 0.0 else 0.0

@@ -1,0 +1,222 @@
+"""A multi-Bernoulli filter: marginal data association with existence, births from measurements that no track explains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.track import Source
+from av_fusion.identity.blade_pass import fundamental_likelihoods
+from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import Rows, Vector
+from av_fusion.tracks.association import association_probabilities, free_factors, unclaimed
+from av_fusion.tracks.component import ASSOCIATED
+from av_fusion.tracks.component_merging import are_mergeable
+from av_fusion.tracks.hearing import UNIFORM_DENSITY, Hearing, birth_of, hear
+from av_fusion.tracks.mixture import BirthComponent
+from av_fusion.tracks.settings import FilterSettings
+from av_fusion.tracks.sight import Image, odds_of
+from av_fusion.tracks.track import Track
+
+USUAL_WINDOW_S = 0.5  # of sound, for a window without any direction of arrival
+LOOK_S = 1.0  # of sound, by which `Doa.drone_probability` is judged
+
+
+class MultiBernoulliFilter:
+    """Tracks with existence probabilities, and a uniform Poisson process of targets that were not detected yet.
+
+    The track-oriented marginal filter of Williams, Marginal multi-Bernoulli filters: RFS derivation of MHT, JIPDA, and
+    association-based MeMBer, IEEE Transactions on Aerospace and Electronic Systems 51(3), 2015. One target is updated as one of
+    several are.
+
+    Attributes:
+        tracks: in the order of their ids.
+        newest, newest_doa (s): newest capture times of any measurement, and of a window of sound.
+
+    Parameters:
+        settings: see `FilterSettings`.
+        motion: attitude and path of the rig.
+    """
+
+    def __init__(self, settings: FilterSettings, motion: RigMotion) -> None:
+        self._settings, self._motion = settings, motion
+        self._newest_id = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Discard all tracks; their ids are not used again."""
+        self.tracks: list[Track] = []
+        self.newest = self.newest_doa = self._newest_image = self._newest_sighting = -math.inf
+        self._undetected = self._settings.undetected_first
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn all tracks with the world, where the rig's attitude was corrected."""
+        for track in self.tracks:
+            track.turn_world(rows)
+
+    @property
+    def confirmed(self) -> list[Track]:
+        """The tracks that are reported."""
+        return [track for track in self.tracks if track.existence >= self._settings.confirmed]
+
+    def update_sound(self, time: float, measurements: Sequence[DoaMeasurement]) -> None:
+        """Update by the directions of arrival of one window.
+
+        Parameters:
+            time (s): its capture time.
+            measurements: directions in the body frame, of different sources; none where nothing was heard.
+        """
+        length = max([one.window for one in measurements], default=USUAL_WINDOW_S)
+        fraction = effective_sample_fraction(time, self.newest_doa, length)
+        look = effective_sample_fraction(time, self.newest_doa, LOOK_S)
+        elapsed = max(time - self.newest_doa, 0.0)
+        heard = [hear(time, one, fraction, self._settings, self._motion) for one in measurements]
+        axes = {one.end_fire for one in heard if one.end_fire is not None}
+        places = [track.predict(time, axes) for track in self.tracks]
+        for track in self.tracks:
+            track.predict_heard(elapsed)
+            track.blade_pass.predict(elapsed)
+        self.newest_doa, self.newest = max(self.newest_doa, time), max(self.newest, time)
+        if heard:
+            self._use_sound(time, measurements, heard, places, fraction, look, min(elapsed, LOOK_S))
+        else:
+            for track in self.tracks:
+                track.miss_sound(fraction)
+        self._detect(self._settings.sound_detection_probability, fraction)
+        self._reduce(time)
+
+    def _use_sound(self, time: float, measurements: Sequence[DoaMeasurement], heard: Sequence[Hearing],
+                   places: Sequence[tuple[float, Vector]], fraction: float, look: float, elapsed: float) -> None:
+        """Associate the directions with the tracks, update these, and begin tracks for what none explains."""
+        detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
+        gains, confidences = np.array([(detected * one.peak / one.clutter, one.confidence) for one in heard]).T
+        fundamentals = fundamental_likelihoods(measurements)
+        compared = [track.compare_sound(heard, place) for track, place in zip(self.tracks, places, strict=True)]
+        shape = len(self.tracks), len(heard)
+        ratios = np.array([track.sound_ratios(each, gains, confidences)
+                           for track, each in zip(self.tracks, compared, strict=True)]).reshape(shape)
+        voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
+                          ).reshape(shape)
+        voices /= np.maximum(voices.max(axis=0, initial=1.0), 1.0)  # an echo sounds alike: only other targets are excluded
+        odds = self._undetected * np.array([one.odds for one in heard])
+        free = free_factors(ratios * voices, 1.0 + odds)
+        shares = association_probabilities(ratios * voices, free)
+        new = unclaimed(ratios * voices, free, 1.0 + odds) * odds / (1.0 + odds)
+        for track, each, factors, row in zip(self.tracks, compared, free * voices, shares, strict=True):
+            if each:
+                track.use_sound(time, each, gains * factors, confidences, fraction)
+            track.blade_pass.update(fundamentals, row, fraction)
+            track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(row.sum()))
+        self._note_told_apart(shares)
+        for j, existence in enumerate((fraction * new).tolist()):
+            begun = self._begin(time, heard[j].births, existence)
+            if begun is not None:
+                begun.mixture.note_measured(heard=time)
+                begun.blade_pass.update(fundamentals[j:j + 1], np.ones(1), fraction)
+                begun.note_kind(Source.SOUND, kinds[j:j + 1], [1.0])
+
+    def update_image(self, time: float, measurement: CameraMeasurement) -> None:
+        """Update by an image.
+
+        Parameters:
+            time (s): its capture time.
+            measurement: the image's detections in the body frame.
+        """
+        settings, detections = self._settings, measurement.detections
+        newest = self._newest_sighting if detections else self._newest_image
+        fraction = effective_sample_fraction(time, newest, settings.sight_correlation)
+        self._newest_image, self.newest = max(self._newest_image, time), max(self.newest, time)
+        places = [track.predict(time) for track in self.tracks]
+        image = Image.of(time, measurement, self._motion.attitude(time), settings.assumed_visibility, fraction)
+        compared = [track.compare_image(image, place) for track, place in zip(self.tracks, places, strict=True)]
+        ratios = np.array([track.image_ratios(each, len(detections))
+                           for track, each in zip(self.tracks, compared, strict=True)]).reshape(len(compared), len(detections))
+        odds = self._undetected * np.array([odds_of(detection) for detection in detections])
+        free = free_factors(ratios, 1.0 + odds)
+        for track, each, factors in zip(self.tracks, compared, free, strict=True):
+            track.use_image(image, each, factors.tolist())
+        if detections:
+            self._newest_sighting = max(self._newest_sighting, time)
+            shares, scores = association_probabilities(ratios, free), [detection.score for detection in detections]
+            clear = measurement.visibility if math.isfinite(measurement.visibility) else 1.0  # fog lowers scores
+            for track, row in zip(self.tracks, shares, strict=True):
+                track.note_kind(Source.SIGHT, scores, (fraction * clear * row).tolist())
+            self._note_told_apart(shares)
+            new = unclaimed(ratios, free, 1.0 + odds) * odds / (1.0 + odds)
+            for detection, direction, existence in zip(detections, image.directions, new.tolist(), strict=True):
+                begun = self._begin(time, [birth_of(direction, settings)], existence)
+                if begun is not None:
+                    begun.mixture.note_measured(seen=time)
+                    begun.score = detection.score
+                    begun.note_kind(Source.SIGHT, [detection.score], [clear])
+        view_share = 2.0 * measurement.half_view * UNIFORM_DENSITY
+        self._detect(view_share * settings.detection_probability * image.visibility, fraction)
+        self._reduce(time)
+
+    def _begin(self, time: float, births: Sequence[BirthComponent], existence: float) -> Track | None:
+        """Begin a track with a measurement that no track explains; None where it hardly is a target."""
+        if not births or existence < self._settings.least_existence:
+            return None
+        self._newest_id += 1
+        track = Track(self._newest_id, time, births, existence, self._settings, self._motion)
+        self.tracks.append(track)
+        return track
+
+    def _detect(self, probability: float, fraction: float) -> None:
+        """Fewer targets are left that were not detected, although they could have been."""
+        usual = self._settings.undetected
+        self._undetected = usual + (self._undetected - usual) * (1.0 - probability) ** fraction
+
+    def _note_told_apart(self, shares: NDArray[np.float64]) -> None:
+        """Note which tracks have different measurements of one scan, by the probabilities (t, m) that they are theirs."""
+        measured = [(track, int(row.argmax())) for track, row in zip(self.tracks, shares, strict=True)
+                    if row.size and row.max() >= ASSOCIATED]
+        for (one, first), (other, second) in combinations(measured, 2):
+            if first != second:
+                one.told_apart[other.id] = other.told_apart[one.id] = one.time
+
+    def _reduce(self, time: float) -> None:
+        """End tracks that hardly exist, and merge those that have been one and the same for some time."""
+        kept: list[Track] = []
+        alive = [track for track in self.tracks if track.existence >= self._settings.least_existence]
+        for track in sorted(alive, key=lambda each: -each.existence)[:self._settings.most_tracks]:
+            other = next((other for other in kept if self._are_one(other, track, time)), None)
+            if other is None:
+                kept.append(track)
+            else:
+                self._merge(other, track)
+        self.tracks = sorted(kept, key=lambda track: track.id)
+        for one, another in combinations(self.confirmed, 2):
+            one.compare_identity(another)
+
+    def _are_one(self, first: Track, second: Track, time: float) -> bool:
+        a, b, apart = first.mixture.primary(), second.mixture.primary(), first.told_apart.get(second.id)
+        return (a is not None and b is not None and are_mergeable(a, b)
+                and (apart is None or time - apart > self._settings.duplicate_time))
+
+    def _merge(self, first: Track, second: Track) -> None:
+        """Keep the more certain density of two tracks of one target, under the older id."""
+        first.mixture.absent *= second.mixture.absent
+        first.mixture.reduce()
+        ended = max(first.id, second.id)
+        if second.id < first.id:
+            first.id, first.began, first.told_apart = second.id, second.began, second.told_apart
+            first.confusions = second.confusions
+        for track in self.tracks:
+            track.confusions.pop(ended, None)
+
+
+def effective_sample_fraction(time: float, newest: float, correlation: float) -> float:
+    """Share of a measurement that is new evidence, when errors are correlated over `correlation` s.
+
+    Parameters:
+        time (s): capture time of the measurement.
+        newest (s): capture time of the newest earlier measurement.
+        correlation (s): correlation time of the errors.
+    """
+    return min(1.0, max(abs(time - newest) / correlation, 0.02)) if correlation > 0.0 else 1.0

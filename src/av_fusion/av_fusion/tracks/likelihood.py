@@ -1,0 +1,273 @@
+"""Measurements in the world compared with a component: densities, deviations, and the cosine that a linear array measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+from av_fusion.measurement.measurements import LEAST_LEVEL, Cone, Detection, Hypothesis
+from av_fusion.measurement.vectors import Rows, Vector, cross, dot, tangents, turned
+from av_fusion.measurement.vectors import direction as direction_of
+from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.past_state import PastState
+
+TOLERANCE = math.radians(3.0)  # of an elevation beyond its variance: targets climb faster than they turn
+
+
+class Deviation(NamedTuple):
+    """A scalar measurement compared with a prediction.
+
+    Parameters:
+        row: derivatives of the measured value with respect to the direction across and up.
+        innovation: measured minus predicted value.
+        total: variance of the innovation.
+        noise: the measurement's part of it.
+        tolerance: variance by which larger innovations are expected.
+    """
+
+    row: tuple[float, float]
+    innovation: float
+    total: float
+    noise: float
+    tolerance: float = 0.0
+
+    @property
+    def distance(self) -> float:
+        """Square of the innovation in standard deviations."""
+        return self.innovation**2 / (self.total + self.tolerance)
+
+
+def distance(deviations: Sequence[Deviation]) -> float:
+    """Square of the distance of a measurement from a prediction, in standard deviations."""
+    return sum([deviation.distance for deviation in deviations])
+
+
+class WorldDirection(NamedTuple):
+    """A measured direction.
+
+    Parameters:
+        vector: unit vector; with an unknown elevation, in the sensor's level plane.
+        left: unit vector to larger azimuths of the sensor.
+        across_variance, up_variance (rad^2): of the errors along `left` and perpendicular to it; infinite where the
+            elevation is unknown.
+    """
+
+    vector: Vector
+    left: Vector
+    across_variance: float
+    up_variance: float
+
+    @classmethod
+    def of(cls, measured: Detection | Hypothesis, attitude: Rows, extra: float = 0.0) -> WorldDirection:
+        """A direction in the body frame turned into the world; `extra` (rad^2) is added to its variance across."""
+        known = math.isfinite(measured.elevation_variance)
+        elevation = measured.elevation if known else 0.0
+        return cls(turned(attitude, direction_of(measured.azimuth, elevation)),
+                   turned(attitude, tangents(measured.azimuth, elevation)[0]), measured.across_variance + extra,
+                   measured.elevation_variance)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it has an elevation."""
+        return math.isfinite(self.up_variance)
+
+    def deviations(self, past: PastState) -> tuple[Deviation, ...]:
+        """Deviations from a component: across, and up where the elevation is known."""
+        h, v = dot(self.left, past.left), dot(self.left, past.above)
+        if not self.is_known:
+            return (self._beside(past),)
+        norm = max(math.hypot(h, v), 1e-9)
+        across, up = (h / norm, v / norm), (-v / norm, h / norm)
+        x, y = past.offset(self.vector)
+        return (Deviation(across, across[0] * x + across[1] * y, past.variance(across) + self.across_variance,
+                          self.across_variance),
+                Deviation(up, up[0] * x + up[1] * y, past.variance(up) + self.up_variance, self.up_variance, TOLERANCE**2))
+
+    def _beside(self, past: PastState) -> Deviation:
+        """The deviation from the half of a great circle through the sensor's vertical, on which all elevations lie."""
+        distance, row = past.above_plane(self.left)
+        if dot(self.vector, past.direction) < 0.0:  # on the other half
+            distance = math.copysign(math.pi, distance) - distance
+        level = 1.0 - dot(cross(self.vector, self.left), past.direction) ** 2
+        noise = self.across_variance * max(level, 0.01)
+        return Deviation(row, -distance, past.variance(row) + noise, noise)
+
+
+class Comparison(NamedTuple):
+    """A measurement compared with what a component predicts.
+
+    Parameters:
+        component, past: the component, and its direction at the capture time.
+        deviations: the scalar measurements that it consists of.
+        direction: the alternative that was compared; None for a cone.
+        fit: likelihood relative to that of a component that predicts the measured value without error and variance; at most 1.
+    """
+
+    component: GaussianComponent
+    past: PastState
+    deviations: Sequence[Deviation]
+    fit: float
+    direction: WorldDirection | None = None
+
+
+class DoaLikelihood(Protocol):
+    """A direction of arrival to compare with components."""
+
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+        """Compare with a component, whose direction at the capture time is `past`."""
+
+
+class WorldCone(NamedTuple):
+    """The cosine of the angle from an axis, whichever of the images is the source.
+
+    Parameters:
+        axis: unit vector of the array's axis in the world.
+        cosine: measured cosine of the angle from the axis.
+        variance: variance of the cosine's error from all causes.
+        blur: displacement of the axis by its rotation within the error of the stamp, as a standard deviation.
+    """
+
+    axis: Vector
+    cosine: float
+    variance: float
+    blur: Vector
+
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+        """See `DoaLikelihood`."""
+        deviation = self.deviation(past)
+        fit = math.exp(-0.5 * deviation.distance) * math.sqrt(deviation.noise / deviation.total)
+        return Comparison(component, past, (deviation,), fit)
+
+    def deviation(self, past: PastState) -> Deviation:
+        """Deviation of the cosine from what a component predicts."""
+        mean, variance, row = expected_cosine(past, self.axis)
+        noise = self.variance + dot(self.blur, past.direction) ** 2
+        return Deviation(row, self.cosine - mean, variance + noise, noise)
+
+    def sky_images(self, elevation: float, variance: float) -> list[SkyImage]:
+        """Where the cone meets the likely elevations of the sky, clockwise of the axis first.
+
+        None for an axis that is close to the vertical, whose cone meets all azimuths.
+
+        Parameters:
+            elevation (rad), variance (rad^2): usual elevation of targets and its variance.
+        """
+        x, y, z = self.axis
+        level = math.hypot(x, y)
+        if level < LEAST_LEVEL:
+            return []
+        climb, angle = math.asin(min(max(z, -1.0), 1.0)), math.acos(min(max(self.cosine, -1.0), 1.0))
+        elevation = min(max(elevation, climb - angle, -0.5 * math.pi), climb + angle, 0.5 * math.pi)
+        width, sine = level * max(math.cos(elevation), 0.05), math.sin(elevation)
+        ratio = min(max((self.cosine - z * sine) / width, -1.0), 1.0)
+        to_elevation = (self.cosine * sine - z) / (width * math.cos(elevation)) if math.cos(elevation) > 0.05 else 0.0
+        noise = self.variance / width**2
+        steepness = math.sqrt(max(1.0 - ratio * ratio, math.sqrt(noise + to_elevation**2 * variance)))
+        apart, azimuth, cosine = math.acos(ratio), math.atan2(y, x), math.cos(elevation)
+        images = []
+        for side in (-1.0, 1.0):
+            slope = -side * to_elevation / steepness  # of the azimuth by elevation
+            images.append(SkyImage(math.remainder(azimuth + side * apart, math.tau), elevation,
+                                   (noise / steepness**2 + slope * slope * variance) * cosine**2,
+                                   slope * variance * cosine, variance, side))
+        return images
+
+
+class SkyImage(NamedTuple):
+    """A direction (rad, world) on a cone, its covariance (rad^2) across and up, and its side of the axis (-1 or 1)."""
+
+    azimuth: float
+    elevation: float
+    hh: float
+    hv: float
+    vv: float
+    side: float
+
+
+def expected_cosine(past: PastState, axis: Vector) -> tuple[float, float, tuple[float, float]]:
+    """Mean and variance of the cosine of the angle between a target and an axis, and its mean derivatives across and up.
+
+    With azimuth d and elevation e of the target from its mean, the cosine is x cos d cos e + y sin d cos e + z sin e, where
+    x, y, z are the axis along the mean and the axes of its plane. For Gaussian d and e all moments follow in closed form from
+    E cos x = exp(-v/2); by Stein's lemma the covariance with the state is its covariance matrix times the mean gradient
+    (Sarkka, Bayesian Filtering and Smoothing, 2013, eq. 6.3). Exact moments need no bounds where the cosine is flat, at
+    end-fire.
+
+    Parameters:
+        past: the target's direction.
+        axis: unit vector of the axis in the world.
+    """
+    x, y, z = dot(axis, past.direction), dot(axis, past.left), dot(axis, past.above)
+    h, v, c = past.hh, past.vv, past.hv
+    fade_sum, fade_difference = math.exp(-0.5 * (h + v) - c), math.exp(-0.5 * (h + v) + c)
+    both = 0.5 * (fade_sum + fade_difference)  # E cos d cos e
+    mean = x * both
+    twice_h, twice_v = math.exp(-2.0 * h), math.exp(-2.0 * v)
+    twice_both = 0.5 * (math.exp(-2.0 * (h + v) - 4.0 * c) + math.exp(-2.0 * (h + v) + 4.0 * c))
+    mixed = 0.5 * (math.exp(-0.5 * h - 2.0 * v + 2.0 * c) - math.exp(-0.5 * h - 2.0 * v - 2.0 * c))  # E sin d sin 2e
+    square = (0.25 * x * x * (1.0 + twice_h + twice_v + twice_both) + 0.25 * y * y * (1.0 - twice_h + twice_v - twice_both)
+              + 0.5 * z * z * (1.0 - twice_v) + y * z * mixed)
+    row = y * both, z * math.exp(-0.5 * v) - 0.5 * y * (fade_difference - fade_sum)
+    return mean, max(square - mean * mean, 1e-12), row
+
+
+class DirectionLikelihood:
+    """Alternative directions; each component is compared with the nearest one.
+
+    Parameters:
+        directions: the directions in the world.
+    """
+
+    def __init__(self, directions: Sequence[WorldDirection]) -> None:
+        self._directions = directions
+
+    def compare(self, component: GaussianComponent, past: PastState) -> Comparison:
+        """See `DoaLikelihood`."""
+        alternatives = [(direction.deviations(past), direction) for direction in self._directions]
+        deviations, nearest = min(alternatives, key=lambda pair: distance(pair[0]))
+        fit = math.exp(-0.5 * distance(deviations)) * math.sqrt(deviations[0].noise / deviations[0].total)
+        return Comparison(component, past, deviations, fit, nearest)
+
+
+def mirror_axis(hypotheses: Sequence[Hypothesis], cone: Cone | None) -> Vector | None:
+    """Axis in the body frame about which the images of a measurement are mirrored.
+
+    None for a single direction, and for images of one azimuth, such as those above and below a horizontal planar array.
+
+    Parameters:
+        hypotheses: directions in the body frame.
+        cone: their cone; None for other arrays than linear ones.
+    """
+    if cone is not None:
+        return cone.axis
+    if len(hypotheses) != 2:
+        return None
+    first, second = hypotheses
+    apart = math.remainder(second.azimuth - first.azimuth, math.tau)
+    if apart**2 < 4.0 * max(first.across_variance, second.across_variance):
+        return None
+    middle = first.azimuth + 0.5 * apart
+    return math.cos(middle), math.sin(middle), 0.0
+
+
+def gaussian(residual: float, variance: float) -> float:
+    """Density of a zero-mean normal distribution.
+
+    Parameters:
+        residual: deviation from the mean.
+        variance: variance of the distribution.
+    """
+    return math.exp(-0.5 * residual * residual / variance) / math.sqrt(2.0 * math.pi * variance)
+
+
+def share_within(half_width: float, offset: float, variance: float) -> float:
+    """Probability that a normal variable lies within +-half_width of a point that is `offset` from its mean.
+
+    Parameters:
+        half_width (rad): half of the width of the interval.
+        offset (rad): centre of the interval minus mean.
+        variance (rad^2): variance of the variable.
+    """
+    scale = math.sqrt(2.0 * variance if variance > 1e-12 else 2e-12)
+    return 0.5 * (math.erf((half_width - offset) / scale) + math.erf((half_width + offset) / scale))

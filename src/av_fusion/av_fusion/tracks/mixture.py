@@ -1,0 +1,185 @@
+"""The density of one target at one time: Gaussian components, and the probability that there is no such target."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from math import remainder, tau
+from operator import attrgetter
+from typing import NamedTuple
+
+import numpy as np
+
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, offset, tangents
+from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.component_merging import are_mergeable, merge, split
+from av_fusion.tracks.motion import MotionModel
+
+AGREEING, CLOSE = math.radians(10.0), math.radians(25.0)  # components closer together are one direction, on one side of an axis
+PRIMARY_RATIO = 1.5  # weight of another component, relative to the primary one, from which it becomes primary
+LEAST_WEIGHT = 1e-6  # least weight of a component
+LEAST_ABSENT = 1e-9
+_WEIGHT = attrgetter('weight')
+
+
+class BirthComponent(NamedTuple):
+    """A direction in the world that may start a component.
+
+    Parameters:
+        azimuth, elevation (rad): the direction.
+        hh, hv, vv (rad^2): its covariance across and up.
+        share: probability of this direction among the mirror images of its measurement.
+        elevation_measured: whether the elevation was measured.
+    """
+
+    azimuth: float
+    elevation: float
+    hh: float
+    hv: float
+    vv: float
+    share: float = 1.0
+    elevation_measured: bool = False
+
+
+class GaussianMixture:
+    """Gaussian components, whose weights and `absent` sum to one after `reduce`.
+
+    Attributes:
+        components: the Gaussians.
+        absent: probability that there is no such target.
+
+    Parameters:
+        model: motion of targets.
+        rate_variance (rad^2/s^2): initial variance of the rate of a birth across, and up far from the horizon.
+        lost_variance (rad^2): components of larger variance are removed.
+    """
+
+    def __init__(self, model: MotionModel, rate_variance: float, lost_variance: float) -> None:
+        self.components: list[GaussianComponent] = []
+        self.absent = 1.0
+        self.model, self._rate_variance, self._lost_variance = model, rate_variance, lost_variance
+        self._primary: GaussianComponent | None = None
+
+    @classmethod
+    def born(cls, births: Sequence[BirthComponent], existence: float, model: MotionModel, rate_variance: float,
+             lost_variance: float) -> GaussianMixture:
+        """The density of a target that begins with one measurement.
+
+        Parameters:
+            births: its mirror images.
+            existence: probability that there is such a target.
+            model, rate_variance, lost_variance: see the class.
+        """
+        mixture = cls(model, rate_variance, lost_variance)
+        mixture.components = [mixture._component_of(birth, existence * birth.share) for birth in births]
+        mixture.absent = 1.0 - existence
+        mixture.reduce()
+        return mixture
+
+    def predict(self, dt: float, noise_scale: float, kept: float, moved: Vector = ZERO, axes: Collection[Vector] = ()) -> None:
+        """Predict every component by `dt` s; the target disappears with the probability 1 - `kept`.
+
+        Parameters:
+            dt (s): duration of the prediction.
+            noise_scale: factor of the acceleration density.
+            kept: probability that the target is still present.
+            moved (m): displacement of the rig meanwhile, in the world.
+            axes: unit vectors in the world, at whose vertical planes components that extend to both sides are split: near
+                end-fire a measurement fits both sides, which one Gaussian cannot represent.
+        """
+        for component in self.components:
+            component.predict(dt, self.model, noise_scale, moved)
+            component.weight *= kept
+        self.absent += (1.0 - kept) * (1.0 - self.absent)
+        for axis in axes:
+            self.components = [part for component in self.components for part in split(component, axis)]
+
+    def note_measured(self, heard: float = -math.inf, seen: float = -math.inf) -> None:
+        """Note that all components were measured at these times (s) by sound or sight."""
+        for component in self.components:
+            component.newest_doa, component.newest_sighting = (max(component.newest_doa, heard),
+                                                               max(component.newest_sighting, seen))
+
+    def weigh_by_cue(self, cue: Vector, variance: float, wrong: float) -> None:
+        """Weigh the components among each other by where others say that a target is.
+
+        The cue decides between hypotheses: it moves no component, makes none more precise, and says nothing about whether there
+        is a target. With the probability `wrong` it concerns another target, which may be anywhere.
+
+        Parameters:
+            cue: unit vector in the world.
+            variance (rad^2): of its direction along each axis.
+            wrong: probability that it concerns another target.
+        """
+        total = sum([component.weight for component in self.components])
+        for component in self.components:
+            left, above = tangents(component.azimuth, component.elevation)
+            apart = np.array(offset(component.direction, left, above, cue))
+            S = component.covariance[:2, :2] + variance * np.eye(2)
+            density = math.exp(-0.5 * float(apart @ np.linalg.solve(S, apart))) / (tau * math.sqrt(float(np.linalg.det(S))))
+            component.weight *= wrong + (1.0 - wrong) * density * 2.0 * tau
+        changed = sum([component.weight for component in self.components])
+        for component in self.components:
+            component.weight *= total / changed
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn all components with the world, where the rig's attitude was corrected."""
+        for component in self.components:
+            component.turn_world(rows)
+
+    def _component_of(self, birth: BirthComponent, weight: float) -> GaussianComponent:
+        level, model = math.cos(birth.elevation) ** 2, self.model
+        up_rate_variance = level * model.climb_variance + (1.0 - level) * self._rate_variance
+        covariance = np.diag((birth.hh, birth.vv, self._rate_variance, up_rate_variance, model.usual_inverse_range**2))
+        covariance[0, 1] = covariance[1, 0] = birth.hv
+        return GaussianComponent(weight, birth.azimuth, birth.elevation, covariance, inverse_range=model.usual_inverse_range,
+                                 elevation_measured=birth.elevation_measured)
+
+    def reduce(self) -> None:
+        """Normalise, merge components that agree, and remove those of little weight or large variance."""
+        components = sorted(self.components, key=_WEIGHT, reverse=True)
+        total = self.absent + sum([component.weight for component in components])
+        kept: list[GaussianComponent] = []
+        self.components = kept
+        self.absent /= total
+        for component in components:
+            component.weight /= total
+            for other in kept:
+                if are_mergeable(other, component):
+                    merge(other, component)
+                    break
+            else:
+                if component.weight >= LEAST_WEIGHT and component.across_variance <= self._lost_variance:
+                    kept.append(component)
+                else:
+                    self.absent += component.weight
+        self.absent = max(self.absent, LEAST_ABSENT)
+
+    def primary(self) -> GaussianComponent | None:
+        """The heaviest component; the previous one is kept until another is clearly heavier."""
+        heaviest = max(self.components, key=_WEIGHT, default=None)
+        previous = self._primary
+        if (heaviest is None or previous is None or previous not in self.components
+                or heaviest.weight > PRIMARY_RATIO * previous.weight):
+            self._primary = heaviest
+        return self._primary
+
+    def share_of(self, primary: GaussianComponent, axis: Vector | None) -> float:
+        """Probability of the direction of the primary component, given that there is a target.
+
+        Components that agree with it count, and those close to it on its side of the axis about which directions of arrival
+        are mirrored.
+
+        Parameters:
+            primary: the primary component.
+            axis: unit vector of the axis in the world, None without one.
+        """
+        azimuth = math.nan if axis is None else math.atan2(axis[1], axis[0])
+        side, agreeing, total = math.sin(primary.azimuth - azimuth), 0.0, 0.0
+        for component in self.components:
+            total += component.weight
+            apart = min(abs(remainder(primary.azimuth - component.azimuth, tau)),  # at the zenith azimuths mean little
+                        math.acos(min(max(dot(primary.direction, component.direction), -1.0), 1.0)))
+            if apart < AGREEING or (apart < CLOSE and side * math.sin(component.azimuth - azimuth) > 0.0):
+                agreeing += component.weight
+        return agreeing / total

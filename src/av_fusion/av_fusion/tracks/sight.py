@@ -1,0 +1,107 @@
+"""An image as the filter uses it: what it shows, and what it would show of a component."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from av_fusion.measurement.measurements import CameraMeasurement, Detection
+from av_fusion.measurement.vectors import Rows, Vector, angles, dot, tangents, turned
+from av_fusion.tracks.component import GaussianComponent
+from av_fusion.tracks.likelihood import Deviation, WorldDirection, distance, gaussian, share_within
+from av_fusion.tracks.past_state import PastState
+
+LARGEST_ODDS = 99.0  # that a detection is the target
+
+
+class Image(NamedTuple):
+    """An image in the world.
+
+    Parameters:
+        time (s): its capture time.
+        measurement: detections in the body frame.
+        directions: those of the detections in the world.
+        view: axes of the camera in the world.
+        visibility: 0..1, known or assumed.
+        fraction: effective sample fraction.
+    """
+
+    time: float
+    measurement: CameraMeasurement
+    directions: Sequence[WorldDirection]
+    view: Sequence[Vector]
+    visibility: float
+    fraction: float
+
+    @classmethod
+    def of(cls, time: float, measurement: CameraMeasurement, attitude: Rows, visibility: float, fraction: float) -> Image:
+        """The image turned into the world by the rig's attitude of its time; `visibility` where it has none."""
+        return cls(time, measurement, [WorldDirection.of(detection, attitude) for detection in measurement.detections],
+                   [turned(attitude, axis) for axis in zip(*measurement.view, strict=True)],
+                   measurement.visibility if math.isfinite(measurement.visibility) else visibility, fraction)
+
+
+class SightComparison(NamedTuple):
+    """An image compared with what a component predicts.
+
+    Parameters:
+        component, past: the component, and its direction at the capture time.
+        deviations: of each detection.
+        chance: probability that the target is in view and detected if nothing hides it.
+        missed: probability that the image does not show the target.
+        found: likelihood ratio of each detection, from the target over a false one.
+    """
+
+    component: GaussianComponent
+    past: PastState
+    deviations: Sequence[Sequence[Deviation]]
+    chance: float
+    missed: float
+    found: Sequence[float]
+
+
+def compare(component: GaussianComponent, past: PastState, image: Image, detected: float) -> SightComparison:
+    """A component compared with an image.
+
+    Parameters:
+        component, past: the component, and its direction at the capture time.
+        image: the image.
+        detected: probability that a target in view is detected where nothing hides it.
+    """
+    chance = detected * share_in_view(past, image.view, image.measurement)
+    deviations = [direction.deviations(past) for direction in image.directions]
+    width = 2.0 * image.measurement.half_view
+    found = [detected * odds_of(detection) * width * _density(parts)
+             for detection, parts in zip(image.measurement.detections, deviations, strict=True)]
+    return SightComparison(component, past, deviations, chance, component.missed_detection(chance), found)
+
+
+def _density(deviations: Sequence[Deviation]) -> float:
+    """Density of a detection under a component, across; reduced by its deviation up."""
+    across, *others = deviations
+    return gaussian(across.innovation, across.total) * math.exp(-0.5 * distance(others))
+
+
+def share_in_view(past: PastState, view: Sequence[Vector], measurement: CameraMeasurement) -> float:
+    """Probability that a component is in the field of view.
+
+    Parameters:
+        past: the component at the image's capture time.
+        view: axes of the camera in the world.
+        measurement: the image.
+    """
+    x, y, z = (dot(axis, past.direction) for axis in view)
+    azimuth, elevation = angles((x, y, z))
+    across, up = tangents(azimuth, elevation)
+    rows = [(sum(a * dot(axis, past.left) for a, axis in zip(part, view, strict=True)),
+             sum(a * dot(axis, past.above) for a, axis in zip(part, view, strict=True))) for part in (across, up)]
+    level = max(math.cos(elevation) ** 2, 1e-6)
+    return (share_within(measurement.half_view, azimuth, past.variance(rows[0]) / level)
+            * share_within(measurement.half_height, elevation, past.variance(rows[1])))
+
+
+def odds_of(detection: Detection) -> float:
+    """Odds that a detection is the target."""
+    return min(detection.score / max(1.0 - detection.score, 0.01), LARGEST_ODDS)
+

@@ -1,0 +1,346 @@
+"""One target: a Bernoulli component, which exists with a probability and has a density if it does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from av_common.track import Source
+from av_fusion.disambiguation.ambiguity import Ambiguity
+from av_fusion.identity.blade_pass import BladePassFrequency
+from av_fusion.identity.confusion import overlap
+from av_fusion.identity.kind import Kind
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot
+from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
+from av_fusion.tracks.hearing import Hearing
+from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, distance
+from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
+from av_fusion.tracks.motion import AdaptiveProcessNoise
+from av_fusion.tracks.past_state import PastState
+from av_fusion.tracks.settings import FilterSettings
+from av_fusion.tracks.sight import Image, SightComparison, compare
+
+MAX_GAP_S = 5.0  # a longer gap between measurements, or jump of the clock, starts new tracks
+LEAST_LIKELIHOOD = 1e-3  # of an image under a component
+LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is not used
+# Steady motion is evidence against manoeuvres while measurements confirm it, and for this long after the newest of them;
+# then the process noise returns to that of the motion model with this time constant.
+STEADY_S, STEADY_DECAY_S = 0.5, 1.0
+LARGEST_MOVE = math.cos(math.radians(4.0))  # of the direction of what counts as one place in the world
+FAR_M = 5.0  # displacement of the rig after which a place has another direction
+
+
+class Track:
+    """A target that exists with a probability. Mirror images are components of its mixture.
+
+    Measurements may be older than the density: they then update the present through the state at their own time (`lag`).
+
+    Attributes:
+        id: number of the track, not used again.
+        began (s): capture time of its first measurement.
+        time (s): for which the density is valid.
+        mixture: the density.
+        process_noise: scale of the target's acceleration.
+        kind, blade_pass: what it is, and the blade-pass frequency of its sound.
+        ambiguity: whether front and back are resolved.
+        score: of the detection that supports it in the newest image, 0 for none.
+        told_apart: newest time (s), by the id of another track, at which the two had different measurements in a scan.
+        confusions: largest probability so far that it was taken for another target, by the id of that.
+
+    Parameters:
+        identifier: see `id`.
+        time (s): capture time of the first measurement.
+        births, existence: its mirror images, and the probability that there is such a target.
+        settings: see `FilterSettings`.
+        motion: attitude and path of the rig.
+    """
+
+    def __init__(self, identifier: int, time: float, births: Sequence[BirthComponent], existence: float,
+                 settings: FilterSettings, motion: RigMotion) -> None:
+        self._settings, self._motion = settings, motion
+        self.id, self.began, self.time = identifier, time, time
+        self.mixture = GaussianMixture.born(births, existence, settings.model, settings.rate_sigma**2, settings.lost_sigma**2)
+        self.process_noise = AdaptiveProcessNoise()
+        self.kind, self.blade_pass = Kind(), BladePassFrequency()
+        self.ambiguity = Ambiguity(settings.confirm_threshold)
+        self.score = 0.0
+        self.told_apart: dict[int, float] = {}
+        self.confusions: dict[int, float] = {}
+        self._anchor: tuple[Vector, Vector] | None = None  # direction from which it is heard while static, and the rig's place
+
+    @property
+    def existence(self) -> float:
+        """Probability that the target exists."""
+        return min(max(1.0 - self.mixture.absent, 0.0), 1.0)
+
+    @property
+    def identity(self) -> float:
+        """Probability that this is still the target that was given its id."""
+        return math.prod((1.0 - confusion for confusion in self.confusions.values()), start=1.0)
+
+    @property
+    def measured(self) -> float:
+        """Capture time (s) of the newest measurement that supports its direction; -inf without one."""
+        primary = self.mixture.primary()
+        return -math.inf if primary is None else primary.measured
+
+    @property
+    def heard(self) -> float:
+        """Capture time (s) of the newest direction of arrival that supports its direction; -inf without one."""
+        primary = self.mixture.primary()
+        return -math.inf if primary is None else primary.newest_doa
+
+    @property
+    def seen(self) -> float:
+        """Capture time (s) of the newest detection that supports its direction; -inf without one."""
+        primary = self.mixture.primary()
+        return -math.inf if primary is None else primary.newest_sighting
+
+    def noise_scale(self, time: float) -> float:
+        """Factor of the acceleration density for a prediction to `time` (s)."""
+        scale, unsupported = self.process_noise.value, time - self.measured - STEADY_S
+        return scale if unsupported <= 0.0 else 1.0 + (scale - 1.0) * math.exp(-unsupported / STEADY_DECAY_S)
+
+    def predict(self, time: float, axes: Collection[Vector] = ()) -> tuple[float, Vector]:
+        """Predict to `time` (s); nothing for an earlier time.
+
+        Returns how much earlier (s) it is than the density, 0 after a prediction, and the displacement of the rig since (m).
+
+        Parameters:
+            time (s): capture time of a measurement.
+            axes: see `GaussianMixture.predict`.
+        """
+        dt = time - self.time
+        if dt < 0.0:
+            return -dt, self._motion.moved(time, self.time)
+        self.mixture.predict(dt, 0.0 if self.kind.is_fixed else self.noise_scale(time),
+                             math.exp(-self._settings.loss_rate * dt), self._motion.moved(self.time, time), axes)
+        self.time = time
+        return 0.0, ZERO
+
+    def later(self, component: GaussianComponent, time: float) -> GaussianComponent:
+        """A copy of a component, predicted to `time` (s)."""
+        return component.predicted(time - self.time, self.mixture.model, self.noise_scale(time),
+                                   self._motion.moved(self.time, time))
+
+    def front_probability(self, time: float) -> float:
+        """Probability, given that there is a target, that its azimuth in the body is within 90 degrees at `time` (s)."""
+        attitude = self._motion.attitude(time)
+        shares = [(c.weight, self.later(c, time).front_share(attitude)) for c in self.mixture.components]
+        return sum([weight * share for weight, share in shares]) / sum([weight for weight, _ in shares])
+
+    def predict_heard(self, seconds: float) -> None:
+        """Predict by `seconds` whether the target can be heard, a two-state Markov chain."""
+        rate, kept = self._settings.unheard_rate, math.exp(-seconds / self._settings.unheard_time)
+        for component in self.mixture.components:
+            component.p_unheard = rate + kept * (component.p_unheard - rate)
+
+    def compare_sound(self, heard: Sequence[Hearing], place: tuple[float, Vector]) -> list[list[Comparison]]:
+        """Each component compared with each direction of arrival of one window; `place` is the result of `predict`."""
+        pasts = [(component, component.at(*place)) for component in self.mixture.components]
+        return [[hearing.likelihood.compare(component, past) for hearing in heard] for component, past in pasts]
+
+    def sound_ratios(self, compared: Sequence[Sequence[Comparison]], gains: NDArray[np.float64],
+                     confidences: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Likelihood ratio of each direction of arrival: that it stems from this target, over that none does, (m,).
+
+        Parameters:
+            compared: of the components with the directions.
+            gains (m,): peak likelihood of each direction from a target that can be heard, over clutter.
+            confidences (m,): that each stems from a source.
+        """
+        none, ratios = self.mixture.absent, np.zeros(len(gains))
+        for comparisons in compared:
+            component, fits = comparisons[0].component, np.array([comparison.fit for comparison in comparisons])
+            audible = component.weight * (1.0 - component.p_unheard)
+            none += component.weight - audible * (1.0 - self._missed(fits, confidences))
+            ratios += audible * fits
+        return ratios * gains / none
+
+    def _missed(self, fits: NDArray[np.float64], confidences: NDArray[np.float64]) -> float:
+        """Probability that a target that can be heard is not among the directions of a window.
+
+        Parameters:
+            fits, confidences (m,): of the directions; one that is a source elsewhere may hide the target.
+        """
+        others = float(np.max(confidences * (1.0 - fits)))
+        return 1.0 - self._settings.sound_detection_probability * (1.0 - self._settings.masked * others)
+
+    def use_sound(self, time: float, compared: Sequence[Sequence[Comparison]], gains: NDArray[np.float64],
+                  confidences: NDArray[np.float64], fraction: float) -> None:
+        """Weigh and update the components by the directions of arrival of one window.
+
+        Likelihoods are raised to the effective sample fraction, as windows overlap; associations are those of this window.
+
+        Parameters:
+            time (s): capture time.
+            compared: of the components with the directions.
+            gains (m,): see `sound_ratios`, times how far each direction is free for this target.
+            confidences (m,): see `sound_ratios`.
+            fraction: effective sample fraction.
+        """
+        tempered = gains**fraction
+        for comparisons in compared:
+            component, unheard = comparisons[0].component, comparisons[0].component.p_unheard
+            fits = np.array([comparison.fit for comparison in comparisons])
+            missed = self._missed(fits, confidences)
+            total = unheard + (1.0 - unheard) * (missed**fraction + float(fits @ tempered))
+            likelihoods = (1.0 - unheard) * fits * gains
+            shares = (likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))).tolist()
+            for comparison, share in zip(comparisons, shares, strict=True):
+                deviation = comparison.deviations[0]
+                self.process_noise.note(share * component.weight, component.across_rate, deviation.innovation, deviation.total)
+            component.p_unheard = unheard / total
+            update_by_sound(time, comparisons, shares)
+            component.weight *= total
+        self.process_noise.adapt(fraction)
+        self.mixture.reduce()
+
+    def miss_sound(self, fraction: float) -> None:
+        """Weigh the components by a window without any direction of arrival; `fraction` is its effective sample fraction."""
+        missed = (1.0 - self._settings.sound_detection_probability) ** fraction
+        for component in self.mixture.components:
+            total = component.p_unheard + (1.0 - component.p_unheard) * missed
+            component.p_unheard /= total
+            component.weight *= total
+        self.mixture.reduce()
+
+    def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
+        """Each component compared with an image; `place` is the result of `predict`."""
+        for component in self.mixture.components:
+            component.predict_hidden(image.time, image.visibility)
+        return [compare(component, component.at(*place), image, self._settings.detection_probability)
+                for component in self.mixture.components]
+
+    def image_ratios(self, compared: Sequence[SightComparison], count: int) -> NDArray[np.float64]:
+        """Likelihood ratio of each detection: that it is this target, over that none is, (m,).
+
+        Parameters:
+            compared: of the components with the image.
+            count: number of detections.
+        """
+        none, ratios = self.mixture.absent, np.zeros(count)
+        for comparison in compared:
+            none += comparison.component.weight * comparison.missed
+            ratios += comparison.component.weight * np.array(comparison.found)
+        return ratios / none
+
+    def use_image(self, image: Image, compared: Sequence[SightComparison], free: Sequence[float]) -> None:
+        """Weigh and update the components by an image.
+
+        Parameters:
+            image: the image.
+            compared: of the components with it.
+            free (m): how far each detection is free for this target.
+        """
+        primary, self.score = self.mixture.primary(), 0.0
+        for comparison in compared:
+            score = self._update_by_image(image, comparison, free)
+            self.score = score if comparison.component is primary else self.score
+        if image.directions:
+            self.process_noise.adapt(image.fraction)
+        self.mixture.reduce()
+
+    def _update_by_image(self, image: Image, compared: SightComparison, free: Sequence[float]) -> float:
+        """Weigh and update a component; the score of the detection that supports it, 0 if none does."""
+        component, likelihood, score, hidden = compared.component, compared.missed, 0.0, 1.0
+        if image.directions:
+            found = [ratio * factor for ratio, factor in zip(compared.found, free, strict=True)]
+            likelihood += sum(found)
+            shares = [ratio / likelihood for ratio in found]
+            self._note_nearest(component, compared.deviations, shares)
+            _associate(component, compared.past, image.directions, compared.deviations, shares)
+            score = max((d.score for d, share in zip(image.measurement.detections, shares, strict=True) if share > ASSOCIATED),
+                        default=0.0)
+            if sum(shares) >= ASSOCIATED:
+                component.newest_sighting = max(component.newest_sighting, image.time)
+            hidden = compared.missed / likelihood  # what was detected is not hidden
+        component.update_hidden(compared.chance, image.fraction, hidden)
+        component.weight *= max(likelihood, LEAST_LIKELIHOOD) ** image.fraction
+        return score
+
+    def _note_nearest(self, component: GaussianComponent, deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]
+                      ) -> None:
+        """Note the nearest detection by its association probability: false ones are no manoeuvres."""
+        nearest = min(range(len(deviations)), key=lambda k: distance(deviations[k]))
+        across, *others = deviations[nearest]
+        weight, level = component.weight * shares[nearest], math.cos(component.elevation) ** 2
+        self.process_noise.note(weight, component.across_rate, across.innovation, across.total)
+        for part in others:  # overhead both axes are alike
+            self.process_noise.note((1.0 - level) * weight, component.up_rate, part.innovation, part.total)
+
+    def note_kind(self, sensor: Source, probabilities: Sequence[float], looks: Sequence[float], seconds: float = 0.0) -> None:
+        """Note what the measurements of a scan tell of the kind of the target.
+
+        Parameters:
+            sensor, probabilities, looks: see `Kind.note`.
+            seconds (s): for which it was heard since the scan before.
+        """
+        self.kind.note(sensor, probabilities, looks)
+        primary = self.mixture.primary()
+        if seconds <= 0.0 or primary is None or sum(looks) <= 0.0:
+            return
+        place, anchor = self._motion.path(self.time), self._anchor
+        if (anchor is None or dot(anchor[0], primary.direction) < LARGEST_MOVE
+                or math.dist(anchor[1], place) > FAR_M):
+            self._anchor, self.kind.static_s = (primary.direction, place), 0.0
+        self.kind.static_s += seconds
+
+    def turn_world(self, rows: Rows) -> None:
+        """Turn the track with the world, where the rig's attitude was corrected."""
+        self.mixture.turn_world(rows)
+        self._anchor = None
+
+    def compare_identity(self, other: Track) -> None:
+        """Note how probable it is that this target and another one are taken for each other."""
+        one, two = self.mixture.primary(), other.mixture.primary()
+        if one is not None and two is not None:
+            alike = overlap(one, two)
+            confusion = 0.5 * alike * self.blade_pass.overlap(other.blade_pass) if alike else 0.0
+            for track, rival in ((self, other), (other, self)):
+                track.confusions[rival.id] = max(track.confusions.get(rival.id, 0.0), confusion)
+
+
+def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: Sequence[float]) -> None:
+    """Update a component by directions of arrival with their association probabilities.
+
+    Parameters:
+        time (s): their capture time.
+        comparisons: of the component with each of them.
+        shares: probability of each that it stems from this component; they sum to at most one.
+    """
+    component, past = comparisons[0].component, comparisons[0].past
+    across = [comparison.deviations[0] for comparison in comparisons]
+    row = across[shares.index(max(shares))].row  # those of directions far away differ
+    update = component.update_across if comparisons[0].direction is None else component.update_alternatives
+    update(past, row, [d.innovation for d in across], [max(d.total - past.variance(d.row), d.noise) for d in across], shares)
+    known = [(comparison.direction, share) for comparison, share in zip(comparisons, shares, strict=True)
+             if comparison.direction is not None and comparison.direction.is_known]
+    _update_elevation(component, past, known)
+    if sum(shares) >= ASSOCIATED:
+        component.newest_doa = max(component.newest_doa, time)
+
+
+def _associate(component: GaussianComponent, past: PastState, directions: Sequence[WorldDirection],
+               deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]) -> None:
+    """Update a component by detections with their association probabilities."""
+    nearest = min(deviations, key=distance)[0]
+    component.update_alternatives(past, nearest.row, [parts[0].innovation for parts in deviations],
+                                  [parts[0].noise for parts in deviations], shares)
+    _update_elevation(component, past, [(direction, share) for direction, share in zip(directions, shares, strict=True)
+                                        if direction.is_known])
+
+
+def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[tuple[WorldDirection, float]]) -> None:
+    """Update a component by the elevations of directions with their association probabilities."""
+    if sum([share for _, share in known]) > LEAST_ELEVATION_ASSOCIATION:
+        past = component.at(past.lag, past.moved)
+        ups = [direction.deviations(past)[1] for direction, _ in known]
+        shares = [share for _, share in known]
+        row = ups[shares.index(max(shares))].row  # axes of directions far away differ
+        component.update_alternatives(past, row, [up.innovation for up in ups], [up.noise for up in ups], shares)
+        component.elevation_measured = True
