@@ -11,6 +11,7 @@ from rclpy.node import Node
 # After a node died without a word the graph still holds its publisher for the lease of the middleware's discovery (10 s of
 # Cyclone DDS, 20 s of Fast DDS): for so long a node of the same name is taken for its successor.
 LEASE_S = 20.0
+PERIOD_S = 0.05  # between two looks at the graph
 
 
 class Publishers:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from geometry_msgs.msg import PointStamped
@@ -15,7 +16,6 @@ from av_common.frames import attitude_of
 from av_common.freshness import FUTURE_S, FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED
 from av_common.rig import GimbalMount
-from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds, to_stamp
 from av_common.track import State, Track
 from av_common.track_messages import track_of_bearing
@@ -28,13 +28,13 @@ class PointingStage:
     """Gives a command for each bearing, and at any time by `on_time`.
 
     Ages count from the arrival on by the steady clock (see `Instant`). What keeps the body moving is new data only: bearings
-    whose `measured` advances, and odometry whose stamp does. A topic with two sources is not used (see `SingleSources`):
-    a forged bearing would renew the age of what is genuine. It may show by its stamp or by its `measured`.
+    whose `measured` advances, and odometry whose stamp does. A topic with two publishers is not used (see `Publishers`):
+    a forged bearing would renew the age of what is genuine.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
         command: the newest command, None before the first.
-        sources: whether a topic has two sources.
+        contested: publishers of `target/bearing` and `odometry` where there are several.
 
     Parameters:
         controller: see the attribute.
@@ -49,7 +49,7 @@ class PointingStage:
         self._arrived, self._late = -math.inf, math.inf  # of the newest bearing: arrival (steady) and age then
         self._measured, self._odometry, self._cued = FreshInput(math.inf), FreshInput(), FreshInput(math.inf)
         self._cue: Look | None = None
-        self.sources = SingleSources(('target/bearing', 'odometry'))
+        self.contested: Mapping[str, list[str]] = {}
 
     @property
     def refused(self) -> int:
@@ -64,8 +64,7 @@ class PointingStage:
             arrival: time of its arrival.
         """
         track = track_of_bearing(message)
-        measured = math.nan if track.state == State.NONE else track.measured
-        if not self.sources.take('target/bearing', track.time, arrival.ros, measured):
+        if 'target/bearing' in self.contested:
             self._measured.skip(track.measured, arrival)
             return self.on_time(arrival)
         self._track = track
@@ -85,7 +84,7 @@ class PointingStage:
         q = message.pose.pose.orientation
         if 0.5 < q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w < 2.0:
             stamp = to_seconds(message.header.stamp)
-            if not self.sources.take('odometry', stamp, arrival.ros):
+            if 'odometry' in self.contested:
                 self._odometry.skip(stamp, arrival)
             elif self._odometry.take(stamp, arrival):
                 age = max(arrival.ros - stamp, 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,6 @@ from av_common.freshness import FreshInput, Instant
 from av_common.gimbal_geometry import BASE_STABILIZED, angles_of_command
 from av_common.rate_meter import RateMeter
 from av_common.rig import GimbalMount
-from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, PointingCommand
 from av_px4 import messages as px4
@@ -72,7 +72,7 @@ class Px4Stage:
     """Guard of the body motion, gimbal client, external mode and odometry, driven by messages.
 
     Methods named `on_*` take a message and its arrival (see Instant) and return the messages to publish. They raise
-    ValueError for an unusable message. Commands and bearings with two sources are not used (see SingleSources).
+    ValueError for an unusable message. Commands and bearings of two publishers are not used (see Publishers).
 
     Parameters:
         settings: limits and options
@@ -93,7 +93,7 @@ class Px4Stage:
         self._messages, self._place = messages, HeldPosition()
         self._now = Instant(0.0, 0.0)
         self._commanded = FreshInput()
-        self.sources = SingleSources(('pointing/command', 'target/bearing'))
+        self.contested: Mapping[str, list[str]] = {}  # publishers of the commands or bearings where there are several
         self._measured_target = FreshInput(OLDEST_MEASUREMENT_S - STOP_WITHIN + MARGIN)
         self._started = self._last_step = -math.inf
         self._status: VehicleStatus | None = None
@@ -150,8 +150,7 @@ class Px4Stage:
         """Execute a pointing command at once; a command whose stamp is too old is ignored."""
         self._now = arrival
         stamp = message.header.stamp
-        alone = self.sources.take('pointing/command', to_seconds(stamp), arrival.ros)
-        if not alone or not self._in_time(stamp, COMMAND_TIMEOUT):
+        if 'pointing/command' in self.contested or not self._in_time(stamp, COMMAND_TIMEOUT):
             return []
         if message.header.frame_id not in ('', self.settings.base_frame, BASE_STABILIZED):
             raise ValueError(f'a command in {message.header.frame_id!r}, expected {self.settings.base_frame!r} or '
@@ -168,7 +167,7 @@ class Px4Stage:
         """
         self._now = arrival
         measured = to_seconds(message.measured) if message.state != Bearing.STATE_NONE else math.nan
-        if not self.sources.take('target/bearing', to_seconds(message.header.stamp), arrival.ros, measured):
+        if 'target/bearing' in self.contested:
             self._measured_target.skip(measured, arrival)
             return []
         if message.state != Bearing.STATE_NONE and self._in_time(message.header.stamp, OLDEST_MEASUREMENT_S):

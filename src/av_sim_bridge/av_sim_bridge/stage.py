@@ -6,6 +6,7 @@ system's clock) and `sender` (host, port); they raise WireError for an unusable 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,6 @@ from av_common.common_clock import CommonClock
 from av_common.frames import frd_to_flu
 from av_common.freshness import FreshInput, Instant
 from av_common.rig import Rig, load_rig
-from av_common.single_source import SingleSources
 from av_common.stamps import to_seconds
 from av_interfaces.msg import AudioFrame, PointingCommand
 from av_sim_bridge import messages
@@ -108,7 +108,8 @@ class BridgeStage:
         self._truth, self._imu, self._time_sync = TruthStream(self._clock, names), ImuStream(self._clock), TimeSyncStream()
         self._gimbal = GimbalStream(self._clock)
         self._sequence = 0
-        self._commanded, self.sources = FreshInput(), SingleSources(('pointing/command',))
+        self._commanded = FreshInput()
+        self.contested: Mapping[str, list[str]] = {}  # publishers of the commands where there are several
         self._unusable_odometry = self._unusable_commands = 0
 
     def on_audio(self, datagram: bytes, arrival: float, sender: Sender) -> None:
@@ -191,8 +192,8 @@ class BridgeStage:
     def on_command(self, command: PointingCommand, arrival: Instant) -> bytes:
         """The datagram of a pointing command for the simulator's control port.
 
-        A command without a fresh stamp stops all motion, and so do commands of two sources. An impossible rate stops the body,
-        an impossible angle leaves the gimbal alone.
+        A command without a fresh stamp stops all motion, and so do commands of two publishers. An impossible rate stops the
+        body, an impossible angle leaves the gimbal alone.
 
         Parameters:
             command: the command.
@@ -200,9 +201,8 @@ class BridgeStage:
         """
         self._sequence = (self._sequence + 1) % 2**31
         stamp = to_seconds(command.header.stamp)
-        alone = self.sources.take('pointing/command', stamp, arrival.ros)
         self._commanded.take(stamp, arrival)
-        fresh = alone and self._commanded.age(arrival) <= COMMAND_TIMEOUT
+        fresh = 'pointing/command' not in self.contested and self._commanded.age(arrival) <= COMMAND_TIMEOUT
         possible = abs(command.yaw_rate) <= MOST_YAW_RATE
         self._unusable_commands += command.move_body and not possible
         rate = command.yaw_rate if fresh and possible else 0.0

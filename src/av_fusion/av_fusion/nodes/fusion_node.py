@@ -15,7 +15,7 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
-from av_common.publishers import Publishers
+from av_common.publishers import PERIOD_S, Publishers
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
@@ -28,7 +28,6 @@ from av_interfaces.msg import AzimuthPosterior, Bearing, DoaArray, FusionState, 
 from av_interfaces.srv import SelectTarget
 
 POSTERIOR_PERIOD_S = 0.1
-PUBLISHERS_PERIOD_S = 0.05  # between looks at who publishes the inputs
 
 
 class FusionNode(RigNode):
@@ -73,7 +72,7 @@ class FusionNode(RigNode):
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
         self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
-        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
+        self.while_active(self.create_timer, PERIOD_S, self._look_for_publishers)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod

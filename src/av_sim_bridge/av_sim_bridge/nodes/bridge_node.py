@@ -15,8 +15,9 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
+from av_common.publishers import PERIOD_S as PUBLISHERS_PERIOD_S
+from av_common.publishers import Publishers
 from av_common.qos import IMAGE, RESULT, STREAM
-from av_common.source_report import SourceReport
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
@@ -60,15 +61,19 @@ class BridgeNode(RigNode):
         self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
         self._refusals, self._refused_before = Refusals(), 0
-        self._sources = SourceReport(self)
+        self._publishers = Publishers(self, ('pointing/command',))
         with ExitStack() as opened:
             self._open_streams(opened)
             self._reader = Worker('publish audio', self._publish_audio)
             opened.callback(self._reader.stop)
             self._opened = opened.pop_all()
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
+        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
         if self._settings.follow_odometry:
             self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
+
+    def _look_for_publishers(self) -> None:
+        self._stage.contested = self._publishers.contested(time.monotonic())
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""
@@ -169,7 +174,7 @@ class BridgeNode(RigNode):
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
-        self._sources.report(status, self._stage.sources.refused)
+        self._publishers.report(status, time.monotonic())
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():
