@@ -24,9 +24,9 @@ SOURCE, TOOLS = BUILD / 'source', BUILD / 'tools'
 COPIED = ('.md', '.png', '.jpg', '.svg')
 SECTIONS = {'Tutorials': 'docs/tutorials/*.md', 'Guides': 'docs/guides/*.md', 'Reference': 'docs/reference/*.md',
             'Interface': 'docs/interface/*.md', 'Packages': 'src/*/README.md'}
-SINGLE = ('docs/architecture.md', 'docs/results.md', 'docs/decisions.md', 'examples/README.md',
-          'src/av_audio/models/README.md', 'src/av_vision/models/README.md', 'training/detector/README.md', 'training/detector/HISTORY.md', 'training/sound/README.md',
-          'CONTRIBUTING.md', 'CHANGELOG.md')
+SINGLE = ('docs/architecture.md', 'docs/results.md', 'docs/decisions.md', 'examples/README.md', 'src/av_audio/models/README.md',
+          'src/av_vision/models/README.md', 'training/detector/README.md', 'training/detector/HISTORY.md',
+          'training/sound/README.md', 'CONTRIBUTING.md', 'CHANGELOG.md')
 
 
 def packages() -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from av_view.optional_package import load_optional
@@ -9,6 +10,9 @@ from av_view.picture import Picture
 
 GREEN, BLUE = (0.31, 0.86, 0.24, 1.0), (0.43, 0.7, 0.95, 1.0)  # of detections, of the bearing
 LINE, FONT = 2.0, 16.0  # pixels
+# Named, and with fields, as a bag of the rig has them, so that one layout fits both; boxes and lines are the port's own.
+PICTURE, BEARING, DOA, STATE = '/camera/image_raw/compressed', '/target/bearing', '/doa', '/fusion/state'
+ANNOTATIONS, SNAPSHOT = '/view/annotations', '/view/state'
 MODULES = ('foxglove', 'foxglove.channels', 'foxglove.messages')
 
 
@@ -24,8 +28,28 @@ class Shown(NamedTuple):
     picture: Picture | None
 
 
+def tables(snapshot: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """What a snapshot says, by topic: in rad, with the fields of the rig's messages that layouts plot.
+
+    Parameters:
+        snapshot: of `RigState`.
+    """
+    seconds = snapshot['time']
+    header = {'header': {'stamp': {'sec': int(seconds), 'nsec': int(1e9 * (seconds % 1.0))}}}
+    found = {SNAPSHOT: snapshot}
+    bearing, sound, fusion = snapshot['bearing'], snapshot['sound'], snapshot['fusion']
+    if bearing is not None and bearing['azimuth'] is not None:
+        found[BEARING] = {**header, 'azimuth': math.radians(bearing['azimuth']), 'state': bearing['state']}
+    if sound is not None:
+        images = [image['azimuth'] for group in sound['groups'] for image in group['images']]
+        found[DOA] = {**header, 'hypotheses': [{'azimuth': math.radians(azimuth)} for azimuth in images if azimuth is not None]}
+    if fusion is not None:
+        found[STATE] = {**header, **fusion}
+    return found
+
+
 class FoxglovePort:
-    """A WebSocket of Foxglove with `/view/picture`, `/view/annotations` and `/view/state`.
+    """A WebSocket of Foxglove: the picture with annotations, bearing, directions and state as JSON, and the whole snapshot.
 
     Attributes:
         port: TCP port.
@@ -42,15 +66,15 @@ class FoxglovePort:
         self._context = context = foxglove.Context()  # ends its channels when it goes
         self._server = foxglove.start_server(name='rig', host=host, port=port, context=context)
         self.port = int(self._server.port)
-        self._pictures = foxglove.channels.CompressedImageChannel('/view/picture', context=context)
-        self._annotations = foxglove.channels.ImageAnnotationsChannel('/view/annotations', context=context)
+        self._pictures = foxglove.channels.CompressedImageChannel(PICTURE, context=context)
+        self._annotations = foxglove.channels.ImageAnnotationsChannel(ANNOTATIONS, context=context)
         self._newest: Picture | None = None
-        self._state = foxglove.Channel('/view/state', context=context)
+        self._tables = {topic: foxglove.Channel(topic, context=context) for topic in (BEARING, DOA, STATE, SNAPSHOT)}
 
     @property
     def watched(self) -> bool:
         """Whether somebody has subscribed."""
-        return any(channel.has_sinks() for channel in (self._pictures, self._annotations, self._state))
+        return any(channel.has_sinks() for channel in (self._pictures, self._annotations, *self._tables.values()))
 
     def put(self, shown: Shown) -> None:
         """Send a state, with its boxes and its bearing as annotations of the picture, and the picture where it is new."""
@@ -75,7 +99,8 @@ class FoxglovePort:
             strip = messages.PointsAnnotationType.LineStrip
             lines.append(self._line(strip, snapshot['bearing']['line'], BLUE, width, height))
         self._annotations.log(messages.ImageAnnotations(timestamp=time, points=lines, texts=texts))
-        self._state.log(snapshot)
+        for topic, content in tables(snapshot).items():
+            self._tables[topic].log(content)
 
     def close(self) -> None:
         """End all connections."""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from scipy.signal import butter, resample_poly, sosfilt
 
 from av_common.microphone_array import MicrophoneArray
 from av_view.cli import doctor
@@ -19,7 +21,7 @@ from av_view.doctor.cameras import judge_images
 from av_view.doctor.files import judge_files
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
-from av_view.doctor.microphones import judge_clap, judge_sound
+from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
 
 CONFIG = Path(__file__).resolve().parents[3] / 'config'
 RATE = 48_000
@@ -62,6 +64,43 @@ def test_faults_of_channels_are_named_with_a_remedy(change, words):
 
 def test_a_device_that_runs_at_another_rate_is_an_error():
     assert levels(judge_sound(noise(), RATE, 44_100.0)) == ['error']
+
+
+@pytest.mark.parametrize(('given', 'asked'), [(48_000, 96_000), (16_000, 48_000), (32_000, 96_000), (8_000, 44_100)])
+def test_a_rate_that_a_sound_server_makes_up_is_found(given, asked):
+    sound = resample_poly(np.random.default_rng(1).normal(0.0, 0.03, (3 * given, 2)), asked // 100, given // 100, axis=0)
+    (finding,) = judge_sound(sound, asked, asked)
+    named = int(re.search(r'made from (\d+) Hz or less', finding.words)[1])
+    assert finding.level == 'warning' and given <= named <= 1.4 * given and str(named) in finding.remedy
+
+
+@pytest.mark.parametrize('corner', [2_000.0, 8_000.0, 20_000.0])
+@pytest.mark.parametrize('rate', [48_000, 96_000])
+def test_a_microphone_that_hears_little_above_a_frequency_is_no_sound_server(rate, corner):
+    sound = sosfilt(butter(2, corner, fs=rate, output='sos'), np.random.default_rng(1).normal(0.0, 0.1, (3 * rate, 2)), axis=0)
+    converter = np.random.default_rng(2).normal(0.0, 1e-4, sound.shape)
+    assert levels(judge_sound(sound + converter, rate, rate)) == ['ok']
+
+
+def test_the_drivers_rate_counts_where_the_sound_does_not_tell():
+    assert levels(judge_sound(noise(), RATE, RATE, [96_000.0, RATE])) == ['ok']
+    (finding,) = judge_sound(noise(), RATE, RATE, [16_000.0])
+    assert finding.level == 'warning' and '16000 Hz' in finding.words
+
+
+def test_a_device_is_not_blamed_for_a_busy_machine():
+    assert judge_silence(12.0, 11.0, 2).level == 'unknown' and 'unplug' not in judge_silence(12.0, 11.0, 2).remedy
+    assert judge_silence(12.0, 0.5, 2).level == 'error' and 'unplug' in judge_silence(12.0, 0.5, 2).remedy
+
+
+def test_the_detector_is_timed_as_the_node_uses_it(tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.setattr(program, 'judge_detector', lambda ms, rate, name: seen.append((ms, rate, name)))
+    parameters = tmp_path / 'params.yaml'
+    for regions in (1, 3):
+        parameters.write_text(f'/**/detector_node: {{ros__parameters: {{regions: {regions}}}}}')
+        program._detector([parameters], (480, 640), 15.0)
+    assert '(1 regions)' in seen[0][2] and '(3 regions)' in seen[1][2] and seen[0][0] > 0.0
 
 
 @pytest.mark.parametrize('array', [PAIR, SQUARE])

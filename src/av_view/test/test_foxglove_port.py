@@ -31,7 +31,7 @@ def test_a_subscriber_gets_picture_boxes_and_state_and_without_one_nothing_is_ma
     try:
         with connect(f'ws://127.0.0.1:{port.port}', subprotocols=['foxglove.sdk.v1'], proxy=None, max_size=None) as viewer:
             channels = {}
-            while len(channels) < 3:
+            while len(channels) < 6:
                 message = viewer.recv(timeout=30.0)
                 if isinstance(message, str) and json.loads(message)['op'] == 'advertise':
                     channels |= {one['topic']: one['id'] for one in json.loads(message)['channels']}
@@ -43,13 +43,14 @@ def test_a_subscriber_gets_picture_boxes_and_state_and_without_one_nothing_is_ma
                 time.sleep(0.05)
             port.put(Shown(state.snapshot(NOW), picture))
             received = {}
-            while len(received) < 3:
+            while len(received) < 4:
                 message = viewer.recv(timeout=30.0)
                 if isinstance(message, bytes) and message[0] == 1:  # messageData: subscription, time, payload
                     number, = struct.unpack_from('<I', message, 1)
                     received[list(channels)[number]] = message[13:]
     finally:
         port.close()
-    assert picture.data in received['/view/picture']
+    assert picture.data in received['/camera/image_raw/compressed']
     assert b'drone 0.80' in received['/view/annotations']
+    assert json.loads(received['/target/bearing'])['azimuth'] == pytest.approx(0.1, abs=1e-3)
     assert json.loads(received['/view/state'])['bearing']['azimuth'] == pytest.approx(5.7)

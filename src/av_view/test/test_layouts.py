@@ -12,6 +12,7 @@ import yaml
 from rosidl_runtime_py.utilities import get_message
 
 from av_bags.topics import KINDS
+from av_view.foxglove_port import ANNOTATIONS, BEARING, DOA, PICTURE, STATE
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 TOPICS = {f'/{name.lstrip("/")}': kinds[0] for name, kinds in KINDS.items()}
@@ -20,8 +21,8 @@ ELSEWHERE = {'/view/markers', '/diagnostics'}  # of view_node and of every node
 CAMERA_STATE = {'distance', 'perspective', 'phi', 'thetaOffset', 'target', 'targetOffset', 'fovy', 'near', 'far'}
 SCENE = {'cameraState', 'followTf', 'followMode', 'scene', 'transforms', 'topics', 'layers', 'imageMode'}
 PANELS = {
-    'Image': SCENE, '3D': SCENE, 'RosOut': {'topicToRender', 'minLogLevel', 'searchTerms'},
-    'DiagnosticSummary': {'minLevel', 'pinnedIds', 'hardwareIdFilter', 'topicToRender'},
+    'Image': SCENE,
+    'RawMessages': {'topicPath', 'diffEnabled', 'diffMethod', 'diffTopicPath', 'showFullMessageForDiff'},
     'Plot': {'paths', 'showLegend', 'legendDisplay', 'isSynced', 'xAxisVal', 'followingViewWidth', 'minYValue', 'maxYValue'}}
 PATH = {'value', 'enabled', 'color', 'label', 'showLine', 'timestampMethod'}
 # Classes of RViz, by plugins_description.xml of rviz_default_plugins and rviz_common.
@@ -60,8 +61,11 @@ def test_foxglove():
             assert set(path) <= PATH
             topic, field = path['value'].split('.', 1)
             assert has_field(topic, field), path
-        for topic in [panel.get('imageMode', {}).get('imageTopic'), panel.get('topicToRender'), *panel.get('topics', {})]:
-            assert topic is None or topic in TOPICS or topic in ELSEWHERE, topic
+        asked = {panel.get('imageMode', {}).get('imageTopic'), panel.get('topicPath', '').split('.')[0] or None,
+                 *(path['value'].split('.')[0] for path in panel.get('paths', []))} - {None}
+        assert asked <= {PICTURE, BEARING, DOA, STATE}, 'the port offers no more'
+        assert asked <= {*TOPICS, '/camera/image_raw/compressed'}, 'a bag has no more'
+        assert set(panel.get('imageMode', {}).get('annotations', {})) <= {ANNOTATIONS}
     shown = set(re.findall(r'"(\w+!\w+)"', json.dumps(layout['layout'])))
     assert shown == set(layout['configById'])
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate, correlation_lags
+from scipy.signal import correlate, correlation_lags, welch
 
 from av_audio.health import ChannelHealth
 from av_common.acoustics import speed_of_sound
@@ -19,6 +20,9 @@ from av_view.doctor.finding import Finding
 AREA = 'microphones'
 RATE_TOLERANCE = 1e-3
 QUIET_DBFS, LOUD_DBFS = -75.0, -6.0
+USUAL_RATES = (8000.0, 16_000.0, 22_050.0, 32_000.0, 44_100.0, 48_000.0, 96_000.0)  # Hz, of converters
+SPECTRUM = 4096  # samples
+EDGE_DB = 30.0  # least step at half of the given rate: resamplers stop by 60 dB, microphones fall by less
 CLAP_S = 0.02  # around the loudest moment
 CLAP_DB = 15.0  # above the rest of the recording
 MOST_PERMUTED = 7  # microphones, whose orders are all tried
@@ -27,13 +31,53 @@ TIE = 0.1  # of the aperture, by which another order must fit better
 DIRECTIONS = {'ahead': 0.0, 'left': 90.0, 'behind': 180.0, 'right': -90.0}
 
 
-def judge_sound(samples: NDArray, rate: float, delivered: float) -> list[Finding]:
+def judge_silence(waited_s: float, load: float, cores: int) -> Finding:
+    """Judge a device of which nothing has come.
+
+    Parameters:
+        waited_s (s): for how long.
+        load: processes that want to run, mean of a minute.
+        cores: number of processor cores.
+    """
+    if load > cores:
+        return Finding(AREA, 'unknown', f'no samples within {waited_s:.0f} s, while {load:.1f} processes want to run on '
+                       f'{cores} cores', 'end what is not needed (top), and look again')
+    return Finding(AREA, 'error', f'the device gives no samples within {waited_s:.0f} s', 'unplug it and plug it in again')
+
+
+def resampled_from(samples: NDArray, rate: float) -> float | None:
+    """The rate (Hz), or a usual one above it, from which a sound server has made a recording; None without signs of it.
+
+    A converter's own noise fills the band; a resampler leaves nothing above half of the rate that it was given.
+
+    Parameters:
+        samples (n, channels): as captured.
+        rate (Hz): of the samples.
+    """
+    if len(samples) < SPECTRUM:
+        return None
+    frequencies, power = welch(samples, rate, nperseg=SPECTRUM, axis=0)
+    level = power.mean(axis=1)
+    for given in (one for one in reversed(USUAL_RATES) if one < 0.8 * rate):
+        edge = 0.5 * given
+        below = np.median(level[(frequencies > 0.6 * edge) & (frequencies < 0.85 * edge)])
+        full = np.median(level[(frequencies > 0.1 * edge) & (frequencies < 0.5 * edge)])
+        # A quarter may be the transition of the resampler.
+        above = level[(frequencies > 1.08 * edge) & (frequencies < min(1.4 * edge, 0.49 * rate))]
+        step = 10.0 ** (-0.1 * EDGE_DB)
+        if below > step * full and np.quantile(above, 0.75) < step * below:
+            return given
+    return None
+
+
+def judge_sound(samples: NDArray, rate: float, delivered: float, hardware: Sequence[float] = ()) -> list[Finding]:
     """Judge a recording of the surroundings.
 
     Parameters:
         samples (n, channels): as captured, full scale is 1.
         rate (Hz): the rate that was asked for.
         delivered (Hz): the rate at which samples came.
+        hardware (Hz): rates of the captures of the system's drivers meanwhile; empty where it does not tell.
     """
     health = ChannelHealth(samples.shape[1])
     health.update(samples)
@@ -42,6 +86,10 @@ def judge_sound(samples: NDArray, rate: float, delivered: float) -> list[Finding
     if abs(delivered / rate - 1.0) > RATE_TOLERANCE:
         found.append(Finding(AREA, 'error', f'{delivered:.0f} samples a second come instead of {rate:.0f}',
                              'set sample_rate of audio_node to what the device supports; connect it without a hub'))
+    given = resampled_from(samples, rate) or next((one for one in hardware if rate not in hardware), None)
+    if given is not None:
+        found.append(Finding(AREA, 'warning', f'{rate:.0f} Hz are made from {given:.0f} Hz or less: a sound server resamples',
+                             f'set sample_rate of audio_node to {given:.0f}, or device to the hardware (hw:...)'))
     if QUIET_DBFS > levels.max() > -np.inf:
         found.append(Finding(AREA, 'warning', f'it is quiet: {levels.max():.0f} dB of full scale', 'raise the gain: alsamixer'))
     if levels.max() > LOUD_DBFS:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -24,17 +25,19 @@ from av_view.doctor.camera_modes import Mode, judge_modes, modes_of_realsense, m
 from av_view.doctor.cameras import judge_images
 from av_view.doctor.finding import Finding
 from av_view.doctor.machine import judge_clock, judge_detector, judge_load, judge_middleware, judge_px4
-from av_view.doctor.microphones import judge_clap, judge_sound
-from av_vision.models import shipped_model
+from av_view.doctor.microphones import judge_clap, judge_silence, judge_sound
+from av_vision.search import Pace
 from av_vision.sources.capture import SourceError
 from av_vision.sources.realsense import RealSenseSource, sdk
 from av_vision.sources.v4l2 import DeviceSource as Camera
-from av_vision.yolo import Detector
+from av_vision.stage import make_detection_stage
 
 KEPT_IMAGES = 10
 AGENTS = ('MicroXRCEAgent', 'micro-xrce-dds-agent')
-ROUNDS = 7
+ROUNDS = 14
+HARDWARE_RATE = re.compile(r'^rate: (\d+)', re.MULTILINE)
 WARM_UP_S = 0.6  # that the source itself leaves out
+LATE_S = 10.0  # for which samples are waited for on a busy machine
 
 
 def devices() -> list[Finding]:
@@ -102,14 +105,17 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
     except ValueError as error:
         return [Finding('microphones', 'error', str(error), 'set device, sample_rate and channels of audio_node')]
     try:
-        time.sleep(WARM_UP_S + seconds)
-        samples = _all(buffer)
+        samples, end = np.zeros((0, len(channels))), time.monotonic() + WARM_UP_S + seconds + LATE_S
+        while len(samples) < seconds * settings.sample_rate and time.monotonic() < end:
+            time.sleep(0.05)
+            samples = np.concatenate([samples, _all(buffer, len(channels))])
+        hardware = _hardware_rates()
     finally:
         source.stop()
     if not len(samples):
-        return [Finding('microphones', 'error', 'the device gives no samples', 'unplug it and plug it in again')]
+        return [judge_silence(WARM_UP_S + seconds + LATE_S, os.getloadavg()[0], os.cpu_count() or 1)]
     delivered = settings.sample_rate * (1.0 + 1e-6 * source.clock.ppm)
-    found = judge_sound(samples, settings.sample_rate, delivered)
+    found = judge_sound(samples, settings.sample_rate, delivered, hardware)
     if clap is not None and rig is not None and rig.array.geometry.channels == len(channels):
         found.append(judge_clap(samples, settings.sample_rate, rig.array.geometry, clap))
     return found
@@ -162,9 +168,11 @@ def machine(parameter_files: Sequence[str | Path]) -> list[Finding]:
     Parameters:
         parameter_files: of camera_node, for its rate.
     """
-    rate = node_parameters('av_vision', 'camera_node', parameter_files).rate or 10.0
-    return [judge_clock(_synchronised(), time.time()), judge_load(os.getloadavg()[0], os.cpu_count() or 1),
-            _detector(rate), *judge_middleware(os.environ, _largest_buffer())]
+    camera = node_parameters('av_vision', 'camera_node', parameter_files)
+    load = judge_load(os.getloadavg()[0], os.cpu_count() or 1)  # before the detector makes its own
+    size = (camera.height or 480, camera.width or 640)
+    return [judge_clock(_synchronised(), time.time()), load, _detector(parameter_files, size, camera.rate or 10.0),
+            *judge_middleware(os.environ, _largest_buffer())]
 
 
 def px4() -> list[Finding]:
@@ -178,23 +186,43 @@ def px4() -> list[Finding]:
     return judge_px4(importlib.util.find_spec('px4_msgs') is not None, any(map(shutil.which, AGENTS)), running, topics)
 
 
-def _detector(rate: float) -> Finding:
-    """Time the shipped detector on noise."""
-    detector, image = Detector(shipped_model()), np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
-    spent = []
-    for _ in range(ROUNDS):
+def _detector(parameter_files: Sequence[str | Path], size: tuple[int, int], rate: float) -> Finding:
+    """Time on noise what detector_node does with an image: a search of as many regions as its look_time allows.
+
+    Parameters:
+        parameter_files: of detector_node.
+        size: height and width of the images.
+        rate (Hz): of the camera.
+    """
+    settings = node_parameters('av_vision', 'detector_node', parameter_files)
+    try:
+        detector = make_detection_stage(settings).detector
+    except ValueError as error:
+        return Finding('processor', 'error', str(error), 'set model of detector_node')
+    planner, pace = detector.planner, Pace(settings.look_time)
+    image, spent = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8), []
+    for number in range(ROUNDS):
         begin = time.perf_counter()
-        detector.detect(image)
-        spent.append(1000.0 * (time.perf_counter() - begin))
-    return judge_detector(float(np.median(spent)), rate, 'the shipped detector')
+        detector.detect(image, number / rate)
+        spent.append(time.perf_counter() - begin)
+        if planner is not None and not settings.regions:
+            planner.regions = pace.regions(spent[-1], planner.planned)
+    searched = f' ({planner.regions} regions)' if planner is not None else ''
+    return judge_detector(1000.0 * float(np.median(spent[ROUNDS // 2:])), rate, f'detector_node{searched}')
 
 
-def _all(buffer: RingBuffer) -> NDArray[Any]:
-    """What a buffer holds."""
-    blocks = []
+def _all(buffer: RingBuffer, channels: int) -> NDArray[Any]:
+    """What a buffer holds, (n, channels)."""
+    blocks = [np.zeros((0, channels))]
     while buffer.available:
         blocks.append(buffer.read()[1])
-    return np.concatenate(blocks) if blocks else np.zeros((0, 1))
+    return np.concatenate(blocks)
+
+
+def _hardware_rates() -> list[float]:
+    """Rates (Hz) of all captures by ALSA's drivers at the moment; a sound server may stand between them and the program."""
+    words = [file.read_text() for file in Path('/proc/asound').glob('card*/pcm*c/sub*/hw_params')]
+    return [float(found[1]) for found in map(HARDWARE_RATE.search, words) if found]
 
 
 def _synchronised() -> bool | None:
