@@ -6,7 +6,7 @@ import time
 
 import pytest
 import rclpy
-from bag_messages import flight
+from bag_messages import EPOCH, bag, flight, odometry
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
@@ -130,3 +130,19 @@ def test_it_opens_other_bags_of_its_folder_and_waits_at_their_ends(tmp_path):
 def test_without_a_folder_no_other_bag_is_opened(replay, tmp_path):
     flight(tmp_path / 'other.mcap', duration=3.0)
     assert not replay.set('bag', str(tmp_path / 'other.mcap'))
+
+
+def test_the_player_leaps_over_what_lies_between_two_clocks(tmp_path):
+    """/clock is set as the recorder's was; the years between take no time."""
+    with bag(tmp_path / 'jump') as write:
+        for k in range(40):
+            time_s = (100.0 if k < 20 else EPOCH) + 0.05 * k
+            write('/odometry', time_s, odometry(time_s, x=float(k)))
+    replay = Replay(tmp_path / 'jump')
+    try:
+        replay.spin_until(lambda: replay.times[-1] > EPOCH + 1.5)
+        first, second = ([time_s for time_s in replay.times if (time_s < EPOCH) is early] for early in (True, False))
+        assert 100.9 < max(first) < 102.0 and EPOCH + 0.9 < min(second) < max(second) < EPOCH + 3.0
+        assert replay.player._length == pytest.approx(1.9, abs=0.01)
+    finally:
+        replay.close()

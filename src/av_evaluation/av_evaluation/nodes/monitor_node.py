@@ -43,6 +43,7 @@ class MonitorNode(RigNode):
     def __init__(self) -> None:
         super().__init__('monitor_node', parameters)
         self._started = wall.monotonic()
+        self._logged = 0.0, -math.inf    # when the last message came, on this node's clock and on that of the wall
 
     def configure(self) -> None:
         """Start an empty log."""
@@ -61,6 +62,7 @@ class MonitorNode(RigNode):
     def activate(self) -> None:
         """Subscribe, and start the clock of the run."""
         self._started = wall.monotonic()
+        self._logged = 0.0, -math.inf
         subscribe = self.create_subscription
         self.while_active(subscribe, DoaArray, 'doa', self._on_doa, STREAM)
         self.while_active(subscribe, Detection2DArray, 'detections', self._on_detections, STREAM)
@@ -80,10 +82,14 @@ class MonitorNode(RigNode):
 
     def _logs(self, message: Any) -> bool:
         """Whether a message is logged. Raises ValueError for a foreign stamp: the log's memory grows with its span of time."""
-        off = to_seconds(message.header.stamp) - self.now()
+        now, elapsed = self.now(), wall.monotonic()
+        (before, then), self._logged = self._logged, (now, elapsed)
+        if abs(now - before) > LARGEST_OFFSET_S > elapsed - then:    # the clock was set, or the player of a bag leapt
+            self._recorder.left_out += now - before
+        off = to_seconds(message.header.stamp) - now
         if not abs(off) <= LARGEST_OFFSET_S:
             raise ValueError(f'stamp is {off:.0f} s off this node\'s clock')
-        return wall.monotonic() - self._started < 3600.0 * self._settings.max_hours
+        return elapsed - self._started < 3600.0 * self._settings.max_hours
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
