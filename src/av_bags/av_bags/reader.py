@@ -34,6 +34,7 @@ FOREVER = 2**63 - 1
 # Fields that releases added to the rig's messages; bags without them are read (`converters`), and their values are unknown.
 ADDED_FIELDS = frozenset({'Doa.drone_probability', 'Doa.fundamental', 'Doa.fundamental_variance',
                           'Track.identity_probability', 'Track.fundamental'})
+_IN_ADDRESSES = frozenset('?#%')
 Row = tuple[str, int, bytes]  # topic, time in ns, message in CDR
 limit_rosbags()
 
@@ -289,6 +290,10 @@ class Bag(AbstractContextManager['Bag']):
         return self._opened_reader(copy)
 
     def _opened_reader(self, path: Path) -> Reader:
+        if path.suffix == '.db3' and not _IN_ADDRESSES.isdisjoint(str(path)):    # rosbags opens it by an address
+            link = self._new_folder() / 'bag.db3'
+            link.symlink_to(path.absolute())
+            path = link
         reader = Reader(path)
         reader.open()
         self._opened.callback(reader.close)

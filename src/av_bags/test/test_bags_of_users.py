@@ -271,3 +271,12 @@ def test_the_folders_of_the_field(name):
         pytest.skip('needs ../shared/data/field_cases')
     with Bag(FIELD_CASES / 'bags' / name) as bag, Bag(FIELD_CASES / 'bags' / 'ref') as whole:
         assert list(bag.messages()) == list(whole.messages())
+
+
+@pytest.mark.parametrize('name', ['a:b', 'a#b?c', '100%', 'with spaces', '~'])
+@pytest.mark.parametrize('storage', list(StoragePlugin))
+def test_a_file_may_have_any_name(tmp_path, storage, name):
+    rows = recorded(1.0)
+    file = write(tmp_path / 'bag', rows, storage)
+    with Bag(file.rename(tmp_path / f'{name}{file.suffix}')) as bag:
+        assert list(bag.messages()) == keys(rows)
