@@ -13,11 +13,11 @@ import time
 from pathlib import Path
 
 from launch import LaunchDescription, LaunchDescriptionEntity
-from launch.actions import GroupAction, IncludeLaunchDescription
-from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.launch_description_sources import load_python_launch_file_as_module
 
 from av_bringup.launching import RIG_ARGUMENTS, Arguments, describe, require, rig_node, view_nodes
 from av_bringup.supervision import Supervision
+from av_common.launched import RUN_FOLDER
 
 MOST_RIGS = 8  # whose ports meet neither each other nor those of the system
 PORTS = 250  # between those of two rigs
@@ -54,19 +54,21 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     node = rig_node(arguments, 'av_network', 'network_node', {
         'rigs': names, 'pose_sources': ['odometry'], 'positions': [0.0] * 3 * len(names), 'cue': arguments['cue'] == 'true'})
     supervision = Supervision([node], duration=duration)
-    return [*supervision.entities(), *(_rig(arguments, names, index, radius, begin) for index in range(len(names))), node,
-            *view_nodes(arguments, {})]
+    rigs = [entity for index in range(len(names)) for entity in _rig(arguments, names, index, radius, begin)]
+    return [*supervision.entities(), *rigs, node, *view_nodes(arguments, {})]
 
 
-def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> GroupAction:
+def _rig(arguments: Arguments, names: list[str], index: int, radius: float, begin: float) -> list[LaunchDescriptionEntity]:
     """One rig, with a world of its own that equals that of the others."""
     angle = math.tau * index / len(names)
     place = (radius * math.cos(angle), radius * math.sin(angle), HEIGHT_M, math.degrees(angle) - 180.0)
     values = {'namespace': names[index], 'port_offset': str(PORTS * index), 'begin': f'{begin:.3f}', 'monitor': 'false',
               'at': ' '.join(f'{value:.3f}' for value in place), 'duration': '0', 'view': 'false', 'bags': '',
               **{name: arguments[name] for name in ('scenario', 'seed', 'oracle', 'params', 'security', 'cue')}}
-    source = PythonLaunchDescriptionSource(str(Path(__file__).with_name('rig.launch.py')))
-    return GroupAction([IncludeLaunchDescription(source, launch_arguments=values.items())])
+    rig = load_python_launch_file_as_module(str(Path(__file__).with_name('rig.launch.py')))
+    defaults = {name: default for name, (default, _, _) in rig.ARGUMENTS.items()}
+    started: list[LaunchDescriptionEntity] = rig.start({**defaults, **values, RUN_FOLDER: arguments[RUN_FOLDER]})
+    return started
 
 
 def _number(arguments: Arguments, name: str, low: float, high: float) -> float:

@@ -9,11 +9,11 @@ ros2 launch av_fusion replay.launch.py bag:=flight.mcap only:=all             pl
 from __future__ import annotations
 
 from launch import LaunchDescription, LaunchDescriptionEntity
-from launch_ros.actions import Node
 
 from av_bringup.launching import (
     RIG_ARGUMENTS,
     Arguments,
+    LaunchedNode,
     describe,
     detector_node,
     doa_node,
@@ -22,7 +22,6 @@ from av_bringup.launching import (
     recorder_nodes,
     require,
     rig_node,
-    security,
     view_nodes,
 )
 
@@ -80,7 +79,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     return [*ends_with(player, processes), *processes]
 
 
-def player_node(arguments: Arguments, receivers: list[str]) -> Node:
+def player_node(arguments: Arguments, receivers: list[str]) -> LaunchedNode:
     """The player, which also publishes the clock.
 
     Parameters:
@@ -90,7 +89,6 @@ def player_node(arguments: Arguments, receivers: list[str]) -> Node:
     texts = {name: arguments[name] for name in ('bag', 'bags', 'only', 'recorded_namespace', 'audio_format')}
     numbers = {name: float(arguments[name]) for name in ('rate', 'start', 'duration')}
     counts = {name: int(arguments[name]) for name in ('audio_rate', 'audio_channels')}
-    return Node(package='av_bags', executable='player_node', name='player_node', namespace=arguments['namespace'],
-                output='screen', additional_env=security(arguments, 'player_node'), parameters=[{
-                    **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': receivers,
-                    'detections': not arguments['model']}])
+    return rig_node(arguments, 'av_bags', 'player_node', {
+        **texts, **numbers, **counts, 'remap': arguments['remap'].split(','), 'wait_for': receivers,
+        'detections': not arguments['model']}, output='screen', respawn=False)

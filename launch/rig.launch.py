@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -42,7 +41,6 @@ from av_bringup.launching import (
 from av_bringup.supervision import RESPAWN, Supervision
 from av_common.launched import RUN_FOLDER
 from av_common.playback import Player, plan_playback
-from av_common.yaml_reader import load_yaml
 
 PX4_MSGS = ('clone https://github.com/PX4/px4_msgs, the branch of your firmware (such as release/1.16), into the workspace, '
             'and build and source it; see docs/guides/px4.md')
@@ -104,7 +102,8 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
         named = name == 'model' and not Path(arguments[name]).suffix  # a detector of a package
         if arguments[name] and not named and not Path(arguments[name]).exists():
             raise FileNotFoundError(f'{name}:={arguments[name]}: no such file')
-    arguments = {**arguments, 'rig': arguments['rig'] or described_rig(arguments)}
+    described = described_rig(arguments)
+    arguments = {**arguments, 'rig': arguments['rig'] or described}
     sources = {'sim': simulator, 'udp': bridge, 'file': files, 'hardware': hardware}
     monitor = monitor_nodes(arguments, {'duration': duration, 'title': title(arguments)})
     page, optional = view_nodes(arguments, {}), [*recorder_nodes(arguments, {}), *report_nodes(arguments, {})]
@@ -127,14 +126,13 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
 
 
 def described_rig(arguments: Arguments) -> str:
-    """The rig's description that a scenario names, else config/rig.yaml; the simulator reports unreadable scenarios."""
-    if arguments['source'] == 'sim':
-        require('source:=sim', 'av_simulator')
-        from av_simulator.config_files import find_config  # only where the simulator is installed
-        with suppress(ValueError, OSError, LookupError, TypeError):
-            content = load_yaml(find_config(arguments['scenario'], 'scenarios'))
-            return str(find_config(str(content['rig']['description'])))
-    return str(CONFIG / 'rig.yaml')
+    """The rig's description that a scenario names, else config/rig.yaml. Raises ConfigError for a scenario that is none."""
+    if arguments['source'] != 'sim':
+        return str(CONFIG / 'rig.yaml')
+    require('source:=sim', 'av_simulator')
+    from av_simulator.config_files import find_config  # only where the simulator is installed
+    from av_simulator.scenario import load_scenario
+    return str(find_config(load_scenario(find_config(arguments['scenario'], 'scenarios')).rig.description))
 
 
 def simulator(arguments: Arguments) -> list[ExecuteProcess]:

@@ -20,7 +20,19 @@ def leave_nothing_running():
 @pytest.fixture(scope='module')
 def launch_file():
     """The rig's launch file as a module."""
-    specification = importlib.util.spec_from_file_location('rig_launch', Path(__file__).parents[1] / 'launch' / 'rig.launch.py')
+    return loaded('rig')
+
+
+@pytest.fixture(scope='module')
+def network_file():
+    """The network's launch file as a module."""
+    return loaded('network')
+
+
+def loaded(name):
+    """A launch file as a module."""
+    file = Path(__file__).parents[1] / 'launch' / f'{name}.launch.py'
+    specification = importlib.util.spec_from_file_location(f'{name}_launch', file)
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module

@@ -46,6 +46,8 @@ _av_ros_env() {
             _av_assembled_ros "$project" || return
         fi
     fi
+    # More nodes on one domain than the 32 that Cyclone DDS has as it comes.
+    export CYCLONEDDS_URI=${CYCLONEDDS_URI-file://$project/config/dds/local.xml}
     if [ -f "$project/install/local_setup.bash" ]; then
         . "$project/install/local_setup.bash" || return
     fi

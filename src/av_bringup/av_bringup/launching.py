@@ -6,11 +6,12 @@ import importlib.util
 import os
 import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
+from typing import Any
 
 from ament_index_python.packages import (
     PackageNotFoundError,
@@ -23,9 +24,11 @@ from launch.actions import (
     EmitEvent,
     ExecuteProcess,
     GroupAction,
+    LogInfo,
     OpaqueFunction,
     RegisterEventHandler,
     SetEnvironmentVariable,
+    TimerAction,
 )
 from launch.event_handlers import OnProcessExit, OnShutdown
 from launch.events import Shutdown
@@ -40,6 +43,7 @@ from av_common.parameters import check_parameter_file
 from av_common.rig import load_rig
 
 CONFIG = Path(get_package_share_directory('av_bringup')) / 'config'
+DDS_VARIABLE, MOST_PARTICIPANTS = 'CYCLONEDDS_URI', 32
 BAG_NAME = '%Y%m%d-%H%M%S.mcap'  # of recordings that the page begins
 MONITOR_PACKAGE, VIEW_PACKAGE, REPORT_PACKAGE = 'av_evaluation', 'av_view', 'av_reports'
 Arguments = Mapping[str, str]
@@ -99,20 +103,58 @@ def describe(declarations: Declarations, start: Callable[[Arguments], list[Launc
             if old in context.launch_configurations:
                 raise ValueError(f'{old}:= is now named {new}:=')
         arguments = {name: at_home(context.launch_configurations[name]) for name in declarations}
-        if arguments['params']:
-            check_parameter_file(arguments['params'])
         folder = mkdtemp(prefix='av_rig_')
         try:
             entities = start({**arguments, RUN_FOLDER: folder})
+            if arguments['params']:
+                readers = [node.full_name for node in launched_nodes(entities)]
+                entities += [LogInfo(msg=note) for note in check_parameter_file(arguments['params'], readers)]
         except BaseException:
             rmtree(folder)
             raise
         entities.append(guard_process(folder))
         interruption = interrupt_with_launch([entity for entity in entities if isinstance(entity, ExecuteProcess)])
-        return [GroupAction([SetEnvironmentVariable(RUN_FOLDER, folder), interruption, *entities])]
+        return [GroupAction([SetEnvironmentVariable(RUN_FOLDER, folder), *participants(entities), interruption, *entities])]
     declared = [DeclareLaunchArgument(name, default_value=default, description=text, choices=choices)
                 for name, (default, text, choices) in declarations.items()]
     return LaunchDescription([*declared, OpaqueFunction(function=begin)])
+
+
+class LaunchedNode(Node):
+    """A node of the suite, which reads the user's parameter file.
+
+    Attributes:
+        full_name: with its namespace.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        executable: name of the program, which is the node's name, too.
+        options: further arguments of launch_ros.actions.Node.
+    """
+
+    def __init__(self, arguments: Arguments, executable: str, **options: Any) -> None:
+        self.full_name = '/'.join(['', *filter(None, arguments['namespace'].split('/')), executable])
+        super().__init__(executable=executable, name=executable, namespace=arguments['namespace'],
+                         additional_env=security(arguments, self.full_name), **options)
+
+
+def launched_nodes(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchedNode]:
+    """The nodes among the entities of a launch, those that start later among them."""
+    found = []
+    for entity in entities:
+        found += [entity] if isinstance(entity, LaunchedNode) else []
+        found += launched_nodes(entity.actions) if isinstance(entity, TimerAction) else []
+    return found
+
+
+def participants(entities: Iterable[LaunchDescriptionEntity]) -> list[LaunchDescriptionEntity]:
+    """What lets each node be a participant of DDS, and tools beside them: as it comes, Cyclone DDS has 32 in a domain."""
+    if DDS_VARIABLE in os.environ:
+        return []
+    profile = f'file://{CONFIG}/dds/local.xml'
+    count = len(launched_nodes(entities))
+    note = LogInfo(msg=f'{count} nodes in one ROS domain: in shells for further ones, {DDS_VARIABLE}={profile}')
+    return [SetEnvironmentVariable(DDS_VARIABLE, profile), *([note] if count >= MOST_PARTICIPANTS else [])]
 
 
 def at_home(value: str) -> str:
@@ -160,7 +202,7 @@ def require(argument: str, *packages: str) -> None:
             raise MissingPackageError(package, argument)
 
 
-def rig_node(arguments: Arguments, package: str, executable: str, parameters: dict, **options: object) -> Node:
+def rig_node(arguments: Arguments, package: str, executable: str, parameters: dict, **options: object) -> LaunchedNode:
     """A node with the shipped parameters, those of this launch, and the user's file, where later values replace earlier ones.
 
     Parameters:
@@ -171,22 +213,19 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
         options: further arguments of launch_ros.actions.Node
     """
     files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
-    return Node(package=package, executable=executable, name=executable, namespace=arguments['namespace'],
-                parameters=files, additional_env=security(arguments, executable),
-                **{'output': 'log', **RESPAWN, **options})
+    return LaunchedNode(arguments, executable, package=package, parameters=files, **{'output': 'log', **RESPAWN, **options})
 
 
-def security(arguments: Arguments, node: str) -> dict[str, str]:
+def security(arguments: Arguments, enclave: str) -> dict[str, str]:
     """The environment in which a node uses its enclave of the keystore, empty without one. Raises KeystoreError.
 
     Parameters:
         arguments: values of the launch arguments
-        node: the node's name
+        enclave: the node's full name
     """
     if not arguments['security']:
         return {}
     keystore = Path(arguments['security']).resolve()
-    enclave = '/'.join(['', *filter(None, arguments['namespace'].split('/')), node])
     check_enclave(keystore, enclave)
     return {'ROS_SECURITY_KEYSTORE': str(keystore), 'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
             'ROS_SECURITY_ENCLAVE_OVERRIDE': enclave}

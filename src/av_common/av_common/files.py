@@ -5,6 +5,8 @@ from __future__ import annotations
 import reprlib
 import stat
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterable
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
@@ -69,3 +71,8 @@ def one_line(text: object, longest: int = 300) -> str:
 def _kind(mode: int) -> str:
     kinds = {stat.S_ISDIR: 'a folder', stat.S_ISFIFO: 'a pipe', stat.S_ISSOCK: 'a socket'}
     return next((name for test, name in kinds.items() if test(mode)), 'a device')
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """The most similar of the known names, for a message about one that is not among them."""
+    return max(sorted(known), key=lambda other: SequenceMatcher(None, name, other).ratio(), default='none')

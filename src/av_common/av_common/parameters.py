@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from importlib import import_module
+from importlib.metadata import entry_points
 from importlib.util import find_spec, module_from_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from rclpy.exceptions import ParameterException
-from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter import Parameter
 
-from av_common.files import shown
+from av_common.files import nearest, shown
 from av_common.node import RenamedParameterError, RigNode
+from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
 from av_common.parameter_rules import ParameterError, check_together, check_value
-from av_common.yaml_reader import load_yaml
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
@@ -34,7 +35,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     given: dict[str, Any] = {}
     files: dict[str, str] = {}
     for file in parameter_files:
-        found = _read(Path(file), '/'.join(['', *filter(None, namespace.split('/')), node]))
+        found = parameters_for(file, '/'.join(['', *filter(None, namespace.split('/')), node]))
         given.update(found)
         files.update(dict.fromkeys(found, f'{file}: '))
     for name, value in (overrides or {}).items():
@@ -53,25 +54,81 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     return parameters
 
 
-def check_parameter_file(file: str | Path) -> None:
-    """Raise OSError or ValueError, in one line with file and key, for what is no parameter file.
+NODES = '.nodes.'   # in the modules of the suite's nodes
+# Of every node: of RigNode, of the updater of its diagnostics, and of rclpy.
+COMMON = ('autostart', 'diagnostic_updater.period', 'diagnostic_updater.use_fqn', 'start_type_description_service',
+          'use_sim_time')
+QOS_OVERRIDES = 'qos_overrides.'    # rclpy's, of any topic
 
-    The middleware's own reader waits for pipes, ends processes on deep nesting, and does not name the key.
+
+def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
+    """Raise ValueError for sections of a file that are for none of the nodes, and for names that their nodes do not have.
+
+    A section of another node of the suite is none of these mistakes; the result tells of it. Raises as `sections_of`, too.
 
     Parameters:
-        file: the file; whether a node has these parameters is not looked at.
+        file: the file.
+        nodes: full names of the nodes that read it; the last part of each is the name of its program.
     """
-    for node, parameters in _sections_of(Path(file)):
-        for name, value in parameters.items():
-            items = value if isinstance(value, list) else [value]
-            if len(kinds := {type(item) for item in items}) > 1 or not kinds <= {bool, int, float, str}:
-                raise ValueError(f'parameter file {file}: {node} {name} is {shown(value)}, expected a truth value, a number, a '
-                                 'text, or a list of one of these')
-            if int in kinds and not all(-LARGEST <= number < LARGEST for number in items):
-                raise ValueError(f'parameter file {file}: {node} {name} is {shown(value)}, expected whole numbers of 64 bits')
+    modules, mistakes, notes = node_modules(), [], []
+    idle = {f'{name.rpartition("/")[0]}/{program}' for name in nodes for program in modules} - set(nodes)
+    for path, parameters in sections_of(file):
+        meant = [name for name in nodes if fits(path, name)]
+        if not meant:
+            meant = [name for name in idle if fits(path, name)]
+            notes += [f'{path} has no effect, as this node is not started'] if meant else []
+        if not meant:
+            mistakes.append(f'no node is {path or "without a name"}, the nearest is {_meant_by(path, nodes)}')
+            continue
+        programs = {modules[node.rpartition('/')[2]] for node in meant}
+        known = {name for module in programs for name in parameter_names(module)}
+        for name in parameters:
+            if name not in known and not name.startswith(QOS_OVERRIDES):
+                now = _renamed(programs).get(name)
+                meant_by = f'it is now named {now}' if now else f'the nearest is {nearest(name, known)}'
+                mistakes.append(f'{path} has no parameter {name}, {meant_by}')
+    if mistakes:
+        raise ValueError(f'parameter file {file}: {"; ".join(mistakes)}')
+    return [f'parameter file {file}: {note}' for note in notes]
 
 
-LARGEST = 2**63     # of the integers of parameters
+def node_modules() -> dict[str, str]:
+    """Of the suite's nodes that are installed: the module by the name of the program."""
+    return {program.name: program.module for program in entry_points(group='console_scripts')
+            if program.module.startswith('av_') and NODES in program.module}
+
+
+def parameter_names(module: str) -> frozenset[str]:
+    """The names of a node's parameters, those of all nodes among them.
+
+    Parameters:
+        module: of the node, which is not imported: some take seconds.
+    """
+    name = module.rpartition('.')[2]
+    declarations = _Declarations(name, {}, {})
+    with suppress(ModuleNotFoundError):    # a node without parameters of its own
+        getattr(_own_module(f'{module}_parameters'), name).ParamListener(declarations)
+    return declarations.names | frozenset(COMMON)
+
+
+def _renamed(modules: Iterable[str]) -> dict[str, str]:
+    """The present names of parameters by their former ones, of some nodes."""
+    found: dict[str, str] = {}
+    for module in modules:
+        with suppress(ImportError):    # of what a node needs; it will say so itself
+            package, _, node = module.partition(NODES)
+            found |= _node_class(package, node).RENAMED_PARAMETERS
+    return found
+
+
+def _meant_by(path: str, nodes: Collection[str]) -> str:
+    """The name that was meant by the path of a section that is for none of the nodes."""
+    above, _, last = path.rpartition('/')
+    program = nearest(last, {name.rpartition('/')[2] for name in nodes})
+    written = f'{above}/{program}'
+    if any(fits(written, name) for name in nodes):
+        return written
+    return nearest(path, {name for name in nodes if name.endswith(f'/{program}')})
 
 
 class _Declarations:
@@ -86,6 +143,11 @@ class _Declarations:
     def __init__(self, node: str, given: Mapping[str, Any], files: Mapping[str, str]) -> None:
         self._node, self._given, self._files = node, given, files
         self._declared: dict[str, Parameter] = {}
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The names of all that was declared."""
+        return frozenset(self._declared)
 
     def has_parameter(self, name: str) -> bool:
         """Whether it has been declared."""
@@ -131,56 +193,3 @@ def _node_class(package: str, node: str) -> type[RigNode]:
     module = import_module(f'{package}.nodes.{node}')
     return next(item for item in vars(module).values()
                 if isinstance(item, type) and issubclass(item, RigNode) and item.__module__ == module.__name__)
-
-
-def _read(file: Path, node: str) -> dict[str, Any]:
-    """Parameters that a file sets for the node with this full name, by names with dots.
-
-    `rclpy.parameter.parameter_dict_from_yaml_file` finds neither the nodes of `/*/node`, `/**/namespace/node` and
-    `namespace: node:`, nor those of `/**/node` without a namespace, and reads '1' in quotes as a number.
-    """
-    return {name: value for path, parameters in _sections_of(file) if re.fullmatch(_pattern(path), node)
-            for name, value in parameters.items()}
-
-
-def _sections_of(file: Path) -> list[tuple[str, Mapping[str, Any]]]:
-    """Paths of nodes in a file, and their parameters by names with dots. Raises OSError or ValueError with file and key."""
-    try:
-        return list(_sections(load_yaml(file, 'parameter file') or {}))
-    except _StructureError as error:
-        raise ValueError(f'parameter file {file}: {error}, expected NODE: ros__parameters: NAME: VALUE') from error
-
-
-class _StructureError(ValueError):
-    """A part of a parameter file that is no mapping by names."""
-
-
-def _names(tree: Any, path: str) -> Iterator[tuple[str, Any]]:
-    if not isinstance(tree, dict):
-        raise _StructureError(f'{path or "its content"} is {shown(tree)}')
-    for name, branch in tree.items():
-        if not isinstance(name, str):
-            raise _StructureError(f'{path} has the key {shown(name)}'.strip())
-        yield name, branch
-
-
-def _sections(tree: Any, path: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
-    for name, branch in _names(tree, path):
-        if name == 'ros__parameters':
-            yield path, dict(_flat(branch or {}, path))
-        else:
-            yield from _sections(branch, '/'.join([path, *filter(None, name.split('/'))]))
-
-
-def _pattern(path: str) -> str:
-    """A regular expression of the full names of the nodes of a path; * is one name, ** any number."""
-    wild = {'*': '/[^/]+', '**': '(/[^/]+)*'}
-    return ''.join(wild.get(part, '/' + re.escape(part)) for part in path.split('/')[1:])
-
-
-def _flat(tree: Any, path: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
-    for name, value in _names(tree, f'{path} {prefix}'.strip()):
-        if isinstance(value, dict):
-            yield from _flat(value, path, prefix + name + PARAMETER_SEPARATOR_STRING)
-        else:
-            yield prefix + name, value

@@ -18,7 +18,16 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from ros_domains import free_domain
 
-from av_common.parameters import check_parameter_file, node_parameters
+from av_common import parameters
+from av_common.node import RigNode
+from av_common.parameter_files import sections_of
+from av_common.parameters import (
+    COMMON,
+    QOS_OVERRIDES,
+    check_parameter_file,
+    node_modules,
+    node_parameters,
+)
 
 DESCRIPTION = """
 tracker:
@@ -33,6 +42,7 @@ tracker:
     patience: {type: double, default_value: 1.0, description: s}
 """
 NODE = """
+from av_common import parameters
 from av_common.node import RigNode
 
 class Tracker(RigNode):
@@ -161,19 +171,98 @@ def test_what_is_no_parameter_file_is_named_before_any_node_starts(tmp_path, tex
     file = tmp_path / 'params.yaml'
     file.write_text(text)
     if not words:
-        check_parameter_file(file)    # a text, whatever it looks like
+        sections_of(file)    # a text, whatever it looks like
         return
     with pytest.raises(ValueError, match=re.escape(words)) as error:
-        check_parameter_file(file)
+        sections_of(file)
     assert str(file) in str(error.value) and '\n' not in str(error.value)
 
 
 def test_a_pipe_is_no_parameter_file(tmp_path):
     os.mkfifo(tmp_path / 'pipe')
     with pytest.raises(OSError, match='pipe is a pipe, expected a file'):
-        check_parameter_file(tmp_path / 'pipe')
+        sections_of(tmp_path / 'pipe')
 
 
 @pytest.mark.parametrize('name', ['rig_params.yaml'])
 def test_shipped_parameter_files_are_accepted(name):
-    check_parameter_file(Path(__file__).resolve().parents[3] / 'config' / name)
+    file = Path(__file__).resolve().parents[3] / 'config' / name
+    assert not check_parameter_file(file, [f'/left/{node}' for node in node_modules()])
+
+
+NODES = ('/left/tracker', '/left/looker', '/right/tracker')
+
+
+@pytest.fixture
+def suite(monkeypatch):
+    """The nodes `tracker` of the package `toy`, and `looker` and `idle` without parameters of their own."""
+    monkeypatch.setattr(parameters, 'node_modules', lambda: {
+        'tracker': 'toy.nodes.tracker', 'looker': 'toy.nodes.looker', 'idle': 'toy.nodes.idle'})
+
+
+@pytest.mark.parametrize(('sections', 'mistake'), [
+    ('/**/tracker: {ros__parameters: {tau: 1.0, rotation: {patience: 2.0}, rotation.enabled: true}}', ''),
+    ('left: {tracker: {ros__parameters: {tau: 1.0}}}', ''), ('/*/tracker: {ros__parameters: {tau: 1.0}}', ''),
+    ('/left/**: {ros__parameters: {tau: 1.0, use_sim_time: true, qos_overrides: {/tf: {publisher: {depth: 3}}}}}', ''),
+    ('/right/*: {ros__parameters: {tau: 1.0}}', ''), ('/**: {ros__parameters: {tau: 1.0}}', ''),
+    ('/left/looker: {ros__parameters: {autostart: false}}', ''),
+    ('tracker: {ros__parameters: {tau: 1.0}}', 'no node is /tracker, the nearest is /left/tracker'),
+    ('/**/traker: {ros__parameters: {}}', 'no node is /**/traker, the nearest is /**/tracker'),
+    ('/rigth/tracker: {ros__parameters: {tau: 1.0}}', 'no node is /rigth/tracker, the nearest is /right/tracker'),
+    ('/left: {trackr: {ros__parameters: {tau: 1.0}}}', 'no node is /left/trackr, the nearest is /left/tracker'),
+    ('/**/left/lokker: {ros__parameters: {}}', 'no node is /**/left/lokker, the nearest is /**/left/looker'),
+    ('/middle/**: {ros__parameters: {tau: 1.0}}', 'no node is /middle/**, the nearest is /'),
+    ('/*: {ros__parameters: {tau: 1.0}}', 'no node is /*, the nearest is /'),
+    ('ros__parameters: {tau: 1.0}', 'no node is without a name'),
+    ('/**/tracker: {ros__parameters: {taw: 1.0}}', '/**/tracker has no parameter taw, the nearest is tau'),
+    ('/**/tracker: {ros__parameters: {rotation: {patiense: 1.0}}}',
+     'no parameter rotation.patiense, the nearest is rotation.patience'),
+    ('/**/tracker: {ros__parameters: {patience: 1.0}}', 'no parameter patience, the nearest is rotation.patience'),
+    ('/**: {ros__parameters: {use_sim_tyme: true}}', '/** has no parameter use_sim_tyme, the nearest is use_sim_time'),
+    ('/**/tracker: {ros__parameters: {rotation.wait: 1.0}}', 'no parameter rotation.wait, it is now named rotation.patience'),
+    ('/left/looker: {ros__parameters: {tau: 1.0}}', '/left/looker has no parameter tau')])
+def test_sections_and_names_that_would_have_no_effect_are_named_with_the_nearest(tmp_path, suite, sections, mistake):
+    file = tmp_path / 'params.yaml'
+    file.write_text(sections)
+    if not mistake:
+        assert check_parameter_file(file, NODES) == []
+        return
+    with pytest.raises(ValueError, match=re.escape(mistake)) as error:
+        check_parameter_file(file, NODES)
+    assert str(file) in str(error.value) and '\n' not in str(error.value)
+
+
+def test_all_mistakes_are_named_at_once(tmp_path, suite):
+    file = tmp_path / 'params.yaml'
+    file.write_text('/**/traker: {ros__parameters: {tau: 1.0}}\n/**/tracker: {ros__parameters: {taw: 1.0, rates: 2.0}}')
+    with pytest.raises(ValueError, match='traker.*taw.*rates'):
+        check_parameter_file(file, NODES)
+
+
+def test_a_node_of_the_suite_that_is_not_started_is_told_and_its_names_are_checked(tmp_path, suite):
+    file = tmp_path / 'params.yaml'
+    file.write_text('/left/idle: {ros__parameters: {autostart: false}}')
+    note, = check_parameter_file(file, NODES)
+    assert str(file) in note and '/left/idle has no effect' in note
+    file.write_text('/**/idle: {ros__parameters: {autostrat: false}}')
+    with pytest.raises(ValueError, match='no parameter autostrat, the nearest is autostart'):
+        check_parameter_file(file, NODES)
+
+
+def test_the_parameters_of_all_nodes_are_known(context):
+    node = RigNode('bare', context=context)
+    names = {name for name in node.list_parameters([], 0).names if not name.startswith(QOS_OVERRIDES)}
+    node.destroy_node()
+    assert names <= set(COMMON)
+
+
+@pytest.mark.parametrize(('name', 'words'), [
+    ('parameters/no_slash.yaml', 'no node is /fusion_node, the nearest is /left/fusion_node'),
+    ('parameters/misspelt_node.yaml', 'no node is /**/fusion_nod, the nearest is /**/fusion_node'),
+    ('two_rigs/right_params.yaml', 'fusion_nod, .*no parameter detection_probabillity, the nearest is detection_probability')])
+def test_the_files_of_the_field(name, words):
+    file = Path(__file__).resolve().parents[4] / 'shared/data/field_cases' / name
+    if not file.exists():
+        pytest.skip('needs ../shared/data')
+    with pytest.raises(ValueError, match=words.replace('/**', r'/\*\*')):
+        check_parameter_file(file, ['/left/fusion_node', '/left/pointing_node'])

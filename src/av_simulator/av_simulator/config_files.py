@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from av_common.config_reader import ConfigError
+from av_common.files import nearest
 
 
 def find_config(name: str, folder: str = '') -> Path:
@@ -25,7 +26,9 @@ def find_config(name: str, folder: str = '') -> Path:
         candidate = shelf / (name if direct.suffix else f'{name}.yaml')
         if candidate.is_file():
             return candidate
-    raise ConfigError(f'{name}: no such file; shipped files are {", ".join(shipped(folder)) or "(none found)"}')
+    names = shipped(folder)
+    raise ConfigError(f'{name}: no such file, the nearest is {nearest(direct.stem, names)}; shipped files are '
+                      f'{", ".join(names)}')
 
 
 def shipped(folder: str) -> list[str]:

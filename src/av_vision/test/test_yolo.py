@@ -1,6 +1,7 @@
 """Every export in use, with and without names, in both precisions; and files that are no detector."""
 
 import numpy as np
+import onnxruntime
 import pytest
 import yolo_models
 
@@ -132,10 +133,19 @@ def test_a_missing_provider_and_wrong_settings_are_named(tmp_path):
     path = yolo_models.write(tmp_path / 'model.onnx')
     with pytest.raises(ModelError, match='CUDAExecutionProvider.*CPUExecutionProvider'):
         Detector(path, DetectorSettings(providers=('CUDAExecutionProvider',)))
+    with pytest.raises(ModelError, match='CUDAExecutoinProvider, which is none .* nearest is CUDAExecutionProvider'):
+        Detector(path, DetectorSettings(providers=('CUDAExecutoinProvider', 'CPUExecutionProvider')))
     with pytest.raises(ValueError, match='nms_iou is 2'):
         DetectorSettings(nms_iou=2.0)
     with pytest.raises(ModelError, match='layout'):
         Detector(path, DetectorSettings(layout='v99'))
+
+
+def test_providers_that_are_not_installed_are_left_out_of_the_order(tmp_path, monkeypatch):
+    path = yolo_models.write(tmp_path / 'model.onnx')
+    order = ('TensorrtExecutionProvider', 'CUDAExecutionProvider', 'CPUExecutionProvider')
+    monkeypatch.setattr(onnxruntime, 'get_available_providers', lambda: ['CPUExecutionProvider'])
+    assert Detector(path, DetectorSettings(providers=order)).model.provider == 'CPUExecutionProvider'
 
 
 def test_suppression_keeps_the_best_of_each_place():

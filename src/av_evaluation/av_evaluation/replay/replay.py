@@ -16,12 +16,12 @@ from av_bags.converters import AudioLayout
 from av_bags.errors import BagError
 from av_bags.feed import BagRecord, Feed
 from av_bags.reader import Bag
-from av_bags.topics import Found, find_topics
+from av_bags.topics import Found, absolute, find_topics
 from av_bags.writer import BagWriter
 from av_common.camera import PinholeCamera
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
-from av_common.parameters import node_parameters
+from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
 from av_evaluation.replay.estimator_comparison import EstimatorComparison
@@ -123,6 +123,8 @@ class Replay:
                                         'doa' if names.DOA in found or names.DETECTIONS in found else 'bearing')
         self._topics = self._choose(found)
         self._feed = Feed(bag, self._topics, settings.audio, settings.start, settings.start + settings.duration)
+        for file in settings.parameters:
+            check_parameter_file(file, [absolute(node, settings.namespace) for node in node_modules()])
         self._rig, self._estimators, self._segment = load_rig(settings.rig or find_config('rig')), estimators, 0
         self._build(self._rig, estimators)
 

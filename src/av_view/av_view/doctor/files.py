@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from av_common.parameters import check_parameter_file, node_parameters
+from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_view.doctor.finding import Finding
 
@@ -30,7 +30,7 @@ def judge_files(rig_file: str | Path, parameter_files: Sequence[str | Path]) -> 
         rig = load_rig(rig_file)
         array = rig.array.geometry
         for file in parameter_files:
-            check_parameter_file(file)
+            check_parameter_file(file, [f'/{name}' for name in node_modules()])
         audio = node_parameters('av_audio', 'audio_node', parameter_files)
         camera = node_parameters('av_vision', 'camera_node', parameter_files)
         array_file = node_parameters('av_audio', 'doa_node', parameter_files).array_file

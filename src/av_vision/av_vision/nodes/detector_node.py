@@ -115,6 +115,7 @@ class DetectorNode(RigNode):
 
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, time per image and losses."""
+        status.add('execution provider', self._stage.detector.detector.model.provider)
         status.add('images per second', f'{self._images.rate:.1f}')
         status.add('time per image', f'{1e3 * self._took:.1f} ms')
         status.add('delay from capture', f'{1e3 * self._delay:.1f} ms')

@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from av_common.files import check_file, one_line, shown
+from av_common.files import check_file, nearest, one_line, shown
 from av_vision.yolo.coco import COCO
 from av_vision.yolo.layout import LAYOUTS, Layout, recognise
 from av_vision.yolo.letterbox import LETTERBOX_GREY
@@ -71,6 +71,11 @@ class Model:
         # known to be small now.
         self.session = open_session(self.path, providers, threads)
         self._probe()
+
+    @property
+    def provider(self) -> str:
+        """The execution provider that is used first."""
+        return str(self.session.get_providers()[0])
 
     def run(self, tensor: NDArray) -> NDArray[np.float32]:
         """Output (n, a, b) of a batch (n, 3, height, width); images are run one by one when the model has no dynamic batch."""
@@ -179,17 +184,21 @@ def limit_memory() -> None:
 
 
 def open_session(path: Path, providers: Sequence[str], threads: int, folded: bool = True) -> onnxruntime.InferenceSession:
-    """Open an onnxruntime session; raises ModelError for an unusable file and for a provider that is not installed.
+    """Open an onnxruntime session; raises ModelError for an unusable file, and where no provider is installed.
 
     Parameters:
         path: ONNX file.
-        providers: execution providers in order of preference.
+        providers: execution providers in order of preference; those that are not installed are left out.
         threads: number of threads for one image; 0 uses the default of onnxruntime.
         folded: whether constants are computed now rather than with each image.
     """
-    installed = onnxruntime.get_available_providers()
-    missing = [provider for provider in providers if provider not in installed]
-    if missing or not providers:
+    every, installed = onnxruntime.get_all_providers(), onnxruntime.get_available_providers()
+    for provider in providers:
+        if provider not in every:
+            raise ModelError(f'providers has {provider}, which is none of onnxruntime, the nearest is '
+                             f'{nearest(provider, every)}')
+    usable = [provider for provider in providers if provider in installed]
+    if not usable:
         raise ModelError(f'providers are {list(providers)}, but onnxruntime has {installed} here; install the onnxruntime '
                          'package of the accelerator (onnxruntime-gpu, onnxruntime-openvino) or choose among these')
     try:
@@ -208,7 +217,7 @@ def open_session(path: Path, providers: Sequence[str], threads: int, folded: boo
     # Spinning of idle threads would take processor time from the other nodes.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=list(providers),
+        return onnxruntime.InferenceSession(str(path), options, providers=usable,
                                             disabled_optimizers=[] if folded else ['ConstantFolding'])
     except Exception as error:  # onnxruntime's exceptions have no common base
         raise ModelError(f'{path} is no ONNX model that onnxruntime can open: {one_line(error)}') from error

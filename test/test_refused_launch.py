@@ -1,0 +1,86 @@
+"""Launches with mistakes in their arguments and files: the mistake by its name, an exit code, and nothing started."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from rig_process import RigProcess
+
+from av_bringup.launching import (
+    DDS_VARIABLE,
+    MOST_PARTICIPANTS,
+    launched_nodes,
+    participants,
+)
+from av_common.launched import RUN_FOLDER
+
+pytestmark = pytest.mark.system
+FIELD_CASES = Path(__file__).resolve().parents[2] / 'shared/data/field_cases/parameters'
+PARAMETERS = '/**/pointing_node: {ros__parameters: {yaw_raet_deg: 5.0}}\n'
+
+
+def refused(*arguments, **options):
+    """The output of a launch that ends with an error before a process is started."""
+    rig = RigProcess(*arguments, **options)
+    assert rig.finish(60.0) != 0, rig.output
+    assert 'process started' not in rig.output, rig.output
+    assert not rig.leftovers()
+    return rig.output
+
+
+@pytest.mark.parametrize(('launch_file', 'arguments', 'text', 'words'), [
+    ('rig.launch.py', ['namespace:=left'], 'pointing_node: {ros__parameters: {move_body: false}}',
+     'no node is /pointing_node, the nearest is /left/pointing_node'),
+    ('rig.launch.py', [], PARAMETERS, '/**/pointing_node has no parameter yaw_raet_deg, the nearest is yaw_rate_deg'),
+    ('network.launch.py', ['rigs:=2'], '/rig3/fusion_node: {ros__parameters: {tau: 0.6}}',
+     'no node is /rig3/fusion_node, the nearest is /rig'),
+    ('network.launch.py', ['rigs:=2'], '/network_nod: {ros__parameters: {rate: 5.0}}', 'the nearest is /network_node')])
+def test_a_mistake_in_a_parameter_file_stops_the_launch(tmp_path, launch_file, arguments, text, words):
+    file = tmp_path / 'params.yaml'
+    file.write_text(text)
+    assert words in refused(*arguments, f'params:={file}', launch_file=launch_file)
+
+
+@pytest.mark.parametrize(('name', 'words'), [('no_slash', 'no node is /fusion_node, the nearest is /left/fusion_node'),
+                                             ('misspelt_node', 'no node is /**/fusion_nod, the nearest is /**/fusion_node')])
+def test_the_parameter_files_of_the_field(name, words):
+    if not FIELD_CASES.exists():
+        pytest.skip('needs ../shared/data')
+    assert words in refused('namespace:=left', f'params:={FIELD_CASES}/{name}.yaml')
+
+
+def test_sections_for_some_rigs_of_a_network_are_accepted(network_file, tmp_path):
+    file = tmp_path / 'params.yaml'
+    file.write_text('/rig2/fusion_node: {ros__parameters: {tau: 0.6}}\n/network_node: {ros__parameters: {rate: 5.0}}\n')
+    values = {name: default for name, (default, _, _) in network_file.ARGUMENTS.items()}
+    entities = network_file.start({**values, 'params': str(file), 'rigs': '2', RUN_FOLDER: str(tmp_path)})
+    names = [node.full_name for node in launched_nodes(entities)]
+    assert {'/rig1/fusion_node', '/rig2/fusion_node', '/rig2/bridge_node', '/network_node'} <= set(names)
+    assert len(names) == len(set(names))
+
+
+def test_eight_rigs_are_more_participants_than_dds_has_as_it_comes(network_file, tmp_path, monkeypatch):
+    """And each gets a profile that has room for them, where the user has none."""
+    values = {name: default for name, (default, _, _) in network_file.ARGUMENTS.items()}
+    entities = network_file.start({**values, 'rigs': '8', RUN_FOLDER: str(tmp_path)})
+    assert len(launched_nodes(entities)) > MOST_PARTICIPANTS
+    monkeypatch.delenv(DDS_VARIABLE, raising=False)
+    first, note = participants(entities)
+    assert Path(first.value[0].text.removeprefix('file://')).is_file()
+    assert DDS_VARIABLE in note.msg[0].text
+    monkeypatch.setenv(DDS_VARIABLE, '')
+    assert participants(entities) == []
+
+
+@pytest.mark.parametrize(('launch_file', 'scenario', 'nearest'), [('rig.launch.py', 'occluded_rom', 'occluded_room'),
+                                                                  ('network.launch.py', 'circel', 'circle')])
+def test_a_misspelt_scenario_is_named_with_the_nearest(launch_file, scenario, nearest):
+    assert f'{scenario}: no such file, the nearest is {nearest}' in refused(f'scenario:={scenario}', launch_file=launch_file)
+
+
+def test_a_scenario_with_a_misspelt_key_is_named(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    text = (Path(__file__).resolve().parents[1] / 'config/scenarios/circle.yaml').read_text()
+    file.write_text(text.replace('snr:', 'snrr:'))
+    assert 'snrr' in refused(f'scenario:={file}')
