@@ -5,14 +5,15 @@ from __future__ import annotations
 import pytest
 
 pytest.importorskip('launch_ros', reason='needs ROS 2')
+from av_common.launched import RUN_FOLDER
 
 
 @pytest.mark.parametrize(('arguments', 'moves'), [
     ({'source': 'sim'}, True), ({'source': 'sim', 'px4': 'true'}, False), ({'source': 'udp'}, False),
     ({'source': 'udp', 'enable_pointing': 'true'}, True), ({'source': 'hardware'}, False), ({'source': 'file'}, False),
     ({'source': 'sim', 'enable_pointing': 'false'}, False)])
-def test_only_the_own_simulator_is_enabled_from_the_start(launch_file, arguments, moves):
-    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()} | arguments
+def test_only_the_own_simulator_is_enabled_from_the_start(launch_file, arguments, moves, tmp_path):
+    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()} | {RUN_FOLDER: str(tmp_path), **arguments}
     assert launch_file.may_move(values) == moves
     if values['px4'] == 'false':
         logs = [action for action in launch_file.start(values) if type(action).__name__ == 'LogInfo']
