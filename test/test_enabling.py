@@ -13,7 +13,8 @@ from av_common.launched import RUN_FOLDER
     ({'source': 'udp', 'enable_pointing': 'true'}, True), ({'source': 'hardware'}, False), ({'source': 'file'}, False),
     ({'source': 'sim', 'enable_pointing': 'false'}, False)])
 def test_only_the_own_simulator_is_enabled_from_the_start(launch_file, arguments, moves, tmp_path):
-    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()} | {RUN_FOLDER: str(tmp_path), **arguments}
+    values = {name: default for name, (default, _, _) in launch_file.ARGUMENTS.items()} | arguments
+    values[RUN_FOLDER] = str(tmp_path)
     assert launch_file.may_move(values) == moves
     if values['px4'] == 'false':
         logs = [action for action in launch_file.start(values) if type(action).__name__ == 'LogInfo']
