@@ -3,7 +3,7 @@
 from av_common.exports import exports
 
 __all__, __getattr__ = exports(__name__, {
-    'multi_target.tracker': 'MultiTargetTracker',
+    'tracker': 'MultiTargetTracker',
     'measurement.measurements': 'CameraMeasurement Cone Detection DoaMeasurement Hypothesis',
     'measurement.rig_motion': 'Pose RigMotion',
     'methods': 'TRACKERS',
