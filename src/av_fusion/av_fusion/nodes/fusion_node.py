@@ -50,7 +50,7 @@ class FusionNode(RigNode):
                                         gimbal=GimbalHistory() if gimbal else None)
         self._reporter = RigReporter(self._settings.network_rate)
         self._untransformed = 0
-        self._publishers = Publishers(self, ('doa', 'detections', 'odometry'))
+        self._senders = Publishers(self, ('doa', 'detections', 'odometry'))
         self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
@@ -119,7 +119,7 @@ class FusionNode(RigNode):
         return response
 
     def _look_for_publishers(self) -> None:
-        self._stage.refuse_contested(self._publishers.contested(time.monotonic()))
+        self._stage.refuse_contested(self._senders.contested(time.monotonic()))
 
     def _publish_posterior(self) -> None:
         if self._posterior_publisher.get_subscription_count():
@@ -152,7 +152,7 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
-        self._publishers.report(status, time.monotonic())
+        self._senders.report(status, time.monotonic())
         foreign = self._stage.gate.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(

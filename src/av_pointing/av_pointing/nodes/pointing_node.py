@@ -45,7 +45,7 @@ class PointingNode(RigNode):
         self._settings = self.settings
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_pointing_stage(self._settings, gimbal)
-        self._publishers = Publishers(self, ('target/bearing', 'odometry'))
+        self._senders = Publishers(self, ('target/bearing', 'odometry'))
         self._stage.controller.enabled = self._enabled.value
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
@@ -98,7 +98,7 @@ class PointingNode(RigNode):
         return response
 
     def _look_for_publishers(self) -> None:
-        self._stage.contested = self._publishers.contested(time.monotonic())
+        self._stage.contested = self._senders.contested(time.monotonic())
 
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self._instant()))
@@ -121,7 +121,7 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{self._stage.refused - self._refused} stamps from the future: are the '
                                 'clocks synchronised? Nothing counts as new for 1.1 s after each')
         self._refused = self._stage.refused
-        self._publishers.report(status, time.monotonic())
+        self._senders.report(status, time.monotonic())
         status.add('stamps from the future', str(self._refused))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')

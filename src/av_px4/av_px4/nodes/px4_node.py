@@ -70,7 +70,7 @@ class Px4Node(RigNode):
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in self._inputs().items():
             self._link.advertise(name, kind)
-        self._undated, self._publishers = 0, Publishers(self, ('pointing/command', 'target/bearing'))
+        self._undated, self._senders = 0, Publishers(self, ('pointing/command', 'target/bearing'))
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
@@ -134,7 +134,7 @@ class Px4Node(RigNode):
         self._send(take(message, self._instant()))
 
     def _look_for_publishers(self) -> None:
-        self._stage.contested = self._publishers.contested(time.monotonic())
+        self._stage.contested = self._senders.contested(time.monotonic())
 
     def _on_timer(self) -> None:
         self._send(self._stage.on_time(self._instant()))
@@ -157,7 +157,7 @@ class Px4Node(RigNode):
         stage.advance(self._instant())
         for problem in self._problems():
             status.mergeSummary(DiagnosticStatus.WARN, problem)
-        self._publishers.report(status, time.monotonic())
+        self._senders.report(status, time.monotonic())
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('gimbal', stage.gimbal.state)

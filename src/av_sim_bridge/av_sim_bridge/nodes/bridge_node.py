@@ -61,7 +61,7 @@ class BridgeNode(RigNode):
         self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
         self._refusals, self._refused_before = Refusals(), 0
-        self._publishers = Publishers(self, ('pointing/command',))
+        self._senders = Publishers(self, ('pointing/command',))
         with ExitStack() as opened:
             self._open_streams(opened)
             self._reader = Worker('publish audio', self._publish_audio)
@@ -73,7 +73,7 @@ class BridgeNode(RigNode):
             self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
 
     def _look_for_publishers(self) -> None:
-        self._stage.contested = self._publishers.contested(time.monotonic())
+        self._stage.contested = self._senders.contested(time.monotonic())
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""
@@ -174,7 +174,7 @@ class BridgeNode(RigNode):
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
-        self._publishers.report(status, time.monotonic())
+        self._senders.report(status, time.monotonic())
         counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():
