@@ -16,7 +16,7 @@ from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Quaternion, Vector3
+from geometry_msgs.msg import Point, Quaternion, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -25,7 +25,9 @@ from vision_msgs.msg import Detection2D, Detection2DArray, ObjectHypothesisWithP
 
 from av_common.gimbal_history import GimbalHistory
 from av_common.parameters import node_parameters
+from av_common.rig import GimbalMount
 from av_common.stamps import to_seconds, to_stamp
+from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionOutput, make_fusion_stage
 from av_interfaces.msg import Bearing, Doa, DoaArray, FusionState, GimbalState, TrackArray, Visibility
 
@@ -95,7 +97,7 @@ class Source:
         direction: unit vector (3,) in the world.
         heard, seen: whether the microphones hear it, and whether it can be seen.
         drone_probability, fundamental: of each window's message; NaN while unknown.
-        confidence: of directions.
+        confidence, score: of directions, and of detections.
     """
 
     direction: Callable[[float], NDArray]
@@ -104,6 +106,7 @@ class Source:
     drone_probability: Signal = lambda t: math.nan
     fundamental: float = math.nan
     confidence: float = 0.9
+    score: float = SCORE
     errors: list[NDArray] = field(default_factory=list)
 
     @classmethod
@@ -133,7 +136,9 @@ class FormulaRig:
         sources: the first is the one that figures refer to.
         attitude: rotation of the body in the world.
         array: 'pair', 'square' or 'eight'.
-        camera: rotation of the camera (x along its axis) on the body; one that changes is that of a gimbal.
+        path: position (3; m) of the rig in the world.
+        camera: rotation of the camera (x along its axis) on the body.
+        gimbal: what carries a camera that turns on the body; None where it is fixed.
         sound, sight, odometry: whether the sensor sends messages.
         visibility: of images, None where nothing is reported of it.
         sight_clutter, sound_clutter: expected number of false detections of an image, and of false directions of a window.
@@ -146,9 +151,10 @@ class FormulaRig:
 
     sources: list[Source]
     attitude: Callable[[float], Rotation] = lambda t: Rotation.identity()
+    path: Callable[[float], NDArray] = lambda t: np.zeros(3)
     array: str = 'pair'
     camera: Callable[[float], Rotation] = lambda t: Rotation.identity()
-    gimbal: bool = False
+    gimbal: GimbalMount | None = None
     sound: Callable[[float], bool] = always
     sight: Callable[[float], bool] = always
     odometry: Callable[[float], bool] = always
@@ -172,8 +178,8 @@ class FormulaRig:
         self._numbers, self._steps = count(), 0
         self._queue: list[tuple[float, int, str, Any]] = []
         given = node_parameters('av_fusion', 'fusion_node', overrides=self.parameters)
-        carrier = {'gimbal': GimbalHistory()} if self.gimbal else {}
-        self.stage = make_fusion_stage(given, self._rotation_of, **carrier)
+        carried = {} if self.gimbal is None else {'gimbal': GimbalHistory(), 'tracker': make_tracker(given, self.gimbal)}
+        self.stage = make_fusion_stage(given, self._rotation_of, **carried)
         self.stage.on_camera_info(CameraInfo(
             width=WIDTH, height=HEIGHT, distortion_model='plumb_bob', d=[0.0] * 5,
             k=[FOCAL, 0.0, CENTRE[0], 0.0, FOCAL, CENTRE[1], 0.0, 0.0, 1.0]))
@@ -241,7 +247,7 @@ class FormulaRig:
         """Make the messages of what ends at `t`."""
         if self.odometry(t):
             self.send('odometry', self._pose(t), t, 0.0)
-        if self.gimbal:
+        if self.gimbal is not None:
             state = GimbalState(child_frame_id='gimbal_link', orientation=quaternion(self.camera(t)), variance=1e-6,
                                 source=GimbalState.SOURCE_FEEDBACK)
             state.header.stamp, state.header.frame_id = to_stamp(START + t), 'base_link'
@@ -257,6 +263,9 @@ class FormulaRig:
         message = Odometry(child_frame_id='base_link')
         message.header.stamp, message.header.frame_id = to_stamp(START + t), 'odom'
         message.pose.pose.orientation, message.twist.twist.angular = quaternion(attitude), vector(rate)
+        x, y, z = map(float, self.path(t))
+        message.pose.pose.position = Point(x=x, y=y, z=z)
+        message.twist.twist.linear = vector(attitude.inv().apply((self.path(t) - self.path(t - 1e-3)) / 1e-3))
         return message
 
     def doa(self, t: float) -> DoaArray:
@@ -314,7 +323,7 @@ class FormulaRig:
             place = self.pixel(t, number)
             if place is not None and source.seen(t) and self.random.random() < self.detection_probability * clear:
                 place = place + PIXEL_SIGMA * self.random.normal(size=2) + self.misaligned
-                message.detections.append(detection(*place, SCORE))
+                message.detections.append(detection(*place, source.score))
                 if number == 0:
                     ray = OPTICAL.T @ [*((place - CENTRE) / FOCAL), 1.0]
                     self.measured.append((t + SIGHT_TAKES, 'sight', azimuth_of(self.camera(t).apply(ray))))

@@ -202,6 +202,37 @@ def test_clutter_alone_is_no_target(contract, name, clutter):
     contract(at_most(f'{name}: followed', float(np.mean([rig.followed(1.0) for rig in rigs])), 0.05))
 
 
+@pytest.mark.parametrize('array', ['pair', 'eight'])
+def test_a_drone_that_passes_overhead_is_a_bearing_like_any_other(contract, array):
+    """With a camera that looks up: at 3 m/s, 10 m above, through the zenith at 4 s; in view from 2.3 s on."""
+    def overhead(t):
+        away = np.array([3.0 * (t - 4.0), 0.3, 10.0])
+        return away / np.linalg.norm(away)
+    rig = FormulaRig([Source(overhead)], array=array, camera=lambda t: Rotation.from_euler('y', -90.0, degrees=True)).run(7.0)
+    errors = [angle_between(unit(math.degrees(m.bearing.azimuth), math.degrees(m.bearing.elevation)), rig.body(m.t))
+              for m in rig.following(3.0)]
+    contract(at_most('angle to the truth, most', max(errors), 3.0, 'deg'), at_least('followed', rig.followed(3.0), 1.0))
+
+
+@pytest.mark.parametrize('distance', [10.0, 20.0])
+def test_motion_of_the_rig_tells_the_range_with_its_sigma(contract, distance):
+    """It swings by 6 m across the line of sight; a rig at rest knows no range."""
+    target = np.array([distance, 3.0, 2.0])
+    rig = FormulaRig([Source(lambda t: (target - swing(t)) / np.linalg.norm(target - swing(t)))], path=swing).run(10.0)
+    known = [moment for moment in rig.following(5.0) if math.isfinite(moment.bearing.range)]
+    sigmas = np.array([math.sqrt(moment.bearing.range_variance) for moment in known])
+    off = np.array([abs(moment.bearing.range - np.linalg.norm(target - swing(moment.t))) for moment in known]) / sigmas
+    still = FormulaRig([Source.at(15.0, 5.0)]).run(5.0)
+    contract(at_least('share of the time in which it is known', len(known) / len(rig.following(5.0)), 0.7),
+             at_least('within 2 sigma', float(np.mean(off < 2.0)), 0.9),
+             at_most('sigma over the range, median', float(np.median(sigmas)) / distance, 0.5),
+             at_most('known at rest', sum(math.isfinite(moment.bearing.range) for moment in still.moments), 0))
+
+
+def swing(t):
+    return np.array([0.0, 6.0 * math.sin(t), 0.0])
+
+
 def test_measured_is_the_capture_of_what_supports_it(contract):
     """Of the newest image, 0.1 s before its arrival, or of the window's centre."""
     for options, takes, period in (({'sound': never}, SIGHT_TAKES, 0.08), ({'sight': never, 'array': 'eight'}, 0.3, 0.1)):

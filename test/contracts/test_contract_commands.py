@@ -10,6 +10,7 @@ from figures import at_least, at_most
 from formula_rig import Source, azimuth_of, never, rms, unit
 from vehicle import Vehicle
 
+from av_common.rig import GimbalMount
 from av_interfaces.msg import PointingCommand
 
 STANDS_S = 0.3      # from the arrival of the newest measurement, as the message and the pointing package promise
@@ -75,6 +76,20 @@ def test_nothing_turns_on_what_is_contradicted(contract):
         vehicle = Vehicle([target, noise], visibility=lambda t: 1.0, seed=seed).run(12.0)
         share.append(float(np.mean(rates(vehicle.between(5.0)) > STILL)))
     contract(at_most('share of the time that it turns', float(np.mean(share)), 0.05))
+
+
+@pytest.mark.parametrize('azimuth', [130.0, -120.0])
+def test_a_gimbal_looks_before_the_body_turns(contract, azimuth):
+    """Heard on one of two sides, clear air: the camera turns to one, then to the other, at up to 120 deg/s, and sees it."""
+    vehicle = Vehicle([Source.at(azimuth, 8.0)], gimbal=GimbalMount(stabilized=False, pan_limits_deg=(-150.0, 150.0)),
+                      visibility=lambda t: 0.95).run(8.0)
+    seen = next((m.t for m in vehicle.rig.following() if m.bearing.source & m.bearing.SOURCE_SIGHT), math.inf)
+    searched = [command for t, command in vehicle.commands if command.mode == PointingCommand.MODE_SEARCH and t < seen]
+    assert any(command.mode == PointingCommand.MODE_LOOK for command in vehicle.between(0.0, seen))
+    contract(at_most('time until it is seen', seen, 5.0, 's'),
+             at_most('share of the time before in which the body turns', len(searched) / len(vehicle.between(0.0, seen)), 0.1),
+             at_most('error after 6 s, RMS', rms(vehicle.rig.errors(6.0)), 0.5, 'deg'),
+             at_least('resolved after it', float(np.mean([m.bearing.resolved for m in vehicle.rig.between(seen + 0.5)])), 1.0))
 
 
 def test_an_open_side_turns_nothing_where_no_rotation_is_asked_for(contract):

@@ -10,6 +10,7 @@ from figures import at_least, at_most, within
 from formula_rig import FormulaRig, Source, azimuth_of, never, wrapped
 from scipy.spatial.transform import Rotation
 
+from av_common.rig import GimbalMount
 from av_interfaces.msg import Bearing
 
 
@@ -125,7 +126,7 @@ def test_a_gimbal_camera_that_looks_back_tells_the_side(contract):
     """It pans to 150 deg at 120 deg/s and sees the target there; the orientation of each capture counts."""
     def camera(t):
         return Rotation.from_euler('z', min(max(t - 2.0, 0.0) * 120.0, 150.0), degrees=True)
-    rigs = [FormulaRig([Source.at(160.0, 4.0)], camera=camera, gimbal=True, seed=seed).run(6.0) for seed in range(3)]
+    rigs = [FormulaRig([Source.at(160.0, 4.0)], camera=camera, gimbal=GimbalMount(), seed=seed).run(6.0) for seed in range(3)]
     times = [next((m.t for m in rig.following(2.0) if m.bearing.resolved), math.inf) - 2.0 for rig in rigs]
     contract(at_most('time from the begin of the pan, longest', max(times), 2.0, 's'),
              at_most('error after it, RMS', rms_of(rigs, 4.5), 0.5, 'deg'),
@@ -136,7 +137,7 @@ def test_a_gimbal_that_pans_across_the_target_sees_it_where_it_is(contract):
     """+-30 deg at up to 94 deg/s: an orientation that is 0.1 s late would be wrong by 9 deg."""
     def camera(t):
         return Rotation.from_euler('z', 30.0 * math.sin(math.pi * t), degrees=True)
-    rig = FormulaRig([Source.at(5.0, 3.0)], camera=camera, gimbal=True, sound=never).run(8.0)
+    rig = FormulaRig([Source.at(5.0, 3.0)], camera=camera, gimbal=GimbalMount(), sound=never).run(8.0)
     contract(at_most('error, RMS', rms_of([rig]), 0.4, 'deg'))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from av_common.freshness import Instant
 from av_common.parameters import node_parameters
+from av_common.rig import GimbalMount
 from av_interfaces.msg import PointingCommand
 from av_pointing.stage import make_pointing_stage
 
@@ -28,31 +28,38 @@ class Vehicle:
 
     Parameters:
         sources: see `FormulaRig`.
-        after: called before each step with the vehicle, for what happens in between.
-        options: further fields of `FormulaRig`.
         pointing: parameters of pointing_node that differ from the defaults.
+        gimbal: carries the camera, and is where its command was a step ago; None where the camera is fixed.
+        options: further fields of `FormulaRig`.
     """
 
-    def __init__(self, sources: list[Source], pointing: dict[str, Any] | None = None, **options: Any) -> None:
+    def __init__(self, sources: list[Source], pointing: dict[str, Any] | None = None, gimbal: GimbalMount | None = None,
+                 **options: Any) -> None:
         self._parameters = node_parameters('av_pointing', 'pointing_node', overrides={'enabled': True, **(pointing or {})})
-        self.pointing = make_pointing_stage(self._parameters)
+        self.pointing = make_pointing_stage(self._parameters, gimbal)
         self.commands: list[tuple[float, PointingCommand]] = []
         self.yaw, self._rate = [0.0], 0.0
-        self.rig = FormulaRig(sources, attitude=self.attitude, on_output=self._obey, on_pose=self._pose, **options)
+        self._looks = [(0.0, 0.0)]
+        carrier = {} if gimbal is None else {'gimbal': gimbal, 'camera': self._camera}
+        self.rig = FormulaRig(sources, attitude=self.attitude, on_output=self._obey, on_pose=self._pose, **carrier, **options)
 
     def attitude(self, t: float) -> Rotation:
         """The body's attitude at a time (s)."""
         return Rotation.from_euler('z', np.interp(t, STEP * np.arange(len(self.yaw)), self.yaw))
 
-    def run(self, seconds: float, before: Callable[[float], None] = lambda t: None) -> Vehicle:
-        """Go on for `seconds`; `before` is called with the time (s) before each step."""
+    def run(self, seconds: float) -> Vehicle:
+        """Go on for `seconds`; returns the vehicle."""
         for t in self.rig.steps(seconds):
-            before(t)
             wanted = next((command.yaw_rate for when, command in reversed(self.commands) if when <= t - DEAD_S), 0.0)
             self._rate += (wanted - self._rate) * STEP / LAG_S
             self.yaw.append(self.yaw[-1] + self._rate * STEP)
+            self._looks.append((self.commands[-1][1].pan, self.commands[-1][1].tilt) if self.commands else (0.0, 0.0))
             self._take(self.pointing.on_time(self._instant(t)), t)
         return self
+
+    def _camera(self, t: float) -> Rotation:
+        pan, tilt = (np.interp(t, STEP * np.arange(len(self._looks)), angles) for angles in np.transpose(self._looks))
+        return Rotation.from_euler('ZY', [pan, -tilt])
 
     def between(self, after: float, until: float = math.inf) -> list[PointingCommand]:
         """Commands of a time (s)."""
