@@ -42,7 +42,7 @@ def pooled(rigs, **options):
 
 
 @pytest.mark.parametrize('rate', [
-    pytest.param(0.0, marks=pytest.mark.xfail(strict=False, reason='1.47 times the error of the newest detection')), 3.0])
+    pytest.param(0.0, marks=pytest.mark.xfail(strict=False, reason='1.27 times the error of the newest detection')), 3.0])
 def test_detections_alone_are_better_than_the_newest_one(contract, rate):
     """Taken as it is, the newest detection has its own error and that of its age: a filter must not be worse."""
     rigs = [FormulaRig([Source.at(-8.0, 6.0, rate)], sound=never, seed=seed).run(8.0) for seed in range(3)]
@@ -56,10 +56,7 @@ def test_detections_alone_are_better_than_the_newest_one(contract, rate):
 
 
 @pytest.mark.parametrize(('array', 'start', 'rate'), [
-    pytest.param('pair', -20.0, 3.0, marks=pytest.mark.xfail(strict=False, reason='1.09 times that of the newest window')),
-    pytest.param('pair', 160.0, 0.0, marks=pytest.mark.xfail(strict=False, reason='1.15 times that of the newest window')),
-    pytest.param('square', 150.0, 3.0, marks=pytest.mark.xfail(strict=False, reason='1.03 times that of the newest window')),
-    ('eight', -100.0, -6.0)])
+    ('pair', -20.0, 3.0), ('pair', 160.0, 0.0), ('square', 150.0, 3.0), ('eight', -100.0, -6.0)])
 def test_sound_alone_is_better_than_the_newest_window(contract, array, start, rate):
     """Both sides of a pair count as right here; the others tell front from back by themselves."""
     rigs = [FormulaRig([Source.at(start, 15.0, rate)], array=array, sight=never, seed=seed).run(10.0) for seed in range(3)]
@@ -86,10 +83,10 @@ def test_sound_and_sight_together_are_no_worse_than_sight(contract):
     ('sight', {'sound': never}, 2.0),
     ('both, pair', {}, 2.0)])
 def test_sigma_covers_the_errors(contract, name, options, rate):
-    """Some 60 nearly independent errors: their normalised squares have a mean of 1 with a deviation of 0.2. A stated sigma may
+    """Some 50 nearly independent errors: their normalised squares have a mean of 1 with a deviation of 0.2. A stated sigma may
     be twice too large, since the target might turn and does not; it may not be too small."""
     normalised = np.concatenate([FormulaRig([Source.at(-4.0 * rate, 12.0, rate)], seed=seed, **options).run(8.0)
-                                 .normalised(SETTLED, 1.0) for seed in range(10)])
+                                 .normalised(SETTLED, 1.0) for seed in range(8)])
     contract(within(f'{name}: mean normalised square', float(normalised.mean()), 0.25, 1.5),
              at_least(f'{name}: within 1.96 sigma', float(np.mean(normalised < 1.96**2)), 0.9))
 
@@ -173,7 +170,7 @@ def test_passing_the_axis_of_the_microphones_keeps_an_honest_bearing(contract, a
     On which side it left a pair's axis again the pair cannot hear: what it declares must be right, its fold accurate.
     """
     normalised, sigmas, wrong = [], [], []
-    for seed in range(6):
+    for seed in range(5):
         rig = FormulaRig([Source.at(20.0, 5.0, 10.0)], array=array, seed=seed).run(12.0)
         normalised += list(rig.normalised(SETTLED, 0.5, array == 'pair'))
         sigmas += [math.degrees(math.sqrt(moment.bearing.azimuth_variance)) for moment in rig.between(6.5, 7.5)]
@@ -189,11 +186,11 @@ def test_clutter_costs_little(contract, array):
     """Every second window has a false direction, every third image a false box."""
     clutter = {'sight_clutter': 0.3, 'sound_clutter': 0.5}
     errors = {name: rms(pooled([FormulaRig([Source.at(-5.0, 8.0, 2.0)], array=array, seed=seed, **options).run(8.0)
-                                for seed in range(3)])) for name, options in (('without', {}), ('with', clutter))}
+                                for seed in range(2)])) for name, options in (('without', {}), ('with', clutter))}
     contract(at_most('error over that without', errors['with'] / errors['without'], 1.5))
 
 
-@pytest.mark.xfail(strict=False, reason='followed 0.42 of the time by false directions, 0.29 by false boxes')
+@pytest.mark.xfail(strict=False, reason='false directions are followed for 0.10 of the time, false boxes for 0.40')
 @pytest.mark.parametrize(('name', 'clutter'), [('false directions', {'sound_clutter': 0.5}),
                                                ('false boxes', {'sight_clutter': 0.3})])
 def test_clutter_alone_is_no_target(contract, name, clutter):

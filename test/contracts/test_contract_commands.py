@@ -62,7 +62,7 @@ def test_nothing_turns_without_odometry(contract):
     contract(at_most('rate after, most', float(np.degrees(rates(vehicle.between(4.0 + STANDS_S + 0.02)).max())), 0.0, 'deg/s'))
 
 
-@pytest.mark.xfail(strict=False, reason='turns for 0.73 of the time')
+@pytest.mark.xfail(strict=False, reason='turns for 0.58 of the time')
 def test_nothing_turns_on_what_is_contradicted(contract):
     """From 4 s on each window hears something else somewhere else, and clear images do not show the target.
 
@@ -72,8 +72,8 @@ def test_nothing_turns_on_what_is_contradicted(contract):
     places = np.random.default_rng(4).uniform(-180.0, 180.0, 1000)
     noise = Source(lambda t: unit(places[int(t / 0.1)]), heard=lambda t: t > 4.0, seen=never, confidence=0.6)
     share = []
-    for seed in range(3):
-        vehicle = Vehicle([target, noise], visibility=lambda t: 1.0, seed=seed).run(12.0)
+    for seed in range(2):
+        vehicle = Vehicle([target, noise], visibility=lambda t: 1.0, seed=seed).run(10.0)
         share.append(float(np.mean(rates(vehicle.between(5.0)) > STILL)))
     contract(at_most('share of the time that it turns', float(np.mean(share)), 0.05))
 
@@ -94,11 +94,10 @@ def test_a_gimbal_looks_before_the_body_turns(contract, azimuth):
 
 def test_an_open_side_turns_nothing_where_no_rotation_is_asked_for(contract):
     """Rotations are switched off: the body waits, since either side may be the wrong one."""
-    vehicle = Vehicle([Source.at(150.0, 5.0)], sight=never, parameters={'rotation.enabled': False}).run(6.0)
+    vehicle = Vehicle([Source.at(150.0, 5.0)], sight=never, parameters={'rotation': False}).run(6.0)
     contract(at_most('rate, most', float(np.degrees(rates(vehicle.between(0.0)).max())), 0.0, 'deg/s'))
 
 
-@pytest.mark.xfail(strict=False, reason='stands for 0.013 of the time')
 def test_one_publisher_that_is_out_of_order_stops_nothing(contract):
     """A pose 45 ms late once a second, a target at 20 deg/s: the body follows without a break."""
     def network(kind, captured, arrival):

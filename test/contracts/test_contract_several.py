@@ -96,7 +96,6 @@ def test_a_sound_that_is_no_drones_is_not_followed(contract, array):
     contract(at_most('followed', rig.followed(1.0), 0.02))
 
 
-@pytest.mark.xfail(strict=False, reason='never said in fusion/state')
 @pytest.mark.parametrize('array', ['pair', 'eight'])
 def test_what_is_heard_and_not_followed_is_said(contract, array):
     """`fusion/state` names where it is heard and with which probability it is a drone's."""
