@@ -121,7 +121,7 @@ def test_a_file_becomes_directions_with_capture_stamps(rig, tmp_path, array_file
     """Windows begin with a frame, the hop is three of them; a machine that stalls may lose frames before doa_node."""
     soundfile.write(tmp_path / 'sound.wav', sound(2.0), RATE)
     rig.add(DoaNode, array_file=array_file, hop=0.1)
-    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True, buffer_bytes=50_000_000)
+    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), loop=True)
     rig.spin(lambda: len(rig.received['doa']) >= 5)
     first_frame = rig.received['audio/frames'][0]
     begin = to_seconds(first_frame.header.stamp) - first_frame.first_sample / RATE
@@ -192,7 +192,6 @@ def test_a_band_beyond_half_of_the_sample_rate_is_refused_while_it_runs(rig, arr
 
 
 @pytest.mark.parametrize(('parameters', 'words'), [
-    ({'block': 48000, 'buffer_bytes': 20000}, 'buffer_bytes is 20000, which does not hold two blocks'),
     ({'channels': [0, 0]}, 'each microphone needs a separate channel'), ({'channels': [0, -1]}, 'not [-1]')])
 def test_audio_parameters_that_contradict_each_other_are_refused_at_the_start(rig, parameters, words):
     with pytest.raises(ParameterError, match=re.escape(words)):
@@ -280,12 +279,6 @@ def test_an_absent_device_is_reported_and_retried(rig):
         pytest.skip(str(error))
     rig.add(AudioNode, source='device', device='no such thing')
     rig.wait_for_status("device='no such thing' matches 0 capture devices", DiagnosticStatus.ERROR)
-
-
-def test_a_buffer_that_holds_no_two_blocks_is_refused(rig, tmp_path):
-    soundfile.write(tmp_path / 'sound.wav', sound(1.0), RATE)
-    rig.add(AudioNode, file=str(tmp_path / 'sound.wav'), block=16_000)
-    rig.wait_for_status('buffer_bytes is 200000, which does not hold two blocks', DiagnosticStatus.ERROR)
 
 
 def test_a_missing_array_file_is_reported(rig):

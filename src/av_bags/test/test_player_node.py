@@ -23,7 +23,7 @@ class Replay:
 
     def __init__(self, bag, **values):
         rclpy.init()
-        values = {'bag': str(bag), 'only': 'all', 'clock_rate': 50.0, **values}
+        values = {'bag': str(bag), 'only': 'all', **values}
         overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.player = PlayerNode(parameter_overrides=overrides)
         self.listener = rclpy.create_node('listener')

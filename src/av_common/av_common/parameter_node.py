@@ -13,7 +13,7 @@ from rclpy.time_source import USE_SIM_TIME_NAME
 from av_common.guarded_node import GuardedNode
 from av_common.parameter_rules import (
     ParameterError,
-    RenamedParameterError,
+    check_former,
     check_together,
     check_value,
 )
@@ -32,17 +32,20 @@ class ParameterNode(GuardedNode):
         parameters: the class that generate_parameter_library made of the description, or None.
         kwargs: passed to `rclpy.lifecycle.LifecycleNode`.
 
-    Raises RenamedParameterError, or rclpy's InvalidParameterTypeException or InvalidParameterValueException.
+    Raises RenamedParameterError, RemovedParameterError, or rclpy's InvalidParameterTypeException or
+    InvalidParameterValueException.
     """
 
     # Names that parameters had in earlier versions, and the names that they have now.
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
+    # Those that there are no longer, and what holds instead.
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {}
     # Parameters that `apply_parameters` applies at run time. All others take effect when the node is configured.
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str, parameters: Any = None, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self._refuse_renamed_parameters()
+        check_former(self.RENAMED_PARAMETERS, self.REMOVED_PARAMETERS, self._is_given)
         self._parameter_listener: Any = parameters.ParamListener(self) if parameters else None
 
     @property
@@ -116,10 +119,8 @@ class ParameterNode(GuardedNode):
     def _is_configured(self) -> bool:
         return self._state_machine.current_state[0] in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
 
-    def _refuse_renamed_parameters(self) -> None:
-        """Raise RenamedParameterError when a file, the launch or the command line uses an old name."""
-        for old, new in self.RENAMED_PARAMETERS.items():
-            given = self.declare_parameter(old, None, ParameterDescriptor(dynamic_typing=True)).value
-            self.undeclare_parameter(old)
-            if given is not None:
-                raise RenamedParameterError(old, new)
+    def _is_given(self, name: str) -> bool:
+        """Whether a file, the launch or the command line sets a parameter that the node does not have."""
+        given = self.declare_parameter(name, None, ParameterDescriptor(dynamic_typing=True)).value
+        self.undeclare_parameter(name)
+        return given is not None

@@ -15,9 +15,9 @@ from rclpy.exceptions import ParameterException
 from rclpy.parameter import Parameter
 
 from av_common.files import nearest, shown
-from av_common.node import RenamedParameterError, RigNode
+from av_common.node import RigNode
 from av_common.parameter_files import LARGEST, fits, parameters_for, sections_of
-from av_common.parameter_rules import ParameterError, check_together, check_value
+from av_common.parameter_rules import ParameterError, check_former, check_together, check_value
 
 
 def node_parameters(package: str, node: str, parameter_files: Sequence[str | Path] = (),
@@ -30,7 +30,8 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
         overrides: values by names with dots, which win over all files.
         namespace: the node's namespace, which sections of files may name.
 
-    Raises ValueError naming the parameter, RenamedParameterError for an old name, OSError for an unreadable file.
+    Raises ValueError that names the parameter, RenamedParameterError or RemovedParameterError for one of an earlier version,
+    OSError for an unreadable file.
     """
     given: dict[str, Any] = {}
     files: dict[str, str] = {}
@@ -41,9 +42,7 @@ def node_parameters(package: str, node: str, parameter_files: Sequence[str | Pat
     for name, value in (overrides or {}).items():
         given[name], files[name] = value, ''
     node_class = _node_class(package, node)
-    for old, new in node_class.RENAMED_PARAMETERS.items():
-        if old in given:
-            raise RenamedParameterError(old, new)
+    check_former(node_class.RENAMED_PARAMETERS, node_class.REMOVED_PARAMETERS, given.__contains__)
     generated = getattr(_own_module(f'{package}.nodes.{node}_parameters'), node)
     try:
         parameters = generated.ParamListener(_Declarations(node, given, files)).get_params()
@@ -84,9 +83,8 @@ def check_parameter_file(file: str | Path, nodes: Collection[str]) -> list[str]:
         known = {name for module in programs for name in parameter_names(module)}
         for name in parameters:
             if name not in known and not name.startswith(QOS_OVERRIDES):
-                now = _renamed(programs).get(name)
-                meant_by = f'it is now named {now}' if now else f'the nearest is {nearest(name, known)}'
-                mistakes.append(f'{path} has no parameter {name}, {meant_by}')
+                now = _former(programs).get(name) or f'the nearest is {nearest(name, known)}'
+                mistakes.append(f'{path} has no parameter {name}, {now}')
     if mistakes:
         raise ValueError(f'parameter file {file}: {"; ".join(mistakes)}')
     return [f'parameter file {file}: {note}' for note in notes]
@@ -111,13 +109,15 @@ def parameter_names(module: str) -> frozenset[str]:
     return declarations.names | frozenset(COMMON)
 
 
-def _renamed(modules: Iterable[str]) -> dict[str, str]:
-    """The present names of parameters by their former ones, of some nodes."""
+def _former(modules: Iterable[str]) -> dict[str, str]:
+    """What became of the parameters of earlier versions, of some nodes."""
     found: dict[str, str] = {}
     for module in modules:
         with suppress(ImportError):    # of what a node needs; it will say so itself
             package, _, node = module.partition(NODES)
-            found |= _node_class(package, node).RENAMED_PARAMETERS
+            of = _node_class(package, node)
+            found |= {name: f'it is now named {now}' for name, now in of.RENAMED_PARAMETERS.items()}
+            found |= {name: f'it is gone: {instead}' for name, instead in of.REMOVED_PARAMETERS.items()}
     return found
 
 

@@ -47,6 +47,7 @@ from av_common.node import RigNode
 
 class Tracker(RigNode):
     RENAMED_PARAMETERS = {'recall': 'detection_probability', 'rotation.wait': 'rotation.patience'}
+    REMOVED_PARAMETERS = {'rotation.patient': 'it always is'}
 """
 
 
@@ -137,6 +138,7 @@ def test_without_files_there_are_the_defaults(context):
     ('/**: {ros__parameters: {rotation: {enabled: 1}}}', r'rotation\.enabled is 1, expected bool'),
     ('/**: {ros__parameters: {recall: 0.5}}', 'recall is now named detection_probability'),
     ('tracker: {ros__parameters: {rotation: {wait: 0.5}}}', r'rotation\.wait is now named rotation\.patience'),
+    ('tracker: {ros__parameters: {rotation: {patient: true}}}', r'rotation\.patient is gone: it always is'),
     ('just words', 'expected NODE: ros__parameters: NAME: VALUE'),
 ])
 def test_wrong_parameters_are_named(tmp_path, text, complaint):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import socket
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -16,7 +15,7 @@ from av_reports.peer import parse_peer
 from av_reports.sapient.settings import SapientSettings
 from av_reports.stage import ReportSettings
 
-COT_TYPE = re.compile(r'\w+(-\w+)*')
+SURVEYED_SIGMA_M = 5.0  # of a place along each axis, as a map or a receiver without corrections gives it
 
 
 def report_settings(values: Any) -> ReportSettings:
@@ -26,10 +25,9 @@ def report_settings(values: Any) -> ReportSettings:
         values: the parameters.
     """
     known = values.surveyed
-    place = Place(known.latitude, known.longitude, known.altitude, known.sigma) if known.enabled else None
-    return ReportSettings(
-        Selection(values.min_existence, values.max_age, values.only_drones, values.unresolved), values.positions, values.north,
-        place, math.radians(known.heading_deg) if known.enabled else None, values.place_age)
+    place = Place(known.latitude, known.longitude, known.altitude, SURVEYED_SIGMA_M) if known.enabled else None
+    heading = math.radians(known.heading_deg) if known.enabled else None
+    return ReportSettings(Selection(only_drones=values.only_drones), values.positions, values.north, place, heading)
 
 
 def sapient_settings(values: Any, name: str) -> SapientSettings:
@@ -43,23 +41,19 @@ def sapient_settings(values: Any, name: str) -> SapientSettings:
     if given.node_id and not is_uuid(given.node_id):
         raise ValueError(f'sapient.node_id is {given.node_id!r:.80}, expected a UUID, or nothing for one of its own')
     return SapientSettings(
-        given.node_id.lower() or node_uuid(socket.gethostname(), name), given.name, values.positions, values.north,
-        given.status_interval, given.rate, given.obey_tasks, _version())
+        given.node_id.lower() or node_uuid(socket.gethostname(), name), positions=values.positions, north=values.north,
+        obey_tasks=given.obey_tasks, software_version=_version())
 
 
 def cot_settings(values: Any, name: str) -> CotSettings:
-    """What is told to TAK. Raises ValueError for types that are none.
+    """What is told to TAK; the rig is called by its namespace there.
 
     Parameters:
         values: the parameters.
         name: full name of the ROS node.
     """
-    given = values.cot
-    for parameter in ('target_type', 'rig_type'):
-        if not COT_TYPE.fullmatch(getattr(given, parameter)):
-            raise ValueError(f'cot.{parameter} is {getattr(given, parameter)!r:.80}, expected a type such as a-u-A-M-H-Q')
-    return CotSettings(given.uid or node_uuid(socket.gethostname(), name), given.callsign, given.target_type, given.rig_type,
-                       given.stale, given.rig_stale, given.interval, given.sensor_range)
+    namespace = name.strip('/').rpartition('/')[0]
+    return CotSettings(values.cot.uid or node_uuid(socket.gethostname(), name), namespace or CotSettings.callsign)
 
 
 def cot_address(values: Any) -> CotAddress:
@@ -69,7 +63,7 @@ def cot_address(values: Any) -> CotAddress:
         values: the parameters.
     """
     given = values.cot
-    return CotAddress(given.url, given.multicast_interface, given.client_cert, given.client_key, given.ca_file)
+    return CotAddress(given.url, client_cert=given.client_cert, client_key=given.client_key, ca_file=given.ca_file)
 
 
 def check_settings(values: Any) -> None:
@@ -81,7 +75,6 @@ def check_settings(values: Any) -> None:
     if values.sapient.peer:
         parse_peer(values.sapient.peer)
     sapient_settings(values, '')
-    cot_settings(values, '')
     if values.traffic.enabled and not values.positions:
         raise ValueError('traffic.enabled is true and positions is false: bearings are no positions')
     if values.cot.url:

@@ -41,7 +41,7 @@ class Rig:
     """A tracker with two targets, 3 and 4, of which it follows the first, and a report_node of the same process."""
 
     def __init__(self, *parameters):
-        rclpy.init(args=['--ros-args', *(word for one in ('rate:=20.0', *parameters) for word in ('-p', one))])
+        rclpy.init(args=['--ros-args', *(word for one in parameters for word in ('-p', one))])
         self.node = rclpy.create_node('fusion_node')
         self.selected, self.cues, self.status = [], [], {}
         self.node.create_service(SelectTarget, '~/select', self.on_select)

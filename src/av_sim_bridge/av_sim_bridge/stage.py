@@ -254,4 +254,4 @@ def make_bridge_stage(parameters: Any) -> BridgeStage:
     rig = load_rig(parameters.rig_file)
     layout = AudioFormat(parameters.sample_format, rig.array.geometry.channels, parameters.sample_rate)
     return BridgeStage(rig, layout, BridgeSettings(**{
-        name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__}))
+        name: getattr(parameters, name) for name in BridgeSettings.__dataclass_fields__ if hasattr(parameters, name)}))

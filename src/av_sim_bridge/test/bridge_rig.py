@@ -30,7 +30,7 @@ class BridgeRig:
     def __init__(self, ports, depth_port=0):
         numbers = dataclasses.asdict(ports) | {'depth': depth_port}
         settings = {f'{name}_port': port for name, port in numbers.items()} | {
-            'rig_file': RIG, 'oracle_detections': True, 'stale_after': 0.5, 'targets': 2}
+            'rig_file': RIG, 'oracle_detections': True, 'targets': 2}
         arguments = [text for name, value in settings.items() for text in ('-p', f'{name}:={value}')]
         rclpy.init(args=['--ros-args', *arguments])
         self.node, self.listener = BridgeNode(), rclpy.create_node('listener')

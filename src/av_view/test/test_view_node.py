@@ -27,6 +27,7 @@ from av_common.qos import RESULT
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame, AzimuthPosterior, Bearing, FusionState, Track, TrackArray, WorldTrackArray
 from av_interfaces.srv import SelectTarget
+from av_view.nodes import view_node
 from av_view.nodes.view_node import ViewNode
 from av_vision.messages import image_message
 
@@ -38,7 +39,8 @@ class Rig:
     """A rig that publishes pictures and bearings, offers ~/enable, and is looked at by a view_node of the same process."""
 
     def __init__(self, *parameters):
-        values = ('port:=0', 'linger:=0.5', 'niceness:=0', *parameters)
+        view_node.LINGER_S = 0.5
+        values = ('port:=0', *parameters)
         rclpy.init(args=['--ros-args', *(word for one in values for word in ('-p', one))])
         self.node = rclpy.create_node('pointing_node')
         self.enabled = []

@@ -170,7 +170,7 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     detector = make_detector(p)
     near = detector.model.near
     planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
-    temporal = TemporalDetector(detector, p.track_gap, p.temporal_fusion, planner)
+    temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
     visibility = VisibilitySettings(p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
     return DetectionStage(temporal, visibility, camera, p.max_image_pixels, rotation_of)
 
@@ -199,8 +199,7 @@ def own_detector(parameters: Any) -> Detector:
 def _settings(p: Any) -> DetectorSettings:
     """Settings from the parameters of detector_node; empty names in lists are ignored."""
     return DetectorSettings(
-        score_threshold=p.score_threshold, nms_iou=p.nms_iou, nms_nested=p.nms_nested,
-        max_detections=p.max_detections, keep=(p.target_class,),
+        score_threshold=p.score_threshold, keep=(p.target_class,),
         rename=dict.fromkeys(filter(None, p.keep_classes), p.target_class), layout=p.layout,
         class_names=tuple(filter(None, p.class_names)), input_size=p.input_size, slice_size=p.slice_size,
         providers=tuple(p.providers), threads=p.threads)

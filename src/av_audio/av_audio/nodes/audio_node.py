@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -20,9 +20,14 @@ from av_common.qos import STREAM
 from av_common.stamps import to_stamp
 from av_interfaces.msg import AudioFrame
 
+BLOCK = 1600  # samples of a message
+BUFFER_BYTES, SAMPLE_BYTES = 200_000, 4  # of the buffer between the capturing thread and the node, at least two blocks
+
 
 class AudioNode(RigNode):
     """Publishes `audio/frames`. The capturing thread fills a ring buffer and never waits for the publisher."""
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'block': 'it is 1600', 'buffer_bytes': 'the buffer holds two blocks'}
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('audio_node', parameters, **kwargs)
@@ -31,27 +36,19 @@ class AudioNode(RigNode):
         """Open the source. Raises ValueError or OSError that names the parameter or file."""
         settings = self.settings
         self._frame_id = settings.frame_id
-        self._block = settings.block
         self._source = self._open(settings)
-        self._buffer_bytes = settings.buffer_bytes
-        try:
-            _check_buffer(settings, self._source.channels)
-        except ValueError:
-            self._source.close()
-            raise
         self._publisher = self.create_publisher(AudioFrame, 'audio/frames', STREAM)
         self._new_stream()
 
     @staticmethod
     def check_parameters(settings: Any) -> None:
-        """Each channel once, and a buffer for two blocks of them; of a file with all its channels only `configure` knows."""
+        """Each channel once."""
         channels = _channels(settings)
         if channels:
             pick_channels(max(channels) + 1, channels, 'the source')
-        _check_buffer(settings, len(channels) or 1)
 
     def _new_stream(self) -> None:
-        self._buffer = RingBuffer(self._source.channels, self._buffer_bytes)
+        self._buffer = RingBuffer(self._source.channels, max(BUFFER_BYTES, 2 * SAMPLE_BYTES * BLOCK * self._source.channels))
         self._health = ChannelHealth(self._source.channels)
         self._playback = Playback(self.get_name())
         self._started = False
@@ -59,10 +56,10 @@ class AudioNode(RigNode):
     def _open(self, settings: Any) -> FileSource | DeviceSource:
         channels = _channels(settings)
         if settings.source == 'device':
-            return DeviceSource(settings.device, settings.sample_rate, channels, settings.block, self.now)
+            return DeviceSource(settings.device, settings.sample_rate, channels, BLOCK, self.now)
         if not settings.file:
             raise ValueError('file is empty, expected the path of a sound file')
-        return FileSource(settings.file, channels, settings.block, settings.loop, self.now)
+        return FileSource(settings.file, channels, BLOCK, settings.loop, self.now)
 
     def activate(self) -> None:
         """Start to capture. Raises ValueError when the device cannot."""
@@ -70,7 +67,7 @@ class AudioNode(RigNode):
         if isinstance(self._source, DeviceSource):
             self._source.start(self._buffer)
             self._started = True
-        self.while_active(self.create_timer, 0.25 * self._block / self._source.sample_rate, self._publish)
+        self.while_active(self.create_timer, 0.25 * BLOCK / self._source.sample_rate, self._publish)
 
     def _start_file(self, source: FileSource) -> None:
         """Start a file when those who hear it are there, so that its beginning is not lost while other nodes start."""
@@ -91,8 +88,8 @@ class AudioNode(RigNode):
     def _publish(self) -> None:
         if not self._started and isinstance(self._source, FileSource):
             self._start_file(self._source)
-        while self._buffer.available >= self._block or (self._source.finished and self._buffer.available):
-            first_sample, samples = self._buffer.read(self._block)
+        while self._buffer.available >= BLOCK or (self._source.finished and self._buffer.available):
+            first_sample, samples = self._buffer.read(BLOCK)
             self._health.update(samples)
             header = Header(stamp=to_stamp(self._source.time_of(first_sample)), frame_id=self._frame_id)
             self._publisher.publish(audio_frame(samples, first_sample, self._source.sample_rate, header))
@@ -121,13 +118,6 @@ class AudioNode(RigNode):
 def _channels(settings: Any) -> list[int]:
     """Channels of the source in order; empty for all."""
     return [] if list(settings.channels) == [-1] else list(settings.channels)
-
-
-def _check_buffer(settings: Any, channels: int) -> None:
-    minimum = 2 * 4 * settings.block * channels
-    if settings.buffer_bytes < minimum:
-        raise ValueError(f'buffer_bytes is {settings.buffer_bytes}, which does not hold two blocks of {settings.block} samples '
-                         f'of {channels} channels, expected at least {minimum}')
 
 
 def main() -> None:

@@ -36,6 +36,8 @@ LINGER_S = 1.0
 # Time between the first and the last subscription of a starting node.
 SETTLE_S = 0.5
 PAUSE_STEP_S = 0.05
+WAIT_S = 30.0  # for the nodes of wait_for
+CLOCK_HZ = 100.0  # of /clock
 
 
 class PlayerNode(RigNode):
@@ -46,6 +48,7 @@ class PlayerNode(RigNode):
     """
 
     RUNTIME_PARAMETERS: ClassVar = frozenset({'position', 'bag'})
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'wait_timeout': 'it is 30 s', 'clock_rate': 'it is 100 Hz'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('player_node', parameters, **kwargs)
@@ -176,7 +179,7 @@ class PlayerNode(RigNode):
 
     def _play(self, records: Iterable[BagRecord]) -> None:
         """Publish the records when they are due, and /clock in between. Between segments it leaps, as the clock did."""
-        period, rate = 1.0 / self._settings.clock_rate, self._settings.rate
+        period, rate = 1.0 / CLOCK_HZ, self._settings.rate
         began, ticked = time.monotonic(), 0.0
         first, segment, start = math.nan, -1, self._position
         for record in records:
@@ -218,14 +221,14 @@ class PlayerNode(RigNode):
     def _wait_for_subscribers(self, first: float) -> None:
         """Wait until the nodes of `wait_for` have subscribed; /clock stays at the time `first` (s) meanwhile."""
         missing = set(filter(None, self._settings.wait_for))
-        deadline = time.monotonic() + self._settings.wait_timeout
+        deadline = time.monotonic() + WAIT_S
         while missing and time.monotonic() < deadline and not self._stopping.wait(0.1):
             self._publish_clock(first)
             for publisher in self._outputs.values():
                 missing -= {info.node_name for info in self.get_subscriptions_info_by_topic(publisher.topic_name)}
         if missing and not self._stopping.is_set():
             self.get_logger().warning(f'{", ".join(sorted(missing))} did not subscribe within '
-                                      f'{self._settings.wait_timeout:.0f} s; starting without')
+                                      f'{WAIT_S:.0f} s; starting without')
         self._publish_clock(first)
         self._stopping.wait(SETTLE_S)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from typing import ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -23,6 +24,7 @@ from av_common.launched import restarts
 from av_common.node import RigNode, run
 
 DISCOVERY_PERIOD_S = 0.2
+JPEG_QUALITY = 95  # of compressed images
 # For the messages that arrive while another callback runs; of images some 10 MB.
 QUEUE_DEPTH, IMAGE_QUEUE_DEPTH = 100, 10
 
@@ -32,6 +34,8 @@ class RecorderNode(RigNode):
 
     Each activation begins a bag, from the second one on with a number.
     """
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'jpeg_quality': 'it is 95'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('recorder_node', parameters, **kwargs)
@@ -83,7 +87,7 @@ class RecorderNode(RigNode):
             if self._settings.images == 'none':
                 return
             recorded_as, recorded_kind = f'{name}/compressed', 'sensor_msgs/msg/CompressedImage'
-            encode = partial(compress, quality=self._settings.jpeg_quality)
+            encode = partial(compress, quality=JPEG_QUALITY)
         qos = common_qos(publishers, IMAGE_QUEUE_DEPTH if is_image else QUEUE_DEPTH)
         offered = DEFAULT_QOS._replace(reliability=QosReliability(int(qos.reliability)),
                                        durability=QosDurability(int(qos.durability)))

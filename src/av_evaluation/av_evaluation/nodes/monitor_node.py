@@ -9,7 +9,7 @@ import time as wall
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
@@ -33,12 +33,15 @@ from av_fusion.measurement.converter import MeasurementConverter
 from av_interfaces.msg import Bearing, DoaArray, FusionState, PointingCommand, TrackArray
 from av_pointing.controller import Mode
 
+LONGEST_LOG_S = 7200.0    # of which table and plot are made
 LARGEST_OFFSET_S = 60.0    # of a stamp from this node's clock
 MOST_PROBLEMS, LONGEST_PROBLEM = 30, 300    # states that are shown, and their characters
 
 
 class MonitorNode(RigNode):
     """Subscribes to the rig's topics, logs them and prints figures; publishes nothing."""
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {'max_hours': 'it is 2'}
 
     def __init__(self) -> None:
         super().__init__('monitor_node', parameters)
@@ -89,7 +92,7 @@ class MonitorNode(RigNode):
         off = to_seconds(message.header.stamp) - now
         if not abs(off) <= LARGEST_OFFSET_S:
             raise ValueError(f'stamp is {off:.0f} s off this node\'s clock')
-        return elapsed - self._started < 3600.0 * self._settings.max_hours
+        return elapsed - self._started < LONGEST_LOG_S
 
     def _on_doa(self, message: DoaArray) -> None:
         self._meters['doa'].tick()
@@ -148,7 +151,7 @@ class MonitorNode(RigNode):
             return
         self._reported = True
         log = self._recorder.log
-        summary = summarise(log, self._settings.tau)
+        summary = summarise(log)
         print(f'\n{self._settings.title}\n{format_table(summary)}', flush=True)
         if self._settings.out:
             out = Path(self._settings.out)

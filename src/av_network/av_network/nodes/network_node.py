@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,11 +22,17 @@ from av_network.nodes.network_node_parameters import network_node as parameters
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
 
+RATE_HZ = 10.0  # of messages of tracks
 SILENT_S = 3.0  # after which a rig is reported as silent
 
 
 class NetworkNode(RigNode):
     """Subscribes to the reports of each rig and publishes `tracks`. Runs a `NetworkStage`."""
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'rate': 'it is 10 Hz', 'report_period': 'it is 0.2 s', 'wait': 'it is 0.5 s',
+        **dict.fromkeys(('manoeuvre', 'manoeuvre_time', 'climb_share', 'velocity_memory', 'memory_speed', 'rig_manoeuvre',
+                         'most_distance'), 'it is that of NetworkSettings')}
 
     def __init__(self) -> None:
         super().__init__('network_node', parameters)
@@ -44,11 +51,7 @@ class NetworkNode(RigNode):
             raise ValueError('pose_sources has fix, which needs datum.known, and latitude, longitude and altitude of datum')
         rigs = [RigSettings(name, math.radians(p.heading_sigma_deg), p.clock_sigma if index else 0.0, p.position_sigma)
                 for index, name in enumerate(names)]
-        self._stage = NetworkStage(
-            rigs, places, NetworkStageSettings(p.frame, datum, p.report_period, p.wait),
-            NetworkSettings(manoeuvre=p.manoeuvre, manoeuvre_time=p.manoeuvre_time, climb_share=p.climb_share,
-                            velocity_memory=p.velocity_memory, memory_speed=p.memory_speed, rig_manoeuvre=p.rig_manoeuvre,
-                            most_distance=p.most_distance))
+        self._stage = NetworkStage(rigs, places, NetworkStageSettings(p.frame, datum), NetworkSettings())
         self._sources = {name: place.source for name, place in zip(names, places, strict=True)}
         self._meters = {name: RateMeter() for name in names}
         self._tracks = self.create_publisher(WorldTrackArray, 'tracks', RESULT)
@@ -64,7 +67,7 @@ class NetworkNode(RigNode):
             if source == FIX:
                 self.while_active(self.create_subscription, NavSatFix, f'{self._topics[name]}/fix',
                                   partial(self._stage.on_fix, name), STREAM)
-        self.while_active(self.create_timer, 1.0 / self.settings.rate, self._on_time)
+        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
 
     def _on_report(self, name: str, data: bytes) -> None:
         self._stage.on_report(name, decode(RigReport, data), len(data), self.now())

@@ -16,6 +16,7 @@ from av_common.freshness import Instant
 from av_common.node import RigNode, run
 from av_common.qos import RESULT, STREAM
 from av_interfaces.msg import Bearing, FusionState, TrackArray, WorldTrackArray
+from av_reports.cot.settings import CotSettings
 from av_reports.nodes.report_node_parameters import report_node as parameters
 from av_reports.nodes.rig_commands import RigCommands
 from av_reports.nodes.traffic_output import TrafficOutput
@@ -24,13 +25,25 @@ from av_reports.peer import parse_peer
 from av_reports.settings import check_settings, cot_address, cot_settings, report_settings, sapient_settings
 from av_reports.stage import ReportStage
 
-MEGABYTE = 1e6
+RATE_HZ = 5.0  # at which is looked for what is due, and messages are answered
+LARGEST_LOG = 500_000_000  # bytes of tables and features together
 
 
 class ReportNode(RigNode):
     """Runs a `ReportStage` and the outputs that its parameters name."""
 
-    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'min_existence', 'max_age', 'only_drones', 'unresolved'})
+    RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'only_drones'})
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'rate': 'it is 5 Hz', 'base_frame': 'it is that of target/bearing', 'world_frame': 'it is world',
+        'tracker': 'it is fusion_node', 'min_existence': 'targets of an existence of 0.5 or more are reported',
+        'unresolved': 'what may be in front or behind is not reported', 'surveyed.sigma': 'it is 5 m',
+        'max_age': 'it is 2 s', 'place_age': 'it is 10 s',
+        'sapient.name': 'it is audio-visual rig', 'sapient.status_interval': 'it is 10 s', 'sapient.rate': 'it is 2 Hz',
+        'cot.callsign': "it is the rig's namespace, rig without one", 'cot.target_type': 'it is a-u-A-M-H-Q',
+        'cot.rig_type': 'it is a-f-G-E-S', 'cot.stale': 'it is 10 s', 'cot.rig_stale': 'it is 120 s',
+        'cot.interval': 'it is 1 s', 'cot.sensor_range': 'it is 500 m', 'log.max_megabytes': 'it is 500',
+        'cot.multicast_interface': "the system's routes decide", 'traffic.topic': 'it is fmu/in/transponder_report'}
 
     def __init__(self) -> None:
         super().__init__('report_node', parameters)
@@ -39,15 +52,13 @@ class ReportNode(RigNode):
         """Build the stage, and what it needs to ask the rig for something."""
         self._settings = self.settings
         self._stage = ReportStage(report_settings(self._settings))
-        frames = (self._settings.world_frame, self._settings.base_frame)
-        self._commands = RigCommands(self, self._settings.tracker, not self._settings.positions, frames, self.now)
+        self._commands = RigCommands(self, not self._settings.positions, self.now)
         self._outputs: dict[str, Output] = {}
 
     def activate(self) -> None:
         """Subscribe, and open the outputs. Raises ImportError for packages that they need, OSError for files."""
-        settings = self._settings
         for kind, topic, take, quality in (
-                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._stage.on_bearing, RESULT),
+                (TrackArray, 'targets', self._on_targets, RESULT), (Bearing, 'target/bearing', self._on_bearing, RESULT),
                 (FusionState, 'fusion/state', self._stage.on_state, RESULT), (NavSatFix, 'fix', self._on_fix, STREAM),
                 (WorldTrackArray, 'tracks', self._on_network_tracks, RESULT)):
             self.while_active(self.create_subscription, kind, topic, take, quality)
@@ -56,7 +67,7 @@ class ReportNode(RigNode):
         except Exception:
             self.deactivate()
             raise
-        self.while_active(self.create_timer, 1.0 / settings.rate, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.while_active(self.create_timer, 1.0 / RATE_HZ, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def deactivate(self) -> None:
         """Close the outputs."""
@@ -81,10 +92,13 @@ class ReportNode(RigNode):
         if settings.cot.url:
             self._outputs['cot'] = CotOutput(cot_settings(settings, name), cot_address(settings))
         if settings.log.folder:
-            self._outputs['log'] = LogOutput(
-                Path(settings.log.folder).expanduser(), settings.cot.sensor_range, MEGABYTE * settings.log.max_megabytes)
+            self._outputs['log'] = LogOutput(Path(settings.log.folder).expanduser(), CotSettings.sensor_range, LARGEST_LOG)
         if settings.traffic.enabled:
-            self._outputs['traffic'] = TrafficOutput(self, settings.traffic.topic, settings.traffic.geoid_height)
+            self._outputs['traffic'] = TrafficOutput(self, settings.traffic.geoid_height)
+
+    def _on_bearing(self, message: Bearing) -> None:
+        self._commands.base_frame = message.header.frame_id or self._commands.base_frame
+        self._stage.on_bearing(message)
 
     def _on_targets(self, message: TrackArray) -> None:
         self._stage.on_targets(message, self._instant(), self._to_utc())

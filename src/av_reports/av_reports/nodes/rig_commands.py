@@ -15,7 +15,8 @@ from av_common.stamps import to_stamp
 from av_interfaces.srv import SelectTarget
 from av_reports.tasking import Command, Follow, LookAt
 
-CUE_TOPIC = 'target/cue'
+CUE_TOPIC, SELECT = 'target/cue', 'fusion_node/select'
+WORLD = 'world'  # frame of cues with a heading: at the rig, x to the east
 FAR_M = 1000.0  # a direction has no distance
 BY_POLICY = 0  # id that leaves the choice to the tracker
 
@@ -23,19 +24,20 @@ BY_POLICY = 0  # id that leaves the choice to the tracker
 class RigCommands:
     """Has the rig follow a target, or look in a direction, by its tracker's service and by cues. It moves nothing by itself.
 
+    Attributes:
+        base_frame: of the rig's body, in which cues without a heading are given.
+
     Parameters:
         node: owner of client and publisher.
-        tracker: name of the node that follows targets.
-        tracks_alone: whether the targets that are reported are those of that node.
-        frames: of the rig with x to the east and y to the north, and of the rig's body.
+        tracks_alone: whether the targets that are reported are those of the tracker.
         now: function that returns ROS time in s.
     """
 
-    def __init__(self, node: Node, tracker: str, tracks_alone: bool, frames: tuple[str, str], now: Callable[[], float]) -> None:
+    def __init__(self, node: Node, tracks_alone: bool, now: Callable[[], float]) -> None:
         self._tracks_alone = tracks_alone
-        self._select = node.create_client(SelectTarget, f'{tracker}/select')
+        self._select = node.create_client(SelectTarget, SELECT)
         self._cues = node.create_publisher(PointStamped, CUE_TOPIC, RESULT)
-        self._frames, self._now = frames, now
+        self.base_frame, self._now = 'base_link', now
         self._cue: LookAt | None = None
         self._following = False
 
@@ -59,7 +61,7 @@ class RigCommands:
     def repeat(self) -> None:
         """Publish the cue again while there is one, so that it cannot be obeyed when this node has gone."""
         if self._cue is not None:
-            header = Header(stamp=to_stamp(self._now()), frame_id=self._frames[0 if self._cue.north else 1])
+            header = Header(stamp=to_stamp(self._now()), frame_id=WORLD if self._cue.north else self.base_frame)
             self._cues.publish(PointStamped(header=header, point=far_point(self._cue)))
 
     def _follow(self, target: int, done: Callable[[str], None]) -> None:

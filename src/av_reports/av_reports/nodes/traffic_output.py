@@ -11,6 +11,7 @@ from av_reports.traffic import load_px4_msgs, transponder_report
 
 PX4_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.BEST_EFFORT,
                      durability=DurabilityPolicy.VOLATILE)  # that of PX4's own readers
+TOPIC = 'fmu/in/transponder_report'  # to be added to PX4's dds_topics.yaml
 INTERVAL_S = 1.0  # as aircraft report
 
 
@@ -19,15 +20,14 @@ class TrafficOutput:
 
     Parameters:
         node: owner of the publisher.
-        topic: of PX4.
         geoid_height (m): of mean sea level above the ellipsoid.
 
     Raises ImportError without px4_msgs.
     """
 
-    def __init__(self, node: Node, topic: str, geoid_height: float) -> None:
+    def __init__(self, node: Node, geoid_height: float) -> None:
         self._messages = load_px4_msgs()
-        self._publisher = node.create_publisher(self._messages.TransponderReport, topic, PX4_QOS)
+        self._publisher = node.create_publisher(self._messages.TransponderReport, TOPIC, PX4_QOS)
         self._node, self._geoid_height = node, geoid_height
         self._sent: dict[int, float] = {}
         self._count = 0

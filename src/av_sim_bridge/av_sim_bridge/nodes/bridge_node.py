@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -29,11 +29,17 @@ from av_sim_bridge.receiving.worker import Worker
 from av_sim_bridge.stage import Output, make_bridge_stage
 from av_sim_bridge.wire.ports import TIME_SYNC_GROUP
 
+SOCKET_BUFFER_BYTES = 4_194_304  # that each port asks of the system; RFlySim itself asks for 204,800
+STALE_AFTER_S = 1.0  # without data, after which a stream is reported as missing
 STREAMS = ('audio', 'image', 'rig_truth', 'target_truth')    # streams that are reported when no data arrives
 
 
 class BridgeNode(RigNode):
     """Receives datagrams on one thread for each port, publishes the stage's messages, and reports missing streams."""
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'ring_buffer_bytes': 'it is 200000', 'socket_buffer_bytes': 'it is 4194304', 'stale_after': 'it is 1 s',
+        'max_image_pixels': "it is twice the camera's pixels"}
 
     def __init__(self) -> None:
         super().__init__('bridge_node', parameters)
@@ -112,7 +118,7 @@ class BridgeNode(RigNode):
 
     def _receive(self, opened: ExitStack, name: str, port: int, handle: Handler, group: str | None = None) -> None:
         parameter = f'{name}_port' if hasattr(self._settings, f'{name}_port') else f'target_truth_port: {name}'
-        source = open_port(parameter, port, self._settings.socket_buffer_bytes, self._settings.bind_address, group)
+        source = open_port(parameter, port, SOCKET_BUFFER_BYTES, self._settings.bind_address, group)
         self._receivers[name] = Receiver(name, source, handle, SenderGate(source, self._allowed, self._refusals))
         opened.callback(self._receivers[name].stop)
 
@@ -159,7 +165,7 @@ class BridgeNode(RigNode):
     def diagnose(self, status: DiagnosticStatusWrapper) -> None:
         """Report rate, age and errors of every stream."""
         streams = {name: self._receivers[name] for name in STREAMS}
-        silent = [name for name, receiver in streams.items() if receiver.meter.age > self._settings.stale_after]
+        silent = [name for name, receiver in streams.items() if receiver.meter.age > STALE_AFTER_S]
         if len(silent) == len(streams):
             ports = ', '.join(f'{name} {receiver.port}' for name, receiver in streams.items())
             status.mergeSummary(DiagnosticStatus.WARN, f'no data from the simulator (UDP {ports})')

@@ -47,6 +47,7 @@ from av_view.rows import row_of
 from av_view.spectrum import spectrum
 from av_vision.messages import image_from_message
 
+JPEG_QUALITY = 70  # of the pictures
 TRUTH, WORLD = 'truth/', 'av_interfaces/msg/WorldTrackArray'
 CAMERA_PERIOD_S, SPECTRUM_PERIOD_S, MOST_SAMPLES = 1.0, 0.25, 100_000
 NEWEST, NEWEST_RESULT = (QoSProfile(depth=1, reliability=qos.reliability) for qos in (STREAM, RESULT))
@@ -162,7 +163,7 @@ class RigWatch:
 
     def _on_image(self, message: Image, _published: float) -> None:
         taken, image = to_seconds(message.header.stamp), image_from_message(message)
-        self._picture = Picture.of(image, taken, self._settings.picture_width, self._settings.jpeg_quality)
+        self._picture = Picture.of(image, taken, self._settings.picture_width, JPEG_QUALITY)
         model = self._converter.camera
         rotation = None if model is None else self._rotations.rotation(message.header.frame_id, taken)
         known = self._state.camera

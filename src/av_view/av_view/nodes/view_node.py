@@ -7,7 +7,7 @@ import os
 import time
 from functools import partial, update_wrapper
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from av_view.nodes.rig_watch import RigWatch
 
 HEALTH_PERIOD_S = 1.0
+LINGER_S = 20.0  # from the end of the last viewer until nothing is subscribed any more
+NICENESS = 10  # of this process below those of the rig, once the page is up
 UNSEEN_PERIOD_S = 20.0  # of a look at /diagnostics while nobody looks at a rig
 DIAGNOSTICS = QoSProfile(depth=MOST_NODES, reliability=RESULT.reliability)
 BEARING = '/target/bearing'  # by which a rig is found
@@ -45,6 +47,10 @@ class ViewNode(RigNode):
     Parameters:
         owns_process: whether nothing else is in this process, so that its priority and its garbage collection can be set.
     """
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'most_updates': 'it is 60 Hz', 'most_viewers': 'it is 300', 'jpeg_quality': 'it is 70', 'linger': 'it is 20 s',
+        'niceness': 'it is 10'}
 
     def __init__(self, owns_process: bool = False) -> None:
         super().__init__('view_node', parameters)
@@ -67,16 +73,15 @@ class ViewNode(RigNode):
         self._foxglove = FoxglovePort(settings.bind_address, settings.foxglove_port) if settings.foxglove_port else None
         self._control = RigControl(self, BagFolder(settings.bags))
         self.server = ViewServer(
-            ServerSettings(settings.bind_address, settings.port, settings.rate, settings.most_updates, settings.most_viewers,
-                           self._own), self._access, self._control.act)
+            ServerSettings(settings.bind_address, settings.port, settings.rate, rig=self._own), self._access, self._control.act)
         try:
             self.server.start()
         except OSError as error:
             raise OSError(f'{settings.bind_address}, port {settings.port}: {error.strerror}. One page shows all rigs; for '
                           'a second one choose another port') from error
         self.get_logger().info(f'the rig in your browser: {self._address()}')
-        if settings.niceness and self._owns_process:
-            lower_priority(settings.niceness)
+        if self._owns_process:
+            lower_priority(NICENESS)
         self._diagnostics = self.while_active(self.create_reader, DiagnosticArray, '/diagnostics', DIAGNOSTICS)
         self.while_active(self.create_timer, 1.0 / settings.rate, self._update, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -121,7 +126,7 @@ class ViewNode(RigNode):
                 self._looked = 0.0
         for rig, watch in list(self._watches.items()):
             watch.seen = now if rig in wanted else watch.seen
-            if now - watch.seen > self._settings.linger:
+            if now - watch.seen > LINGER_S:
                 self._unwatch(rig)
             else:
                 watch.update()

@@ -38,6 +38,8 @@ class DetectorNode(RigNode):
     """
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {'still': 'temporal_fusion'}
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'nms_iou': 'it is 0.5', 'nms_nested': 'it is 0.6', 'max_detections': 'it is 50', 'track_gap': 'it is 1 s'}
 
     def __init__(self, **kwargs: object) -> None:
         super().__init__('detector_node', parameters, **kwargs)
