@@ -38,7 +38,7 @@ class ParameterNode(GuardedNode):
 
     # Names that parameters had in earlier versions, and the names that they have now.
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {}
-    # Those that there are no longer, and what holds instead.
+    # Those that are no more, and what holds instead; names that other nodes have are not listed, as `/**` sets them all.
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {}
     # Parameters that `apply_parameters` applies at run time. All others take effect when the node is configured.
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
@@ -33,6 +33,10 @@ from av_pointing.stage import make_pointing_stage
 
 class PointingNode(RigNode):
     """Runs a `PointingStage`."""
+
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
+        'vehicle_dead_time': 'it is learned', 'vehicle_lag': 'it is learned',
+        **dict.fromkeys(('search_rate_deg', 'dead_band_deg', 'lead', 'stale_after', 'coast_sigma_deg'), 'it is a constant')}
 
     def __init__(self) -> None:
         super().__init__('pointing_node', parameters)

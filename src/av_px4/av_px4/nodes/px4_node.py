@@ -56,6 +56,9 @@ class Px4Node(RigNode):
 
     RENAMED_PARAMETERS: ClassVar[dict[str, str]] = {
         'simulator_port': 'follow_odometry, of bridge_node', 'simulator_host': 'control_host, of bridge_node'}
+    REMOVED_PARAMETERS: ClassVar[dict[str, str]] = dict.fromkeys((
+        'external_mode_name', 'gimbal.ack_timeout', 'gimbal.acceleration_deg', 'body.acceleration_deg', 'timeouts.attitude',
+        'timeouts.bearing', 'timeouts.command', 'timeouts.position', 'timeouts.status'), 'it is a constant')
 
     def __init__(self) -> None:
         super().__init__('px4_node', parameters)

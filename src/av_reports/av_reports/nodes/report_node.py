@@ -35,7 +35,6 @@ class ReportNode(RigNode):
     RUNTIME_PARAMETERS: ClassVar[frozenset[str]] = frozenset({'only_drones'})
 
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'rate': 'it is 5 Hz', 'base_frame': 'it is that of target/bearing', 'world_frame': 'it is world',
         'tracker': 'it is fusion_node', 'min_existence': 'targets of an existence of 0.5 or more are reported',
         'unresolved': 'what may be in front or behind is not reported', 'surveyed.sigma': 'it is 5 m',
         'max_age': 'it is 2 s', 'place_age': 'it is 10 s',

@@ -38,8 +38,7 @@ class BridgeNode(RigNode):
     """Receives datagrams on one thread for each port, publishes the stage's messages, and reports missing streams."""
 
     REMOVED_PARAMETERS: ClassVar[dict[str, str]] = {
-        'ring_buffer_bytes': 'it is 200000', 'socket_buffer_bytes': 'it is 4194304', 'stale_after': 'it is 1 s',
-        'max_image_pixels': "it is twice the camera's pixels"}
+        'ring_buffer_bytes': 'it is 200000', 'socket_buffer_bytes': 'it is 4194304', 'stale_after': 'it is 1 s'}
 
     def __init__(self) -> None:
         super().__init__('bridge_node', parameters)
