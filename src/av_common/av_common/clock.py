@@ -116,11 +116,15 @@ class SenderClock:
     A stamp that is both late and older than its predecessor is refused as well, since the sender's clock may have stepped
     back. No stamp is dated later than its arrival.
 
+    A sender that was late while its first stamps agreed, or for some seconds since then, seems to jump ahead when it is on time
+    again. Where nobody else can send at its address, `early` makes that no restart: the arrivals prove an offset that is less.
+
     Until the first stamps have agreed for AGREEMENT_S the offset is provisional: the least one of them, which may be
     LATEST_S less than the first. A first stamp that is wrong is thus replaced as soon as the others have agreed.
 
     Parameters:
         drift (s/s): slew of the offset in normal operation.
+        early (s): by which a stamp may precede the offset; it is dated by its arrival, and the offset follows.
 
     Attributes:
         settled: whether stamps have agreed for AGREEMENT_S.
@@ -128,10 +132,10 @@ class SenderClock:
         restarts: number of times that the offset was replaced.
     """
 
-    def __init__(self, drift: float = DRIFT) -> None:
+    def __init__(self, drift: float = DRIFT, early: float = EARLY_S) -> None:
         self.refused = self.restarts = 0
         self.settled = False
-        self._drift = drift
+        self._drift, self._early = drift, early
         self._time = ElapsedTime()
         self._accepted: _Offset | None = None
         self._candidates: list[_Offset] = []
@@ -172,7 +176,7 @@ class SenderClock:
     def _fits(self, accepted: _Offset, stamp: float, offset: float, now: float) -> bool:
         lag = offset - self._offset
         if lag < 0.0:
-            return offset >= (self._floor - EARLY_S if self.settled else accepted.first - LATEST_S)
+            return offset >= (self._floor - self._early if self.settled else accepted.first - LATEST_S)
         if lag <= (REORDERED_S if self.settled else WIDTH_S):
             return True
         repeated = stamp == self._newest and now > self._renewed + WIDTH_S    # a clock that stands still

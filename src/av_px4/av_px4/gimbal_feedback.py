@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from transforms3d.quaternions import quat2mat
 
-from av_common.clock import SenderClock
 from av_common.frames import attitude_ned_to_enu, yaw_of
 from av_common.gimbal_geometry import pan_and_tilt, stabilized_to_body
 from av_common.rig import GimbalMount
 from av_common.rig_messages import gimbal_message
 from av_interfaces.msg import GimbalState
-from av_px4.odometry import SYNCHRONISATION_SLEW
+from av_px4.odometry import px4_clock
 
 YAW_LOCK, YAW_IN_VEHICLE_FRAME, YAW_IN_EARTH_FRAME = 16, 32, 64  # MAVLink's GIMBAL_DEVICE_FLAGS
 FAILED = 8 + 64 + 128 + 256  # MAVLink's GIMBAL_DEVICE_ERROR_FLAGS: encoder, software, communication, calibrating
@@ -43,7 +42,7 @@ class GimbalFeedback:
         self.reported: tuple[float, float] | None = None
         self._gimbal, self._id = GimbalMount(frame=gimbal_frame), gimbal_id
         self._frames = (base_frame, gimbal_frame)
-        self._clock = SenderClock(drift=SYNCHRONISATION_SLEW)
+        self._clock = px4_clock()
 
     def convert(self, message: Any, arrival: float, attitude_ned: Sequence[float] | None) -> GimbalState | None:
         """The gimbal's orientation; None for that of another gimbal, and where it is not measured, dated or turned.

@@ -10,6 +10,14 @@ from av_px4.frames import Pose
 from av_px4.messages import odometry_message
 
 SYNCHRONISATION_SLEW = 0.02    # s/s, at which PX4's time synchronisation moves its stamps
+# s, by which a stamp may precede the clock's offset. A start of the whole rig, or seconds of other load, delay what comes by
+# up to that; when it is on time again it is no restart of the clock, which would cost a second of odometry.
+EARLY_S = 0.3
+
+
+def px4_clock() -> SenderClock:
+    """A clock for stamps of PX4, which nobody but its agent sends."""
+    return SenderClock(SYNCHRONISATION_SLEW, EARLY_S)
 
 
 class OdometryConverter:
@@ -25,7 +33,7 @@ class OdometryConverter:
 
     def __init__(self, odom_frame: str, base_frame: str) -> None:
         self._frames = (odom_frame, base_frame)
-        self._pose, self._clock = ContinuousPose(), SenderClock(drift=SYNCHRONISATION_SLEW)
+        self._pose, self._clock = ContinuousPose(), px4_clock()
 
     @property
     def clock_restarts(self) -> int:

@@ -54,12 +54,13 @@ CLOCKS = {
 }
 
 
-def fly(rng, clock, seconds=30.0):
-    """(true time, error of the stamp) of the odometry, and the stage."""
+def fly(rng, clock, seconds=30.0, late=lambda time: 0.0):
+    """(true time, error of the stamp) of the odometry, and the stage; late: further delay (s) of what is sent at a time."""
     stage, found = Px4Stage(Px4Settings(), SimpleNamespace()), []
     stage.start(Instant(0.0, EPOCH))
+    arrival = 0.0
     for time in np.arange(0.0, seconds, 1.0 / RATE):
-        arrival = time + 0.002 + rng.exponential(0.001)
+        arrival = max(time + 0.002 + rng.exponential(0.001) + late(time), arrival)    # the middleware keeps the order
         stamp = max(round(1e6 * clock(time)), 0)
         message = SimpleNamespace(
             timestamp=stamp, timestamp_sample=stamp, pose_frame=1, velocity_frame=1, reset_counter=0,
@@ -88,6 +89,24 @@ def test_poses_come_again_within_a_second_and_a_half(rng, name, events):
     for begin, end in zip(events, [*events[1:], 30.0], strict=True):
         times = found[(found[:, 0] >= begin + 1.5) & (found[:, 0] < end), 0]
         assert len(times) > 0.99 * RATE * (end - begin - 1.5)
+
+
+LATE = {'while all starts': lambda time: 0.05 if time < 3.0 else 0.0,
+        'while all starts, a little': lambda time: 0.02 if time < 3.0 else 0.0,
+        'for a second and a half': lambda time: 0.03 if 10.0 < time < 11.5 else 0.0,
+        'for four seconds': lambda time: 0.2 if 10.0 < time < 14.0 else 0.0,
+        'ever more': lambda time: 0.02 * (time - 10.0) if 10.0 < time < 15.0 else 0.0,
+        'again and again': lambda time: 0.08 if time % 5.0 < 2.0 else 0.0,
+        'in a stall of the agent': lambda time: max(10.8 - time, 0.0) if time > 10.0 else 0.0}
+
+
+@pytest.mark.parametrize('late', LATE.values(), ids=LATE)
+def test_lateness_is_no_restart_of_the_clock(rng, late):
+    """Nothing is left out after the first second, and what is on time is dated truly within a second and a half."""
+    found, stage = fly(rng, synchronised, late=late)
+    assert stage.odometry.clock_restarts == 0 and stage.odometry.undated < 110
+    recent = np.array([max(late(time - back) for back in np.arange(0.0, 1.5, 0.05)) for time in found[:, 0]])
+    assert np.abs(found[recent == 0.0, 1]).max() < 0.02
 
 
 def test_single_stamps_of_another_clock_cost_nothing_but_themselves(rng):
