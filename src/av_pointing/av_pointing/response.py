@@ -96,9 +96,9 @@ class BodyMotion:
         self._command, self._commanded = rate, time
 
     def advance(self, time: float) -> None:
-        """Continue the models to `time` (s) with the newest command; after a gap of 1 s, or a step back, they start again."""
+        """Continue the models to `time` (s) with the newest command. After a gap or a step back of 1 s they start again."""
         step = math.floor(time / GRID_S)
-        if not 0 <= step - self._step <= 1.0 / GRID_S:
+        if abs(step - self._step) > 1.0 / GRID_S:
             self._turns[:], self._rates[:] = 0.0, 0.0
             self._step, self._command = step, 0.0
             self._yaws.clear()

@@ -12,6 +12,7 @@ from collections.abc import Callable
 PROTOCOL = 1         # protocol_version of request and response
 ANSWER_S = 0.3       # time for an answer
 TRIES = 5            # of one question, after which PX4 counts as mute
+UNASKED_S = 2.0      # from the first topic of PX4 on, after which one that reads no questions counts as mute: PX4 1.14
 BASIC = frozenset({'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring',
                    *(f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64))})
 _FIELD = re.compile(r'^\s*([a-zA-Z0-9_/]+)(\[[^\]]*\])?[ \t]+(\w+)[ \t]*(=)?', re.MULTILINE)
@@ -42,35 +43,37 @@ class LayoutCheck:
     """Asks PX4 for the hashes of topics, one after the other.
 
     Attributes:
-        mute: PX4 cannot be asked, or does not answer; its messages are then taken as they are, as those of PX4 1.14.
+        mute: PX4 cannot be asked, or does not answer; its messages are then taken as they are.
 
     Parameters:
         hash_of: gives the hash of a message of the installed px4_msgs by its name.
     """
 
     def __init__(self, hash_of: Callable[[str], int]) -> None:
-        self.mute = True
+        self.mute = False
         self._hash_of = hash_of
-        self._kinds: dict[str, str] = {}     # topics to ask for, and their messages
+        self._kinds: dict[str, str] = {}     # topics, and their messages
+        self._open: dict[str, None] = {}     # topics to ask for, in order
         self._equal: dict[str, bool] = {}    # what PX4 said of them
         self._asked, self._tries, self._until = '', 0, 0.0
 
     def begin(self) -> None:
-        """Ask anew: PX4 can be asked from now on, or may be another one."""
+        """Ask for all topics, also for those that are known: PX4 may be another one. What it said before holds until then."""
         self.mute, self._asked, self._until = False, '', 0.0
-        self._equal.clear()
+        self._open = dict.fromkeys(self._kinds)
 
     def add(self, topic: str, kind: str) -> None:
         """Have a topic (such as `out/vehicle_status`) with the message `kind` checked."""
-        self._kinds.setdefault(topic, kind)
+        if self._kinds.setdefault(topic, kind) == kind and topic not in self._equal:
+            self._open[topic] = None
 
     def question(self, time: float) -> str | None:
         """The topic to ask for at `time` (s, monotonic), None if nothing is due."""
-        waiting = [topic for topic in self._kinds if topic not in self._equal]
-        if not waiting or self.mute or time < self._until:
+        if not self._open or self.mute or time < self._until:
             return None
-        self._tries = self._tries + 1 if self._asked == waiting[0] else 1
-        self._asked, self._until = waiting[0], time + ANSWER_S
+        topic = next(iter(self._open))
+        self._tries = self._tries + 1 if self._asked == topic else 1
+        self._asked, self._until = topic, time + ANSWER_S
         self.mute = self._tries > TRIES
         return None if self.mute else self._asked
 
@@ -83,11 +86,12 @@ class LayoutCheck:
         """
         if topic == self._asked:
             self._equal[topic] = not success or message_hash == self._hash_of(self._kinds[topic])
+            self._open.pop(topic, None)
             self._asked, self._until = '', 0.0
 
     def may_use(self, topic: str) -> bool:
         """Whether a topic's messages may be decoded and sent: PX4 said so, or cannot say."""
-        return self._equal.get(topic, self.mute or topic not in self._kinds)
+        return self._equal.get(topic, self.mute)
 
     def problem(self, topic: str) -> str:
         """What is wrong with a topic; empty if nothing is known to be."""

@@ -52,7 +52,7 @@ HEARTBEAT = 'offboard_control_mode'
 # Messages whose age PX4 judges: one that waited in a stall must not count as new. It stamps all others on arrival, which does
 # not depend on the synchronisation of clocks; answers to arming checks carry the number of the question.
 STAMPED = frozenset({HEARTBEAT, 'trajectory_setpoint', 'vehicle_command'})
-REGISTRATION = frozenset({'register_ext_component_request', 'unregister_ext_component'})
+REGISTRATION = frozenset({'register_ext_component_request', 'unregister_ext_component', 'register_ext_component_reply'})
 ODOMETRY_TOPIC, STATE_TOPIC, GIMBAL_TOPIC, MOTORS_TOPIC = 'odometry', 'px4/state', 'gimbal/state', 'motor_speeds'
 
 
@@ -100,7 +100,7 @@ class Px4Stage:
         self._attitude: Any = None
         self._command = PointingCommand()
         self._reported: tuple[object, ...] = ()
-        self.unread: set[str] = set()    # inputs to which PX4 does not subscribe
+        self.unused: set[str] = set()    # topics that PX4 does not have, or with other fields
         self.others = ''                 # who else steers the vehicle
 
     @property
@@ -280,7 +280,7 @@ class Px4Stage:
         if not self.settings.turn_body:
             return 'turn_body is false'
         return self.decision.withheld or (
-            f'PX4 does not read {HEARTBEAT}: see dds_topics.yaml' if HEARTBEAT in self.unread else '')
+            f'PX4 does not read {HEARTBEAT}: see dds_topics.yaml' if HEARTBEAT in self.unused else '')
 
     @property
     def mode_withheld(self) -> str:
@@ -289,15 +289,15 @@ class Px4Stage:
             return 'turn_body is false' if self.settings.external_mode else 'external_mode is false'
         if self.mode is None:
             return self.mode_missing
-        missing = sorted(self.unread & REGISTRATION)
+        missing = sorted(self.unused & REGISTRATION)
         return self.mode.problem or (self._guard.unwilling(self._guard_inputs()) if self.mode.registration else
-                                     f'PX4 does not read {missing[0]}' if missing else 'not registered yet')
+                                     f'PX4 has no {missing[0]}' if missing else 'not registered yet')
 
     def _register(self) -> list[Outgoing]:
         """Steps of the registration of the external mode."""
         if self.mode is None:
             return []
-        heard = self.meters['status'].age <= STATUS_TIMEOUT and not self.unread & REGISTRATION
+        heard = self.meters['status'].age <= STATUS_TIMEOUT and not self.unused & REGISTRATION
         step = self.mode.step(self._now.steady, heard, self._status)
         if isinstance(step, Registration):
             return [self._out('unregister_ext_component', px4.unregister_message, step)]

@@ -244,7 +244,7 @@ def test_by_default_offboard_is_not_spoken_of():
 
 def test_the_state_says_that_px4_reads_no_heartbeat():
     rig = Rig()
-    rig.stage.unread.add('offboard_control_mode')
+    rig.stage.unused.add('offboard_control_mode')
     rig.run(1.0)
     assert 'PX4 does not read offboard_control_mode' in rig.of(STATE_TOPIC)[-1].message
 

@@ -16,7 +16,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from av_common.guarded_node import GuardedNode
 from av_px4.handover import STEERING, others_that_steer
-from av_px4.layouts import PROTOCOL, LayoutCheck, layout_hash
+from av_px4.layouts import PROTOCOL, UNASKED_S, LayoutCheck, layout_hash
 from av_px4.messages import characters, text
 from av_px4.topics import SILENT_S, mismatch, offered_versions, version_of
 
@@ -69,7 +69,7 @@ class Px4Link:
         self._watched: dict[str, Any] = {}    # subscriptions to other versions
         self._heard: dict[str, float] = {}    # monotonic time in s of the newest message, by topic
         self._layouts = LayoutCheck(installed_hash)
-        self._asks = False
+        self._asks, self._begun = False, math.inf
         self._steering: set[str] = set()      # topics that steer the vehicle
         self.advertise(ASK, 'MessageFormatRequest')
         self.subscribe(ANSWER, 'MessageFormatResponse', self._on_layout)
@@ -104,6 +104,10 @@ class Px4Link:
         """Whether PX4 reads the input `name`, with the fields of px4_msgs."""
         return name in self._publishers and self._layouts.may_use(f'in/{name}')
 
+    def sends(self, name: str) -> bool:
+        """Whether PX4 has the output `name`, with the fields of px4_msgs."""
+        return name in self._subscriptions and self._layouts.may_use(f'out/{name}')
+
     def topic(self, name: str) -> str | None:
         """Full name of the topic of an output or input, None while PX4 does not have it."""
         found = self._subscriptions.get(name) or self._publishers.get(name)
@@ -124,10 +128,12 @@ class Px4Link:
             offered = self._offered('out', name, written)
             self._open(f'out/{name}', kind, offered, self._subscriptions, partial(self._subscription, name, kind, callback))
             self._watch(name, kind, offered)
+        self._begun = min(self._begun, time.monotonic()) if self._subscriptions else math.inf
         asks = ASK in self._publishers and ANSWER in self._subscriptions and self._hears(read)
         if asks and not self._asks:
             self._layouts.begin()
         self._asks = asks
+        self._layouts.mute |= ASK not in self._publishers and time.monotonic() - self._begun > UNASKED_S
         self._steering = {topic for name in STEERING for topic in (
             self._resolved('in', name), *self._offered('in', name, known).values())}
 
@@ -172,7 +178,7 @@ class Px4Link:
     def _subscription(self, name: str, kind: type, callback: Callable[[Any], None], topic: str) -> Any:
         def take(message: Any) -> None:
             self._hear(topic)
-            if self._layouts.may_use(f'out/{name}'):
+            if name == ANSWER or self._layouts.may_use(f'out/{name}'):
                 callback(message)
         return self._node.create_subscription(kind, topic, take, PX4_QOS)
 

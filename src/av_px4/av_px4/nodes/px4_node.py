@@ -124,7 +124,8 @@ class Px4Node(RigNode):
 
     def _discover(self) -> None:
         self._link.discover()
-        self._stage.unread = {name for name in self._inputs() if not self._link.reads(name)}
+        self._stage.unused = {name for name in self._inputs() if not self._link.reads(name)} | {
+            name for name in MODE_OUTPUTS if not self._link.sends(name)}
 
     def _watch(self) -> None:
         self._stage.others = self._link.others()
