@@ -46,10 +46,10 @@ class LayoutCheck:
         mute: PX4 cannot be asked, or does not answer; its messages are then taken as they are.
 
     Parameters:
-        hash_of: gives the hash of a message of the installed px4_msgs by its name.
+        hash_of: gives the hash of a message of the installed px4_msgs by its name, None where its definition is missing.
     """
 
-    def __init__(self, hash_of: Callable[[str], int]) -> None:
+    def __init__(self, hash_of: Callable[[str], int | None]) -> None:
         self.mute = False
         self._hash_of = hash_of
         self._kinds: dict[str, str] = {}     # topics, and their messages
@@ -85,7 +85,7 @@ class LayoutCheck:
             success, message_hash: fields of MessageFormatResponse
         """
         if topic == self._asked:
-            self._equal[topic] = not success or message_hash == self._hash_of(self._kinds[topic])
+            self._equal[topic] = not success or self._hash_of(self._kinds[topic]) in (message_hash, None)
             self._open.pop(topic, None)
             self._asked, self._until = '', 0.0
 

@@ -6,12 +6,13 @@ import importlib
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from av_common.guarded_node import GuardedNode
@@ -37,10 +38,12 @@ def load_px4_msgs() -> ModuleType:
 
 
 @cache
-def installed_hash(kind: str) -> int:
-    """PX4's hash of a message of the installed px4_msgs."""
-    folder = Path(get_package_share_directory('px4_msgs')) / 'msg'
-    return layout_hash(kind, lambda name: (folder / f'{name}.msg').read_text())
+def installed_hash(kind: str) -> int | None:
+    """PX4's hash of a message of the installed px4_msgs, None where definitions are not installed with it."""
+    with suppress(OSError, PackageNotFoundError):
+        folder = Path(get_package_share_directory('px4_msgs')) / 'msg'
+        return layout_hash(kind, lambda name: (folder / f'{name}.msg').read_text())
+    return None
 
 
 class Px4Link:
