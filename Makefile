@@ -43,6 +43,8 @@ report: build
 detector: build
 	$(ENV) && exec python3 training/detector/evaluate.py $(MODEL) --cache $(CACHE) --data $(DATA)/drone_detection \
 		--coco $(DATA)/models/yolox_nano_coco.onnx $(if $(QUICK),--quick)
+	$(ENV) && exec python3 training/detector/evaluate.py $(dir $(MODEL))drone_detector_ir.onnx --only thermal --cache $(CACHE) \
+		--data $(DATA)/drone_detection --coco $(DATA)/models/yolox_nano_coco.onnx $(if $(QUICK),--quick)
 
 # Needs no build and no ROS.
 distributions:

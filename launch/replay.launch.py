@@ -15,7 +15,7 @@ from av_bringup.launching import (
     Arguments,
     LaunchedNode,
     describe,
-    detector_node,
+    detector_nodes,
     doa_node,
     ends_with,
     monitor_nodes,
@@ -64,7 +64,7 @@ def start(arguments: Arguments) -> list[LaunchDescriptionEntity]:
     if only == 'raw' and names.AUDIO in found:
         receivers.append(doa_node(arguments, BAG_TIME))
     if only == 'raw' and arguments['model']:
-        receivers.append(detector_node(arguments, BAG_TIME))
+        receivers += detector_nodes(arguments, BAG_TIME)
     if only in ('raw', 'doa'):
         receivers.append(rig_node(arguments, 'av_fusion', 'fusion_node', {'rig_file': arguments['rig'], **BAG_TIME}))
         others.append(pointing)

@@ -28,8 +28,9 @@ from av_bringup.launching import (
     RIG_ARGUMENTS,
     Arguments,
     MissingPackageError,
+    camera_nodes,
     describe,
-    detector_node,
+    detector_nodes,
     doa_node,
     monitor_nodes,
     recorder_nodes,
@@ -164,7 +165,7 @@ def bridge(arguments: Arguments) -> list[ExecuteProcess]:
         if arguments['allowed_senders']:
             parameters['allowed_senders'] = arguments['allowed_senders'].split(',')
     node = rig_node(arguments, 'av_sim_bridge', 'bridge_node', parameters)
-    return [node] if oracle else [node, detector_node(arguments, {})]
+    return [node] if oracle else [node, *detector_nodes(arguments, {})]
 
 
 def files(arguments: Arguments) -> list[ExecuteProcess]:
@@ -180,17 +181,18 @@ def files(arguments: Arguments) -> list[ExecuteProcess]:
         sensors.append(rig_node(arguments, 'av_audio', 'audio_node', {'source': 'file', 'file': arguments['audio']}))
         players.append(Player('audio_node', max(-offset, 0.0), ['doa_node']))
     if arguments['video']:
-        sensors += [rig_node(arguments, 'av_vision', 'camera_node', {'source': 'file', 'file': arguments['video']}),
-                    detector_node(arguments, {})]
+        # The recording is the first camera's.
+        sensors += [camera_nodes(arguments, {'source': 'file', 'file': arguments['video']})[0],
+                    detector_nodes(arguments, {})[0]]
         players.append(Player('camera_node', max(offset, 0.0), ['detector_node']))
     plan_playback(Path(arguments[RUN_FOLDER]), players)
     return sensors
 
 
 def hardware(arguments: Arguments) -> list[ExecuteProcess]:
-    """The nodes of microphones and camera, which are selected in the parameter file."""
+    """The nodes of microphones and cameras, which are selected in the parameter file."""
     return [rig_node(arguments, 'av_audio', 'audio_node', {'source': 'device'}),
-            rig_node(arguments, 'av_vision', 'camera_node', {'source': 'device'}), detector_node(arguments, {})]
+            *camera_nodes(arguments, {'source': 'device'}), *detector_nodes(arguments, {})]
 
 
 def px4(arguments: Arguments) -> ExecuteProcess:

@@ -1,8 +1,8 @@
 """The real recordings: clips, their scenes, the split, and a cache of decoded frames.
 
-The data set is the visible part of F. Svanstrom's Drone-detection-dataset (CC0 1.0): 170 clips of 640 x 512 pixels,
-one CSV of boxes a clip. Many drone clips show one place on one day; a split by clip alone is therefore optimistic, and two
-places are held out whole.
+The data set is F. Svanstrom's Drone-detection-dataset (CC0 1.0), of which this module caches the visible part: 170 clips of
+640 x 512 pixels (V_DRONE_001 ...), one CSV of boxes a clip. `thermal.py` has the infrared part (IR_DRONE_001 ...). Many drone
+clips show one place on one day; a split by clip alone is therefore optimistic, and two places are held out whole.
 """
 
 from __future__ import annotations
@@ -26,15 +26,26 @@ UNSEEN_SCENES = {'drone': (*range(43, 55),), 'bird': (20, 22, 23, 10, 14), 'airp
                  'helicopter': (49, 52, 55, 58, 61)}
 RATE, STRIDE = 30.0, 3  # frames/s; a rig processes about ten of them
 SPLITS = ('train', 'validation', 'test_clip', 'test_scene')
+# Of the infrared clips, numbers that show places of their own; they are `test_scene` while a training leaves them out.
+INFRARED_SCENES = {'drone': range(139, 158), 'bird': range(14, 26), 'airplane': range(26, 35), 'helicopter': range(31, 44)}
 
 
-def split_of(clip: str) -> str:
-    """The split of a clip such as V_DRONE_043; `validation` serves threshold, calibration and checkpoint."""
-    _, label, number = clip.split('_')
-    if int(number) in UNSEEN_SCENES[label.lower()]:
+def split_of(clip: str, scenes: bool = True) -> str:
+    """The split of a clip such as V_DRONE_043; `validation` serves threshold, calibration and checkpoint.
+
+    Infrared clips have a `test_scene` with `scenes` alone: there are too few places to leave them out of what ships.
+    """
+    kind, label, number = clip.split('_')
+    unseen = (UNSEEN_SCENES if kind == 'V' else INFRARED_SCENES)[label.lower()]
+    if int(number) in unseen and (scenes or kind == 'V'):
         return 'test_scene'
     place = (int(number) * 7919) % 20
-    return 'test_clip' if place < 3 else 'validation' if place < 6 else 'train'
+    return 'test_clip' if place < 3 else 'validation' if place < (6 if kind == 'V' else 5) else 'train'
+
+
+def folder_of(clip: str, content: str) -> str:
+    """The folder of a clip's `video` or `labels` in the data set."""
+    return f'{content}_ir' if clip.startswith('IR') else content
 
 
 def read_boxes(path: Path) -> dict[int, list[tuple[int, float, float, float, float]]]:
@@ -47,15 +58,16 @@ def read_boxes(path: Path) -> dict[int, list[tuple[int, float, float, float, flo
     return boxes
 
 
-def clips_of(data: Path, split: str) -> list[str]:
-    """Names of the clips of a split."""
-    return [path.stem for path in sorted((data / 'labels').glob('*.csv')) if split_of(path.stem) == split]
+def clips_of(data: Path, split: str, kind: str = 'V') -> list[str]:
+    """Names of the clips of a split, visible (V) or infrared (IR, without a split by scene)."""
+    labels = sorted((data / folder_of(kind, 'labels')).glob('*.csv'))
+    return [path.stem for path in labels if split_of(path.stem, scenes=False) == split]
 
 
 def film(data: Path, clip: str) -> Iterator[tuple[float, NDArray[np.uint8], NDArray[np.float32]]]:
     """Every third frame of a clip as a rig would see them: time in s, image, labels (k, 5) of class, x1, y1, x2, y2."""
-    boxes = read_boxes(data / 'labels' / f'{clip}.csv')
-    video, number = cv2.VideoCapture(str(data / 'video' / f'{clip}.mp4')), 0
+    boxes = read_boxes(data / folder_of(clip, 'labels') / f'{clip}.csv')
+    video, number = cv2.VideoCapture(str(data / folder_of(clip, 'video') / f'{clip}.mp4')), 0
     while video.grab():
         if number % STRIDE == 0:
             yield number / RATE, video.retrieve()[1], np.array(boxes.get(number, []), np.float32).reshape(-1, 5)

@@ -151,9 +151,9 @@ def rendered(detector: Detector, frames: Frames, sprites: list[NDArray], count: 
     return results
 
 
-def choose_threshold(result: Measurement) -> float:
-    """That of the best F1 on images of drones, of those at which fewer than FALSE of the other images show one."""
-    allowed = [t for t in np.arange(0.1, 0.96, 0.01) if result.false_frames(t) < FALSE]
+def choose_threshold(result: Measurement, most: float = FALSE) -> float:
+    """That of the best F1 on images of drones, of those at which a share of fewer than `most` of the other images show one."""
+    allowed = [t for t in np.arange(0.1, 0.96, 0.01) if result.false_frames(t) < most]
     return round(float(max(allowed, key=result.f1, default=0.95)), 2)
 
 

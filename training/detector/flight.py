@@ -15,7 +15,7 @@ from pathlib import Path as File
 
 import numpy as np
 import onnx
-from clips import RATE, STRIDE, clips_of, read_boxes
+from clips import RATE, STRIDE, clips_of, folder_of, read_boxes
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from tight import PADDING
@@ -26,17 +26,24 @@ OTHERS = ('AIRPLANE', 'HELICOPTER')
 EVERY_S = 0.5  # between the paths that are taken from a clip
 
 
-def paths(data: File, split: str) -> Iterator[tuple[str, float, float]]:
-    """Class, speed (sizes/s) and acceleration (sizes/s^2) of labelled paths, of clips that show one object at a time."""
-    for clip in clips_of(data, split):
-        boxes = read_boxes(data / 'labels' / f'{clip}.csv')
+def paths(data: File, split: str, camera: str = 'V') -> Iterator[tuple[str, float, float]]:
+    """Class, speed (sizes/s) and acceleration (sizes/s^2) of labelled paths, of clips that show one object at a time.
+
+    Parameters:
+        data: the data set.
+        split: the clips.
+        camera: visible (V), of whose labels the padding is taken away as the detector does, or infrared (IR).
+    """
+    padding = PADDING if camera == 'V' else 0.0 * PADDING
+    for clip in clips_of(data, split, camera):
+        boxes = read_boxes(data / folder_of(clip, 'labels') / f'{clip}.csv')
         path, last, next_s = Path(), -np.inf, HISTORY_S
         for frame in sorted(boxes)[::STRIDE]:
             time, box = frame / RATE, np.array(boxes[frame][0][1:])
             if len(boxes[frame]) > 1 or time - last > 0.5:  # s, a gap
                 path, next_s = Path(), time + HISTORY_S
             last = time
-            path.add(time, 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2] - PADDING).max()))
+            path.add(time, 0.5 * (box[:2] + box[2:]), float((box[2:] - box[:2] - padding).max()))
             if time >= next_s:
                 yield (clip.split('_')[1], *path.motion())
                 next_s = time + EVERY_S

@@ -133,7 +133,8 @@ class FrameResult:
         return some[some[:, 0] == 0, 1:]
 
 
-def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, every: int = 1) -> list[FrameResult]:
+def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, every: int = 1, kind: str = 'V'
+               ) -> list[FrameResult]:
     """Every third frame of the clips of a split, clip by clip in order, down to the detector's threshold.
 
     Parameters:
@@ -142,9 +143,10 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, eve
         split: the clips.
         regions: how many regions of each image are searched, as on a rig; 0: all of it.
         every: every how manieth clip is shown.
+        kind: visible (V) or infrared (IR) clips; what infrared labels are around is not known better than they say.
     """
     results = []
-    clips = clips_of(data, split)[::every]
+    clips = clips_of(data, split, kind)[::every]
     for number, clip in enumerate(clips):
         near = detector.model.near
         planner = RegionPlanner(detector.model.longest, near, regions) if regions and near else None
@@ -153,7 +155,8 @@ def detect_all(detector: Detector, data: Path, split: str, regions: int = 0, eve
             began = process_time()
             seen, searched = temporal.look(image, time)
             temporal.fuse(seen, time, searched)
-            results.append(FrameResult(clip, time, seen, tightened(image, labels), labels, searched, process_time() - began))
+            truth = tightened(image, labels) if kind == 'V' else labels
+            results.append(FrameResult(clip, time, seen, truth, labels, searched, process_time() - began))
         print(f'\r{split}: {number + 1} of {len(clips)} clips, {len(results)} images', end='', file=sys.stderr, flush=True)
     print(file=sys.stderr)
     return results

@@ -27,6 +27,8 @@ from samples import Sampler
 from simulated import build_simulated
 from sprites import build_bank
 from start import start_from, widen
+from thermal import BATCHES as THERMAL_BATCHES
+from thermal import ThermalFrames, ThermalSampler
 from torch import Tensor
 
 # (side of the crops, how many a batch, how often): small windows teach what far things are cheaply, large ones the near
@@ -34,6 +36,7 @@ from torch import Tensor
 Batches = tuple[tuple[int, int, float], ...]
 BATCHES: Batches = ((128, 40, 0.2), (256, 14, 0.3), (416, 6, 0.3), (640, 3, 0.2))
 NEAR_BATCHES: Batches = ((192, 24, 0.3), (256, 14, 0.4), (320, 9, 0.3))
+AnySampler = Sampler | NearSampler | ThermalSampler
 WARM_UP, DECAY = 200, 0.5
 FROZEN = ('stem', 'dark2', 'dark3')  # of the near network: what COCO taught about edges and textures serves all places
 
@@ -57,7 +60,7 @@ class Loader:
         device: where the images and labels go.
     """
 
-    def __init__(self, sampler: Sampler | NearSampler, batches: Batches, seed: int, step: int, workers: int, times: int,
+    def __init__(self, sampler: AnySampler, batches: Batches, seed: int, step: int, workers: int, times: int,
                  device: str) -> None:
         forked = get_context('fork')
         self._device, self._asked = device, []
@@ -80,7 +83,7 @@ class Loader:
         return tensor.contiguous(memory_format=torch.channels_last), [torch.from_numpy(one).to(self._device) for one in boxes]
 
 
-def make_crops(asking: list[Connection], answer: Connection, sampler: Sampler | NearSampler, batches: Batches, seed: int,
+def make_crops(asking: list[Connection], answer: Connection, sampler: AnySampler, batches: Batches, seed: int,
                times: int) -> None:
     """For each step asked for: images (n, side, side, 3) BGR and n times labels; ends with the trainer, however that ends."""
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a checkpoint is the trainer's to write
@@ -121,6 +124,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument('--threads', type=int, default=2)
     parser.add_argument('--wide', type=int, default=1, help="channels, as a multiple of YOLOX-nano's")
     parser.add_argument('--near', action='store_true', help='train the network of the near pass: pictures of the places alone')
+    parser.add_argument('--thermal', action='store_true', help='train the thermal detector: the infrared clips alone')
     parser.add_argument('--leave-out', nargs='*', default=[], metavar='PLACE', help='places (places.py) not to be trained on')
     parser.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     parser.add_argument('--workers', type=int, default=1, help='processes that make crops')
@@ -129,8 +133,10 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def make_sampler(args: argparse.Namespace) -> Sampler | NearSampler:
+def make_sampler(args: argparse.Namespace) -> AnySampler:
     """What makes the crops, from the cache, which is filled first."""
+    if args.thermal:
+        return ThermalSampler(ThermalFrames(args.data, args.cache, 'train', 'thermal' in args.leave_out))
     album = Album(args.cache, tuple(args.leave_out))
     if args.near:
         return NearSampler(album)
@@ -172,7 +178,8 @@ def main() -> None:
         average.load_state_dict(state['average'])
         optimizer.load_state_dict(state['optimizer'])
         step = state['step']
-    loader = Loader(sampler, NEAR_BATCHES if args.near else BATCHES, args.seed, step, args.workers, args.times, args.device)
+    batches = THERMAL_BATCHES if args.thermal else NEAR_BATCHES if args.near else BATCHES
+    loader = Loader(sampler, batches, args.seed, step, args.workers, args.times, args.device)
     last_saved, sums, since, began = time.monotonic(), {}, 0, time.monotonic()
     stopped = Event()
     signal.signal(signal.SIGTERM, lambda *_: stopped.set())

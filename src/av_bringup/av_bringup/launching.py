@@ -128,13 +128,14 @@ class LaunchedNode(Node):
 
     Parameters:
         arguments: values of the launch arguments.
-        executable: name of the program, which is the node's name, too.
+        executable: name of the program.
+        name: the node's name; empty for the program's.
         options: further arguments of launch_ros.actions.Node.
     """
 
-    def __init__(self, arguments: Arguments, executable: str, **options: Any) -> None:
-        self.full_name = '/'.join(['', *filter(None, arguments['namespace'].split('/')), executable])
-        super().__init__(executable=executable, name=executable, namespace=arguments['namespace'],
+    def __init__(self, arguments: Arguments, executable: str, name: str = '', **options: Any) -> None:
+        self.full_name = '/'.join(['', *filter(None, arguments['namespace'].split('/')), name or executable])
+        super().__init__(executable=executable, name=name or executable, namespace=arguments['namespace'],
                          additional_env=security(arguments, self.full_name), **options)
 
 
@@ -210,7 +211,7 @@ def rig_node(arguments: Arguments, package: str, executable: str, parameters: di
         package: the node's package
         executable: name of the program, which is the node's name, too
         parameters: parameters that this launch sets
-        options: further arguments of launch_ros.actions.Node
+        options: further arguments of LaunchedNode
     """
     files = [str(CONFIG / 'rig_params.yaml'), parameters, *filter(None, [arguments['params']])]
     return LaunchedNode(arguments, executable, package=package, parameters=files, **{'output': 'log', **RESPAWN, **options})
@@ -264,8 +265,8 @@ def doa_node(arguments: Arguments, parameters: dict) -> Node:
     return rig_node(arguments, 'av_audio', 'doa_node', {'array_file': array, **parameters})
 
 
-def detector_node(arguments: Arguments, parameters: dict) -> Node:
-    """The detector, with the model given or the shipped one.
+def detector_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+    """A detector for each camera of the rig: the first with the model given, others with the shipped one of their kind.
 
     Parameters:
         arguments: values of the launch arguments.
@@ -273,7 +274,41 @@ def detector_node(arguments: Arguments, parameters: dict) -> Node:
     """
     model = '' if arguments['model'] == 'shipped' else arguments['model']
     classes = {'keep_classes': arguments['classes'].split(',')} if arguments['classes'] else {}
-    return rig_node(arguments, 'av_vision', 'detector_node', {'model': model, **classes, **parameters})
+    given = {'model': model, **classes, **parameters}
+    return [camera_node(arguments, 'detector_node', camera, {
+        'camera_kind': mount.kind, **(given if camera == 'camera' else parameters)})
+        for camera, mount in load_rig(arguments['rig']).cameras.items()]
+
+
+def camera_nodes(arguments: Arguments, parameters: dict) -> list[Node]:
+    """The node of each camera of the rig.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        parameters: parameters that this launch sets.
+    """
+    raw = {'pixel_format': 'Y16'}
+    return [camera_node(arguments, 'camera_node', camera, {
+        'frame_id': mount.optical_frame, **(raw if (mount.kind, mount.palette) == ('thermal', 'raw') else {}), **parameters})
+        for camera, mount in load_rig(arguments['rig']).cameras.items()]
+
+
+def camera_node(arguments: Arguments, executable: str, camera: str, parameters: dict) -> Node:
+    """A node of one of the rig's cameras: of the second one, its name and all topics but the body's begin with the camera's.
+
+    Parameters:
+        arguments: values of the launch arguments.
+        executable: name of the program.
+        camera: one of `Rig.cameras`.
+        parameters: parameters that this launch sets.
+    """
+    if camera == 'camera':
+        return rig_node(arguments, 'av_vision', executable, parameters)
+    own = {'camera/image_raw': 'image_raw', 'camera/image_raw/compressed': 'image_raw/compressed',
+           'camera/depth/image_raw': 'depth/image_raw', 'camera/camera_info': 'camera_info', 'detections': 'detections',
+           'detections/image': 'detections/image', 'visibility': 'visibility', 'imu/data_raw': 'imu/data_raw'}
+    return rig_node(arguments, 'av_vision', executable, parameters, name=f'{camera}_{executable.removeprefix("camera_")}',
+                    remappings=[(topic, f'{camera}/{name}') for topic, name in own.items()])
 
 
 def recorder_nodes(arguments: Arguments, parameters: dict) -> list[Node]:

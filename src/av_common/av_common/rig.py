@@ -1,4 +1,4 @@
-"""Description of the rig, as in `config/rig.yaml`: array and camera, and where they are mounted on the body."""
+"""Description of the rig, as in `config/rig.yaml`: array and cameras, and where they are mounted on the body."""
 
 from __future__ import annotations
 
@@ -71,6 +71,9 @@ class CameraMount:
     """A camera and where it is mounted: on the body, or on the gimbal of a rig that has one.
 
     Parameters:
+        kind: visible or thermal, which selects the detector.
+        palette: of a thermal camera: white_hot or black_hot, which are grey levels by the camera's own gain (mono8), or raw,
+            counts (mono16).
         frame, optical_frame: names of the camera's frame (x forward) and of its optical frame (z forward).
         mount: the frame on the body or on the gimbal.
         width, height (pixels): size of the image.
@@ -78,6 +81,8 @@ class CameraMount:
         distortion: k1 k2 p1 p2 [k3 ...] as in `PinholeCamera`.
     """
 
+    kind: str = bounded('visible', choices=('visible', 'thermal'))
+    palette: str = bounded('white_hot', choices=('white_hot', 'black_hot', 'raw'))
     frame: str = 'camera_link'
     optical_frame: str = 'camera_optical_frame'
     mount: Mount = field(default_factory=Mount)
@@ -136,14 +141,33 @@ class Rig:
     Parameters:
         array: the microphones.
         camera: the camera.
-        gimbal: the gimbal that carries the camera; None where the camera is fixed to the body.
+        second_camera: another one, such as a thermal one beside a visible one; None without one.
+        gimbal: the gimbal that carries the cameras; None where they are fixed to the body.
         base_frame: name of the body's frame.
+
+    Raises ValueError for two cameras with a frame of one name.
     """
 
     array: ArrayMount
     camera: CameraMount = field(default_factory=CameraMount)
+    second_camera: CameraMount | None = None
     gimbal: GimbalMount | None = None
     base_frame: str = 'base_link'
+
+    def __post_init__(self) -> None:
+        frames = [name for camera in self.cameras.values() for name in (camera.frame, camera.optical_frame)]
+        if len(set(frames)) < len(frames):
+            raise ValueError(f'frame and optical_frame of the cameras are {", ".join(frames)}, expected names that differ')
+
+    @property
+    def cameras(self) -> dict[str, CameraMount]:
+        """The cameras by the prefix of their topics: `camera`, whose detections are `detections`, and `second_camera`."""
+        return {'camera': self.camera} | ({'second_camera': self.second_camera} if self.second_camera else {})
+
+
+def detections_topic(camera: str) -> str:
+    """Topic of the detections of one of `Rig.cameras`."""
+    return 'detections' if camera == 'camera' else f'{camera}/detections'
 
 
 def load_rig(path: str | Path) -> Rig:

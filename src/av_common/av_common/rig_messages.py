@@ -11,13 +11,13 @@ from std_msgs.msg import Header
 from transforms3d.quaternions import mat2quat
 
 from av_common.frames import FLU_TO_OPTICAL
-from av_common.rig import GimbalMount, Rig
+from av_common.rig import ArrayMount, CameraMount, GimbalMount, Rig
 from av_common.stamps import to_stamp
 from av_interfaces.msg import GimbalState
 
 
 def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
-    """The transforms from the body to array and camera, and from the camera to its optical frame.
+    """The transforms from the body to array and cameras, and from each camera to its optical frame.
 
     A camera on a gimbal stands on the gimbal's frame, which moves on the body: see `gimbal_transform`.
 
@@ -25,10 +25,11 @@ def static_transforms(rig: Rig, stamp: Time) -> list[TransformStamped]:
         rig: the description.
         stamp: stamp of all transforms.
     """
-    carrier = rig.gimbal.frame if rig.gimbal else rig.base_frame
-    mounted = [_transform(stamp, parent, part.frame, part.mount.position, part.mount.rotation)
-               for parent, part in ((rig.base_frame, rig.array), (carrier, rig.camera))]
-    return [*mounted, _transform(stamp, rig.camera.frame, rig.camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)]
+    carrier, cameras = rig.gimbal.frame if rig.gimbal else rig.base_frame, rig.cameras.values()
+    carried: list[tuple[str, ArrayMount | CameraMount]] = [(rig.base_frame, rig.array), *((carrier, one) for one in cameras)]
+    mounted = [_transform(stamp, parent, part.frame, part.mount.position, part.mount.rotation) for parent, part in carried]
+    return mounted + [_transform(stamp, camera.frame, camera.optical_frame, (0.0, 0.0, 0.0), FLU_TO_OPTICAL.T)
+                      for camera in cameras]
 
 
 def gimbal_transform(rig: Rig, state: GimbalState) -> TransformStamped:

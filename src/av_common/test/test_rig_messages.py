@@ -3,12 +3,22 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from builtin_interfaces.msg import Time
 from transforms3d.quaternions import quat2mat
 
 from av_common.frames import attitude_of
-from av_common.rig import load_rig
+from av_common.rig import Rig, load_rig
 from av_common.rig_messages import static_transforms
+
+
+def test_two_cameras_have_frames_of_their_own():
+    rig = load_rig(Path(__file__).resolve().parents[3] / 'config' / 'rig_two_cameras.yaml')
+    parents = {frame.child_frame_id: frame.header.frame_id for frame in static_transforms(rig, Time())}
+    assert {parents[camera.frame] for camera in rig.cameras.values()} == {rig.base_frame}
+    assert [parents[camera.optical_frame] for camera in rig.cameras.values()] == [rig.camera.frame, rig.second_camera.frame]
+    with pytest.raises(ValueError, match='names that differ'):
+        Rig(rig.array, rig.camera, rig.camera)
 
 
 def test_frames_of_the_shipped_rig():

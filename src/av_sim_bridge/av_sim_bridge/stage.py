@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
+import numpy as np
 from nav_msgs.msg import Odometry
 from vision_msgs.msg import Detection2DArray
 
@@ -98,10 +99,10 @@ class BridgeStage:
         self._direction = DirectionCheck(layout.sample_rate)
         stamps = CaptureStamps()
         self._audio = AudioStream(layout, self._ring, self._clock)
-        self._most_pixels = settings.max_image_pixels or 2 * rig.camera.model.width * rig.camera.model.height
+        self._most_pixels = settings.max_image_pixels or 2 * max(each.width * each.height for each in rig.cameras.values())
         most_bytes = 4 * self._most_pixels + 65_536    # more than any image of this size has
-        self._images, self._depths = (
-            ImageStream(self._clock, stamps, name, most_bytes) for name in ('image', 'image depth'))
+        self._images = {camera: ImageStream(self._clock, stamps, camera, most_bytes) for camera in rig.cameras}
+        self._depths = ImageStream(self._clock, stamps, 'image depth', most_bytes)
         self.target_topics = settings.target_topics
         names = {settings.rig_id: 'rig_truth'} | {
             number: topic.removeprefix('truth/') + '_truth' for number, topic in self.target_topics.items()}
@@ -128,14 +129,15 @@ class BridgeStage:
         self._direction.add(samples)
         return audio_frame(samples, first, self._layout.sample_rate, header)
 
-    def on_image(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | Detection2DArray | None:
-        """A complete image, still encoded, or the oracle's detections; None while incomplete."""
-        result = self._images.take(datagram, arrival, sender)
+    def on_image(self, datagram: bytes, arrival: float, sender: Sender,
+                 camera: str = 'camera') -> StampedImage | Detection2DArray | None:
+        """A complete image of one of the rig's cameras, still encoded, or the oracle's detections; None while incomplete."""
+        result = self._images[camera].take(datagram, arrival, sender)
         if not isinstance(result, OracleReport):
             return result
         if not self._settings.oracle_detections:
             return None
-        header = messages.make_header(result.stamp, self.rig.camera.optical_frame)
+        header = messages.make_header(result.stamp, self.rig.cameras[camera].optical_frame)
         return messages.oracle_detections_message(header, result.boxes)
 
     def on_depth(self, datagram: bytes, arrival: float, sender: Sender) -> StampedImage | None:
@@ -143,13 +145,19 @@ class BridgeStage:
         result = self._depths.take(datagram, arrival, sender)
         return result if isinstance(result, StampedImage) else None
 
-    def decode_image(self, stamped: StampedImage) -> list[Output]:
-        """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable."""
-        bgr = decode_image(stamped.image.data, cv2.IMREAD_COLOR, self._most_pixels)
-        header = messages.make_header(stamped.stamp, self.rig.camera.optical_frame)
-        height, width = bgr.shape[:2]
-        calibration = camera_info_message(header, self.rig.camera.model.scaled(width, height))
-        return [('camera/image_raw', image_message(header, bgr)), ('camera/camera_info', calibration)]
+    def decode_image(self, stamped: StampedImage, camera: str = 'camera') -> list[Output]:
+        """The messages of an image and of its calibration, scaled to the image's size. Raises ValueError if undecodable.
+
+        Images of a thermal camera are grey (mono8), or 16-bit PNGs of raw counts (mono16).
+        """
+        mount = self.rig.cameras[camera]
+        flags = cv2.IMREAD_COLOR if mount.kind == 'visible' else cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+        pixels = decode_image(stamped.image.data, flags, self._most_pixels)
+        header = messages.make_header(stamped.stamp, mount.optical_frame)
+        height, width = pixels.shape[:2]
+        calibration = camera_info_message(header, mount.model.scaled(width, height))
+        image = image_message(header, pixels, 'mono16' if pixels.dtype == np.uint16 else '')
+        return [(f'{camera}/image_raw', image), (f'{camera}/camera_info', calibration)]
 
     def decode_depth(self, stamped: StampedImage) -> list[Output]:
         """The message of a depth image. Raises ValueError if it is not a 16-bit PNG."""
@@ -229,14 +237,14 @@ class BridgeStage:
 
     def counts(self) -> dict[str, float]:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
-        audio, assembler = self._audio.decoder.counts, self._images.assembler
+        audio, assemblers = self._audio.decoder.counts, [each.assembler for each in self._images.values()]
         clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
                   for what, count in (('undated', counts.refused), ('of other senders', counts.foreign),
                                       ('clock restarts', counts.restarts))}
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
                 'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
-                'audio overwritten frames': self._ring.overwritten, 'image lost': assembler.incomplete,
-                'image reordered': assembler.reordered, 'imu lost': self._imu.lost,
+                'audio overwritten frames': self._ring.overwritten, 'image lost': sum(each.incomplete for each in assemblers),
+                'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu.lost,
                 'odometry unusable': self._unusable_odometry,
                 'commands unusable': self._unusable_commands, 'clock restarts': self._clock.restarts,
                 'time sync offset (s)': self._time_sync.offset_s,

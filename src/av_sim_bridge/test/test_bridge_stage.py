@@ -30,6 +30,7 @@ from av_sim_bridge.wire.imu import ImuSample, encode_imu
 from av_sim_bridge.wire.oracle import OracleBox, encode_oracle
 from av_sim_bridge.wire.rig_control import decode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
+from av_vision.messages import image_from_message
 
 RIG = Path(__file__).resolve().parents[3] / 'config' / 'rig.yaml'
 EPOCH = 1_700_000_000.0    # s, ROS time of the sender's zero
@@ -37,8 +38,8 @@ SENDER = ('127.0.0.1', 50_000)
 BLOCK, RATE = 1600, 48_000
 
 
-def make_stage(**settings):
-    return BridgeStage(load_rig(RIG), AudioFormat(), BridgeSettings(**settings))
+def make_stage(rig='rig', **settings):
+    return BridgeStage(load_rig(RIG.with_name(f'{rig}.yaml')), AudioFormat(), BridgeSettings(**settings))
 
 
 def delays(count, rng):
@@ -86,6 +87,30 @@ def test_the_oracle_is_silent_unless_asked_for():
     stage = make_stage()
     stage.on_image(encode_image(EncodedImage(0.0, b'data'))[0], EPOCH, SENDER)
     assert stage.on_image(encode_oracle([]), EPOCH, SENDER) is None
+
+
+def test_each_of_two_cameras_has_topics_and_a_frame_of_its_own(rng):
+    """Raw counts of a thermal camera arrive as they were; at one time of capture both images carry one stamp."""
+    stage = make_stage('rig_two_cameras', oracle_detections=True)
+    seen, counts = rng.integers(0, 255, (48, 64, 3), np.uint8), rng.integers(27_000, 31_000, (256, 320), np.uint16)
+    topics, messages = [], []
+    for camera, image in (('camera', seen), ('second_camera', counts)):
+        encoded = EncodedImage(2.0, cv2.imencode('.png', image)[1].tobytes())
+        *_, stamped = [stage.on_image(datagram, EPOCH + 2.0, SENDER, camera) for datagram in encode_image(encoded)]
+        report = stage.on_image(encode_oracle([OracleBox(2, 0.75, 10.0, 20.0, 30.0, 60.0)]), EPOCH + 2.0, SENDER, camera)
+        outputs = stage.decode_image(stamped, camera)
+        topics += [topic for topic, _ in outputs]
+        messages.append([message for _, message in outputs])
+        assert {message.header.frame_id for message in messages[-1]} == {report.header.frame_id}
+    assert topics == ['camera/image_raw', 'camera/camera_info', 'second_camera/image_raw', 'second_camera/camera_info']
+    (colour, _), (thermal, info) = messages
+    assert (colour.encoding, colour.header.frame_id) == ('bgr8', 'camera_optical_frame')
+    assert (thermal.encoding, thermal.header.frame_id) == ('mono16', 'thermal_optical_frame')
+    assert thermal.header.stamp == colour.header.stamp and (info.width, info.height) == (320, 256)
+    np.testing.assert_array_equal(image_from_message(thermal), counts)
+    grey = cv2.imencode('.jpg', np.full((256, 320), 90, np.uint8))[1].tobytes()
+    (_, image), _ = make_stage('rig_thermal').decode_image(StampedImage(EncodedImage(0.0, grey), EPOCH))
+    assert (image.encoding, image.header.frame_id) == ('mono8', 'thermal_optical_frame')
 
 
 def test_depth_carries_the_stamp_of_its_image():

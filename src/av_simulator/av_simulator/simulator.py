@@ -142,7 +142,7 @@ class Simulator:
         self._socket = sending_socket(address)
         self._clock, self._send_to = clock, send or self._socket.sendto
         self._stopped = False
-        self._renderer: RenderProcess | None = None
+        self._renderers: dict[str, RenderProcess] = {}    # by camera
         self._start = math.nan    # s, monotonic time of the world's beginning, NaN before
         self._start_ms = 0
         self._sequence = 0
@@ -167,17 +167,18 @@ class Simulator:
         """
         self._begin = begin
         samples = self.world.sample_rate // self.options.block_rate
-        if self.options.image_rate:
-            self._renderer = RenderProcess(self.world.renderer_factory, self.options.renderer, self.options.jpeg_quality,
-                                  self.world.view(0, 0.0), self.options.depth)
+        for camera in self.world.rig.cameras if self.options.image_rate else ():
+            self._renderers[camera] = RenderProcess(
+                self.world.renderer_factory(camera), self.options.renderer, self.options.jpeg_quality,
+                self.world.view(0, 0.0, camera), self.options.depth and camera == 'camera')
         try:
-            if self._renderer is not None:
-                self._renderer.open(lambda: not self._stopped)
+            for renderer in self._renderers.values():
+                renderer.open(lambda: not self._stopped)
             while self.world.time < duration and not self._stopped:
                 self._step(samples)
         finally:
-            if self._renderer is not None:
-                self._send_images(self._renderer.close())
+            for camera, renderer in self._renderers.items():
+                self._send_images(camera, renderer.close())
 
     def _step(self, samples: int) -> None:
         self._take_commands()
@@ -215,9 +216,10 @@ class Simulator:
         """Sleep until the simulated time `moment` (s) and send completed images meanwhile; False if stopped."""
         while True:
             left = max(-self._lag(moment), 0.0)
-            if self._renderer is not None and self._renderer.busy:
-                self._send_images(self._renderer.ready(left))
-            else:
+            busy = [camera for camera, renderer in self._renderers.items() if renderer.busy]
+            for camera in busy:
+                self._send_images(camera, self._renderers[camera].ready(left / len(busy)))
+            if not busy:
                 self._clock.sleep(left)
             if self._stopped or self._lag(moment) >= 0.0:
                 return not self._stopped
@@ -297,15 +299,16 @@ class Simulator:
         if self._lag(moment) > self.LATE:    # sound has priority over images
             self.counts.images_skipped += 1
             return
-        view = self.world.view(round(moment * self.options.image_rate), moment)
-        if self._renderer is None or not self._renderer.request(view):
-            self.counts.images_skipped += 1
+        for camera, renderer in self._renderers.items():
+            if not renderer.request(self.world.view(round(moment * self.options.image_rate), moment, camera)):
+                self.counts.images_skipped += 1
 
-    def _send_images(self, frames: list[CameraFrame]) -> None:
+    def _send_images(self, camera: str, frames: list[CameraFrame]) -> None:
+        port = self.options.ports.image if camera == 'camera' else self.options.ports.second_image
         for frame in frames:
             frame_id = frame.view.index if self.options.image_frame_ids else None
-            for data, port in ((frame.jpeg, self.options.ports.image), (frame.depth, self.options.ports.depth)):
+            for data, receiver in ((frame.encoded, port), (frame.depth, self.options.ports.depth)):
                 for datagram in encode_image(EncodedImage(frame.view.time, data, frame_id)):
-                    self._send(datagram, port)
-            self._send(encode_oracle(frame.boxes), self.options.ports.image)
+                    self._send(datagram, receiver)
+            self._send(encode_oracle(frame.boxes), port)
             self.counts.images += 1

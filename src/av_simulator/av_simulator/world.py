@@ -65,17 +65,17 @@ class World:
         """End of the newest step (s)."""
         return self._samples / self.sample_rate
 
-    @property
-    def renderer_factory(self) -> RendererFactory:
-        """Factory of renderers for this world, which may be used in another process."""
+    def renderer_factory(self, camera: str = 'camera') -> RendererFactory:
+        """Factory of renderers for one of the rig's cameras, which may be used in another process."""
+        seen_by = self.rig.cameras[camera]
         drones = tuple((target.size, self._rotors(number)) for number, target in enumerate(self.scenario.targets))
-        return RendererFactory(self.rig.camera.model, self.scenario.scene, drones[:MOST_DRONES],
+        return RendererFactory(seen_by.model, self.scenario.scene, drones[:MOST_DRONES],
                      tuple(_seen(obstacle) for obstacle in self.scenario.obstacles), self.seed,
-                     self.scenario.weather.temperature_c)
+                     self.scenario.weather.temperature_c, seen_by.palette if seen_by.kind == 'thermal' else '')
 
     def renderer(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
         """A renderer for this world's views, which only the calling thread may use; see `RendererFactory.make`."""
-        return self.renderer_factory.make(kind, samples, everything)
+        return self.renderer_factory().make(kind, samples, everything)
 
     def solids(self) -> list[Solid]:
         """All solids of the scene that can occlude a drone."""
@@ -117,14 +117,15 @@ class World:
                    self._rotor_rpm(number, t), strict=True)
         return [VehicleState(*row) for row in rows]
 
-    def camera_pose(self, time: float) -> tuple[NDArray, NDArray]:
-        """Position (m, (3,)) of the camera in ENU, and rotation ((3, 3)) from its optical frame to ENU.
+    def camera_pose(self, time: float, camera: str = 'camera') -> tuple[NDArray, NDArray]:
+        """Position (m, (3,)) of a camera in ENU, and rotation ((3, 3)) from its optical frame to ENU.
 
         Parameters:
             time (s): time within the newest step.
+            camera: one of the rig's cameras.
         """
-        state, camera, gimbal = self.rig_state(time), self.rig.camera, self.dynamics.gimbal
-        position, rotation = np.array(camera.mount.position), camera.optical_to_body
+        state, mounted, gimbal = self.rig_state(time), self.rig.cameras[camera], self.dynamics.gimbal
+        position, rotation = np.array(mounted.mount.position), mounted.optical_to_body
         if gimbal is not None:
             turned = gimbal.rotation(time, state.attitude_wxyz)
             position, rotation = np.array(gimbal.mount.mount.position) + turned @ position, turned @ rotation
@@ -144,18 +145,19 @@ class World:
         measured = gimbal.rotation(time, self.rig_state(time).attitude_wxyz) @ Rotation.from_rotvec(error).as_matrix()
         return GimbalSample(number, time, Rotation.from_matrix(measured).as_quat()[[3, 0, 1, 2]], ENCODER_SIGMA**2)
 
-    def view(self, index: int, time: float) -> View:
-        """The camera's view.
+    def view(self, index: int, time: float, camera: str = 'camera') -> View:
+        """A camera's view.
 
         Parameters:
             index: number of the image.
             time (s): time within the newest step.
+            camera: one of the rig's cameras.
         """
-        weather, model = self.scenario.weather, self.rig.camera.model
-        position, rotation = self.camera_pose(time)
+        weather, model = self.scenario.weather, self.rig.cameras[camera].model
+        position, rotation = self.camera_pose(time, camera)
         drones = [self._drone(number, time) for number in range(min(len(self.scenario.targets), MOST_DRONES))]
         # Distant stationary objects move in the image opposite to the camera's rotation.
-        turn = Rotation.from_matrix(self.camera_pose(time - SHUTTER)[1].T @ rotation).as_rotvec() / SHUTTER
+        turn = Rotation.from_matrix(self.camera_pose(time - SHUTTER, camera)[1].T @ rotation).as_rotvec() / SHUTTER
         motion = (-model.fx * turn[1], model.fy * turn[0])
         return View(index, time, position, rotation,
                     weather.atmosphere(time), drones, float(weather.daylight(time)), float(weather.exposure(time)), motion)

@@ -30,6 +30,8 @@ from av_sim_bridge.receiving.streams import (
 from av_sim_bridge.vehicle import VehicleState, to_truth
 from av_sim_bridge.wire.audio import AudioFormat
 from av_sim_bridge.wire.gimbal import decode_gimbal
+from av_sim_bridge.wire.image import decode_fragment
+from av_sim_bridge.wire.oracle import decode_oracle, is_oracle
 from av_sim_bridge.wire.rig_control import RigControl, encode_rig_control
 from av_sim_bridge.wire.truth import encode_truth
 from av_simulator.config_files import find_config
@@ -373,6 +375,27 @@ def test_depth_of_the_same_instant_goes_to_the_next_port():
     assert depth.dtype == np.uint16 and depth.shape == (480, 640)
     assert depth[round(y), round(x)] == pytest.approx(8000.0 - 1000.0 * world.rig.camera.mount.position[0], abs=250.0)
     assert depth[5].min() == 65_535    # the sky
+
+
+def test_a_second_camera_sees_the_same_instants_from_its_own_place():
+    """One drone before a visible and a thermal camera: boxes of both, in pixels of each, at the next port but one."""
+    scenario = dataclasses.replace(SCENARIO, targets=(Target(Static((8.0, 1.0, 2.5))),), scene=Field(), duration=0.5)
+    ports, rig = free_ports(), load_rig(find_config('rig_two_cameras'))
+    sent = {ports.image: [], ports.second_image: []}
+    simulator = Simulator(World(scenario, rig), WireOptions(ports=ports, image_rate=4.0, renderer='scene', speed=0.2),
+                          send=lambda datagram, to: sent.get(to[1], []).append(datagram))
+    simulator.run(0.5)
+    simulator.close()
+    for (camera, mount), datagrams in zip(rig.cameras.items(), sent.values(), strict=True):
+        parts = [decode_fragment(one) for one in datagrams if not is_oracle(one)]
+        first = b''.join(one.payload for one in parts if one.time == parts[0].time)
+        pixels = cv2.imdecode(np.frombuffer(first, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert {one.time for one in parts} <= {0.25, 0.5}
+        assert (pixels.dtype, pixels.shape[:2]) == ((np.uint8, (480, 640)) if camera == 'camera' else (np.uint16, (256, 320)))
+        (box,), *_ = [decode_oracle(one) for one in datagrams if is_oracle(one)]
+        view = simulator.world.view(0, 0.5, camera)
+        (x, y), = mount.model.project(view.to_optical(np.array([[8.0, 1.0, 2.5]])))
+        assert box.min_x - 2 < x < box.max_x + 2 and box.min_y - 2 < y < box.max_y + 2
 
 
 def test_a_renderer_without_depth_says_so():

@@ -1,4 +1,4 @@
-"""The detector that ships with the package."""
+"""The detectors that ship with the package."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from pathlib import Path
 
 from av_common.shipped import shipped_file
 
+FILES = {'visible': 'drone_detector.onnx', 'thermal': 'drone_detector_ir.onnx'}
 
-def shipped_model() -> Path:
-    """Path of the model file, in the source tree or in the share folder of the installed package."""
-    return shipped_file('av_vision', 'models', 'drone_detector.onnx')
+
+def shipped_model(camera_kind: str = 'visible') -> Path:
+    """Path of the model file for a kind of camera, in the source tree or in the share folder of the installed package."""
+    return shipped_file('av_vision', 'models', FILES[camera_kind])

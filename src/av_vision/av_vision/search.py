@@ -1,9 +1,10 @@
 """Where to look in an image: cheap regions one after the other instead of the whole image at full resolution.
 
 A network takes time in proportion to the pixels that it is given. Few of them matter: those around a track or a bearing of the
-fusion. The rest is searched tile by tile over several images, and the whole image at low resolution for large
-objects. Each of these cues falls due after its own period; the most overdue ones are looked at (earliest deadline first,
-relative to the period). All times are capture times, so that a sequence of images gives the same regions again.
+fusion. The target comes first: the most likely track, or the bearing. The rest is searched tile by tile over several images,
+and the whole image at low resolution for large objects. Each of these cues falls due after its own period; the most overdue
+ones are looked at (earliest deadline first, relative to the period). All times are capture times, so that a sequence of images
+gives the same regions again.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ OVERLAP = 0.2                      # share of a tile that is common with its nei
 CONTEXT = 3.0                      # side of a crop in units of its object
 TRACK_S, BEARING_S, NEAR_S, SWEEP_S = 0.06, 0.15, 0.25, 1.5  # periods of the cues
 SEARCHED_S = 2.0                   # age of the oldest look at a tile up to which the whole image counts as searched
+ASIDE = 4                          # where there is time for one region, each so manieth image is for all but the target
 FULL = 11                          # regions that take as long as the whole image at full resolution
 SIGMAS = 2.0                       # half width of a bearing's crop in standard deviations
 
@@ -81,6 +83,7 @@ class RegionPlanner:
         self._tiles: list[tuple[int, int]] = []
         self._looked = np.empty(0)  # when each tile was looked at
         self._last: dict[str, float] = {}
+        self._images = 0
 
     def plan(self, shape: tuple[int, int], time: float, tracks: Sequence[Cue],
              bearing: BearingCue | None = None) -> list[Region]:
@@ -97,8 +100,13 @@ class RegionPlanner:
             self.counts['full'] += 1
             self.planned = 0
             return []
-        due = [*self._due_tracks(tracks), *self._due_tiles(time, bearing), *self._due_cues(time, bearing)]
-        due.sort(key=lambda one: -one[0])
+        followed, cues = self._due_tracks(tracks), self._due_cues(time, bearing)
+        due = sorted([*followed, *self._due_tiles(time, bearing), *cues], key=lambda one: -one[0])
+        target = next((one for one in (*followed, *cues) if one[1].kind in ('track', 'bearing')), None)
+        self._images += 1
+        if target is not None:
+            due.remove(target)
+            due.insert(self.regions == 1 and self._images % ASIDE == 0, target)
         regions = [region for _, region in due[:self.regions]]
         for region in regions:
             self._last[region.kind] = time

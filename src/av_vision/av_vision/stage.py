@@ -19,6 +19,7 @@ from av_common.stamps import to_seconds
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.camera_pose import AttitudeHistory, CameraPose, direction, pixel_of
 from av_vision.encoded_image import MOST_PIXELS, check_pixels
+from av_vision.image import AutomaticGain
 from av_vision.messages import detections_message, header_of, image_from_message, visibility_message
 from av_vision.methods import DETECTORS, ForeignDetector
 from av_vision.models import shipped_model
@@ -35,6 +36,9 @@ RotationOf = Callable[[str, float], NDArray[np.float64] | None]
 class DetectionStage:
     """Detects objects in every image and estimates visibility in some of them.
 
+    Attributes:
+        shown (h, w[, channels]): the newest image, in 8 bits; None before the first.
+
     Parameters:
         detector: the detector and its state over images.
         visibility: rate and scene of estimates of visibility; None for no estimates.
@@ -48,6 +52,8 @@ class DetectionStage:
                  camera: PinholeCamera | None = None, most_pixels: int = MOST_PIXELS,
                  rotation_of: RotationOf = lambda frame, time: None) -> None:
         self.detector = detector
+        self.shown: NDArray[np.uint8] | None = None
+        self._gain = AutomaticGain()
         self._most_pixels = most_pixels
         self._visibility = VisibilityReporter(visibility or VisibilitySettings(rate=0.0))
         self._camera, self._rotation_of, self._told = camera, rotation_of, False
@@ -67,8 +73,8 @@ class DetectionStage:
 
         Raises ValueError for an image that cannot be decoded or is too large, or is none of the camera.
         """
-        image = image_from_message(message, self._most_pixels)
         time, header = to_seconds(message.header.stamp), header_of(message)
+        image = self.shown = self._gain.apply(image_from_message(message, self._most_pixels), time)
         camera = self._camera_of(image.shape[1], image.shape[0])
         pose = self._pose(header.frame_id, time, camera)
         detections, tracks = self.detector.detect(image, time, pose, self._bearing_cue(pose, time))
@@ -171,7 +177,9 @@ def make_detection_stage(parameters: Any, camera: PinholeCamera | None = None,
     near = detector.model.near
     planner = RegionPlanner(detector.model.longest, near, p.regions or REGIONS) if near and p.search == 'adaptive' else None
     temporal = TemporalDetector(detector, temporal_fusion=p.temporal_fusion, planner=planner)
-    visibility = VisibilitySettings(p.visibility_rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
+    # How far light reaches says nothing about heat.
+    rate = 0.0 if p.camera_kind == 'thermal' else p.visibility_rate
+    visibility = VisibilitySettings(rate, p.visibility_distance, p.camera_height, math.radians(p.camera_pitch_deg))
     return DetectionStage(temporal, visibility, camera, p.max_image_pixels, rotation_of)
 
 
@@ -193,7 +201,8 @@ def own_detector(parameters: Any) -> Detector:
     Parameters:
         parameters: those of detector_node.
     """
-    return Detector(shipped_model() if parameters.model in ('', 'shipped') else parameters.model, _settings(parameters))
+    shipped = parameters.model in ('', 'shipped')
+    return Detector(shipped_model(parameters.camera_kind) if shipped else parameters.model, _settings(parameters))
 
 
 def _settings(p: Any) -> DetectorSettings:

@@ -23,10 +23,10 @@ MOST_TRACKS = 4  # that are looked at for their own sake
 class TemporalDetector:
     """A detector whose scores are fused over all images of an object.
 
-    With a model that has `score_fusion` in its metadata, class and score of a detection are the posterior of its track, and
-    boxes below the threshold can continue a track. With `motion` its path in the image counts, too. With other models, or
-    without `temporal_fusion`, the tracker only numbers the detections of each image. An object is reported from its first
-    image on.
+    With a model that has `score_fusion` in its metadata, class and score of a detection are the posterior of its track, as far
+    as it is likely the track's object, and boxes below the threshold can continue a track. With `motion` its path in the image
+    counts, too. With other models, or without `temporal_fusion`, the tracker only numbers the detections of each image. An
+    object is reported from its first image on.
 
     Parameters:
         detector: finds candidate boxes in one image.
@@ -96,18 +96,22 @@ class TemporalDetector:
         followed = [(k, track) for k, track in enumerate(tracks) if track is not None]
         for _, track in followed:
             track.looked = time
-        posterior = np.array([self._posterior(track, time) for _, track in followed])
+        posterior = np.array([self._posterior(track, time, candidates.probabilities[k]) for k, track in followed])
         fused = Candidates(candidates.boxes[[k for k, _ in followed]],
                            posterior.reshape(-1, candidates.probabilities.shape[1]))
         detections, selected = self.detector.select(fused, self._threshold)
         return detections, [self._tracker.number(followed[k][1]) for k in selected]
 
-    def _posterior(self, track: ImageTrack, time: float) -> NDArray[np.float64]:
-        """Probabilities (classes,) of a track of this image from its scores and, of those that are reported, its motion."""
+    def _posterior(self, track: ImageTrack, time: float, own: NDArray) -> NDArray[np.float64]:
+        """Probabilities (classes,) of a box: its track's as far as it is the track's object's, else its `own` (classes,).
+
+        Those of the track follow from its scores and, of classes that are reported, its motion.
+        """
         track.path.add(time, track.centre, float((track.size - self.detector.model.box_padding).max()))
         fused = track.scores.probabilities()
         moved = 1.0 / (1.0 + np.exp(-logit(fused) - self._motion.log_odds(track.path)))
-        return np.where(self.detector.kept, moved, fused)
+        of_track = np.where(self.detector.kept, moved, fused)
+        return track.continued * of_track + (1.0 - track.continued) * own
 
     def searched(self, time: float) -> bool:
         """Whether the image of a capture time (s) could have shown every object: nothing else makes their absence evidence.
@@ -118,8 +122,8 @@ class TemporalDetector:
         return self.planner is None or (not unseen and self.planner.searched(time))
 
     def _cues(self, time: float) -> list[Cue]:
-        """Where tracks are expected, those of the highest scores first."""
-        ranked = sorted(self._tracker.tracks, key=lambda track: -track.scores.probabilities().max())
+        """Where tracks are expected, those that are most likely of a class to report first."""
+        ranked = sorted(self._tracker.tracks, key=lambda track: -track.scores.probabilities()[self.detector.kept].max())
         return [Cue(track.predicted(time), float(track.size.max()), time - track.looked) for track in ranked[:MOST_TRACKS]]
 
     def reset(self) -> None:

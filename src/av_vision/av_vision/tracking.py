@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -9,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from av_vision.continuation import log_odds
 from av_vision.detections import Candidates
 from av_vision.motion import Path
 from av_vision.score_fusion import SINGLE_IMAGE, ScoreFusion, ScoreFusionModel
 
 # A candidate below this score can continue a track, but not begin one (Zhang et al. 2022, ByteTrack, arXiv:2110.06864).
 BEGIN = 0.1
-LARGEST_SIZE_RATIO = 3.0  # largest ratio of the sizes of two boxes of one object in successive images
-SIZE_COST = 0.5   # cost of a factor e in size, in units of the reach
-SCORE_COST = 0.5  # cost of a score of 0 instead of 1
+SMOOTHING = 0.4  # weight of the newest velocity
+IMPOSSIBLE = 1e6  # more than any log-odds, so that such a pair is never selected instead of possible ones
 
 
 @dataclass
@@ -32,6 +33,8 @@ class ImageTrack:
         scores: posterior of the classes.
         looked (s): capture time of the last image that was searched for it.
         path: where it was, for what its motion says.
+        boxes, missed: numbers of images in which it was found, and looked for in vain.
+        continued (0-1): probability that the last box is its object.
         id: 0 until `Tracker.number` assigns one.
     """
 
@@ -42,6 +45,9 @@ class ImageTrack:
     scores: ScoreFusion
     looked: float = -np.inf
     path: Path = field(default_factory=Path)
+    boxes: int = 1
+    missed: int = 0
+    continued: float = 1.0
     id: int = 0
 
     def predicted(self, time: float) -> NDArray[np.float64]:
@@ -50,25 +56,18 @@ class ImageTrack:
 
 
 class Tracker:
-    """Assigns boxes to tracks of constant velocity, by the Hungarian method on distances in units of box sizes.
+    """Assigns boxes to tracks of constant velocity, by the Hungarian method on the log-odds of `continuation`.
 
-    Classes are not used for the assignment: the class of an object follows from its track.
+    A box that is more likely something else continues no track, which was missed then.
 
     Parameters:
         max_gap_s (s): time for which a track is kept without a detection.
         model: statistics of the scores of a track.
-        reach (box sides): largest distance from the predicted centre, growing by the same amount for each second of a gap.
-        reach_px (pixels): least reach, for tiny boxes.
-        smoothing (0-1): weight of the newest velocity.
     """
 
-    def __init__(self, max_gap_s: float = 1.0, model: ScoreFusionModel = SINGLE_IMAGE, reach: float = 1.5,
-                 reach_px: float = 30.0, smoothing: float = 0.4) -> None:
+    def __init__(self, max_gap_s: float = 1.0, model: ScoreFusionModel = SINGLE_IMAGE) -> None:
         self._max_gap_s = max_gap_s
         self._model = model
-        self._reach = reach
-        self._reach_px = reach_px
-        self._smoothing = smoothing
         self._begin = BEGIN if model.memory_s > 0.0 else 0.0
         self._tracks: list[ImageTrack] = []
         self._next = 1
@@ -104,10 +103,13 @@ class Tracker:
             self.reset()
         self._tracks = [track for track in self._tracks if time - track.time <= self._max_gap_s]
         found: list[ImageTrack | None] = [None] * len(candidates)
-        for row, column in self._assign(candidates, time):
+        odds = self._assign(candidates, time)
+        for row, column in odds:
             found[column] = self._tracks[row]
+            self._tracks[row].continued = 1.0 / (1.0 + math.exp(-odds[row, column]))
         for track in self._tracks:
             if not any(track is one for one in found) and searched(track):
+                track.missed += 1
                 track.scores.miss(time)
         for k, assigned in enumerate(found):
             if assigned is not None:
@@ -126,27 +128,21 @@ class Tracker:
             track.id, self._next = self._next, self._next + 1
         return track.id
 
-    def _assign(self, candidates: Candidates, time: float) -> list[tuple[int, int]]:
+    def _assign(self, candidates: Candidates, time: float) -> dict[tuple[int, int], float]:
+        """Log-odds of the pairs of a track and a candidate that belong together."""
         if not self._tracks or not len(candidates):
-            return []
-        expected = np.array([track.predicted(time) for track in self._tracks])
-        sides = np.array([track.size.max() for track in self._tracks])
-        gaps = np.array([time - track.time for track in self._tracks])
-        apart = np.linalg.norm(expected[:, None] - candidates.centres[None], axis=2)
-        apart /= (np.maximum(self._reach * sides, self._reach_px) * (1.0 + gaps))[:, None]
-        largest = np.maximum(candidates.sizes.max(axis=1), 1.0)
-        ratio = np.abs(np.log(largest[None] / np.maximum(sides, 1.0)[:, None]))
-        possible = (apart <= 1.0) & (ratio <= np.log(LARGEST_SIZE_RATIO))
-        # A pair out of reach costs more than any number of pairs within reach, so that it is never selected instead of these.
-        cost = np.where(possible, apart + SIZE_COST * ratio - SCORE_COST * candidates.scores[None], 1e6)
-        rows, columns = linear_sum_assignment(cost)
-        return [(row, column) for row, column in zip(rows, columns, strict=True) if possible[row, column]]
+            return {}
+        odds = log_odds(self._tracks, candidates, time, self._model.prior)
+        rows, columns = linear_sum_assignment(np.where(odds > 0.0, -odds, IMPOSSIBLE))
+        return {(row, column): float(odds[row, column])
+                for row, column in zip(rows.tolist(), columns.tolist(), strict=True) if odds[row, column] > 0.0}
 
     def _follow(self, track: ImageTrack, candidates: Candidates, k: int, time: float) -> None:
         centre = candidates.centres[k].astype(float)
         if time > track.time:
             moved = (centre - track.centre) / (time - track.time)
-            track.velocity += self._smoothing * (moved - track.velocity)
+            track.velocity += SMOOTHING * (moved - track.velocity)
+        track.boxes += 1
         track.centre, track.size, track.time = centre, candidates.sizes[k].astype(float), time
         track.scores.add(candidates.probabilities[k], time)
 

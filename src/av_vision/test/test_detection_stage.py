@@ -114,6 +114,20 @@ def test_images_that_cannot_be_decoded_are_refused_and_the_next_is_used(model):
     assert len(stage.on_image(image_at(2.0), 2.0)[0].detections) == 1
 
 
+def test_raw_counts_of_a_thermal_camera_give_no_visibility_and_a_steady_picture(model):
+    stage = make(model, camera_kind='thermal')
+    counts = np.random.default_rng(0).normal(7300.0, 5.0, (416, 416)).astype(np.uint16)
+    counts[50:60, 200:215] += 400
+    message = image_message(header(1.0), counts, 'mono16')
+    detections, visibility = stage.on_image(message, 1.0)
+    assert len(detections.detections) == 1 and visibility is None
+    assert stage.shown.dtype == np.uint8 and stage.shown[55, 205] == 255
+    before = stage.shown.mean()
+    counts[200:] += 3000  # the shutter of the sensor, or a wall, within one image
+    stage.on_image(image_message(header(1.03), counts, 'mono16'), 1.03)
+    assert abs(stage.shown[:40].mean() - before) < 15.0
+
+
 def test_the_old_name_of_temporal_fusion_is_refused_with_the_new(tmp_path):
     file = tmp_path / 'parameters.yaml'
     file.write_text('detector_node:\n  ros__parameters: {still: true}\n')

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from av_vision.image import to_bgr8
+from av_vision.image import AutomaticGain, to_bgr8
 
 COLOUR = np.random.default_rng(0).integers(0, 256, (7, 11, 3), np.uint8)
 
@@ -18,3 +18,44 @@ def test_any_depth_becomes_8_bit_colour():
     for nothing in (np.empty((0, 4, 3), np.uint8), np.zeros(5, np.uint8), np.zeros((4, 4, 2), np.uint8)):
         with pytest.raises(ValueError, match='no image'):
             to_bgr8(nothing)
+
+
+def sky(seed, noise=4.0):
+    """Raw counts of a thermal camera: a sky that is warmer below, with noise."""
+    rows = np.linspace(7000.0, 7400.0, 256)[:, None]
+    return rows + np.random.default_rng(seed).normal(0.0, noise, (256, 320))
+
+
+def test_the_gain_does_not_flicker_when_something_hot_passes():
+    """A truck that takes a tenth of the view enters within one image; the sky's grey hardly changes from image to image."""
+    gain, levels, at_once = AutomaticGain(), [], []
+    for k in range(400):
+        counts = sky(k)
+        if 50 <= k < 250:
+            counts[200:, 100:240] = 9500.0
+        image = counts.clip(0, 65535).astype(np.uint16)
+        levels.append(gain.apply(image, k / 30.0)[:150].mean())
+        at_once.append(to_bgr8(image)[:150].mean())
+    assert np.abs(np.diff(at_once)).max() > 40.0  # what a range of each image by itself would do
+    assert np.abs(np.diff(levels)).max() < 5.0
+    assert levels[240] == pytest.approx(at_once[240], abs=2.0)  # it has followed after some seconds
+    assert levels[-1] == pytest.approx(at_once[-1], abs=2.0)
+
+
+def test_a_plain_sky_is_shown_without_its_noise():
+    plain = np.random.default_rng(1).normal(7000.0, 4.0, (256, 320)).astype(np.uint16)
+    shown = AutomaticGain().apply(plain, 0.0)
+    assert shown.std() < 255.0 / 18.0
+    assert shown.mean() == pytest.approx(127.5, abs=10.0)
+    hot = plain.copy()
+    hot[100:104, 100:106] += 60  # fifteen times the noise, far less than a hundredth of the image
+    assert AutomaticGain().apply(hot, 0.0)[100:104, 100:106].min() > 200
+
+
+def test_the_gain_begins_anew_with_another_size_and_after_a_loop():
+    gain = AutomaticGain()
+    first = gain.apply(sky(0).astype(np.uint16), 5.0)
+    gain.apply(20000 + sky(1).astype(np.uint16), 5.1)
+    np.testing.assert_array_equal(gain.apply(sky(0).astype(np.uint16), 1.0), first)
+    small = sky(2).astype(np.uint16)[:100, :100]
+    np.testing.assert_array_equal(gain.apply(small, 1.1), AutomaticGain().apply(small, 0.0))

@@ -44,6 +44,25 @@ def test_a_track_is_looked_at_in_nearly_every_image_and_the_rest_is_not_forgotte
     assert plan.searched(10.0)
 
 
+@pytest.mark.parametrize('pace', [15.0, 5.0])
+@pytest.mark.parametrize('bearing', [None, BearingCue(np.array([400.0, 300.0]), np.array([8.0, 8.0]))])
+def test_the_target_has_most_looks_where_there_is_time_for_one(pace, bearing):
+    """One region of each image: three of four are the target's, or the bearing's; the rest still covers all in its turn."""
+    plan, centre, bird, looked, other, near = planner(1), np.array([400.0, 300.0]), np.array([60.0, 60.0]), 0.0, 0.0, set()
+    plan.plan(SHAPE, 0.0, [])
+    hits = 0
+    for k in range(1, 241):
+        time = k / pace
+        tracks = [] if bearing else [Cue(centre, 20.0, time - looked), Cue(bird, 20.0, time - other)]
+        region, = plan.plan(SHAPE, time, tracks, bearing)
+        if region.kind in ('track', 'bearing') and region.holds(centre, 20.0):
+            hits, looked = hits + 1, time
+        other = time if region.holds(bird, 20.0) else other
+        near.add((region.kind, region.x, region.y))
+    assert hits >= 0.7 * 240
+    assert sum(kind == 'tile' for kind, *_ in near) == 12 and ('near', 0, 0) in near
+
+
 def test_a_large_object_gets_a_large_region():
     plan = planner()
     plan.plan(SHAPE, 0.0, [])

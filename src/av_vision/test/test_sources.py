@@ -183,6 +183,45 @@ def test_a_device_is_configured_and_its_stamps_are_of_the_capture(monkeypatch):
     assert settings == expected
 
 
+class GreyDevice:
+    """A thermal camera behind OpenCV: raw counts of 16 bits where they are asked for, as its driver allows."""
+
+    formats = ('Y16 ',)
+
+    def __init__(self, address, api):
+        self.settings = {}
+
+    def isOpened(self):  # noqa: N802
+        return True
+
+    def set(self, name, value):
+        known = name != cv2.CAP_PROP_FOURCC or value in [cv2.VideoWriter.fourcc(*one) for one in self.formats]
+        self.settings[name] = value if known else cv2.VideoWriter.fourcc(*'YUYV')
+
+    def get(self, name):
+        return self.settings.get(name, 0.0)
+
+    def read(self):
+        raw = self.settings.get(cv2.CAP_PROP_CONVERT_RGB, 1) == 0
+        return True, np.full((256, 320), 7300, np.uint16) if raw else np.zeros((256, 320, 3), np.uint8)
+
+    def release(self):
+        pass
+
+
+def test_raw_counts_of_a_thermal_camera_are_asked_for(monkeypatch):
+    monkeypatch.setattr(cv2, 'VideoCapture', GreyDevice)
+    source = DeviceSource('0', 320, 256, pixel_format='Y16')
+    source.open()
+    image = source.read().pixels
+    assert (image.dtype, image.shape, image[0, 0]) == (np.uint16, (256, 320), 7300)
+    with pytest.raises(SourceError, match='no images of GREY'):
+        DeviceSource('0', 320, 256, pixel_format='GREY').open()
+    monkeypatch.setattr(GreyDevice, 'read', lambda self: (True, np.zeros((256, 320, 3), np.uint8)))
+    with pytest.raises(SourceError, match='not Y16'):
+        source.read()
+
+
 class Unplugged:
     """Gives three images, is lost, refuses to open twice, and comes back."""
 

@@ -1,6 +1,7 @@
 """A detector with a memory, on networks whose answers are known."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -88,3 +89,50 @@ def test_motion_counts_against_what_flies_straight(tmp_path):
     assert scores['straight'] - scores['bent'] < 0.0
     difference = logit(scores['bent']) - logit(scores['straight'])
     assert difference == pytest.approx(gain * np.log((neutral + FAINT) / FAINT), abs=0.02)
+
+
+CALIBRATED = {**NAMES, 'score_fusion': json.dumps({'prior': -0.8, 'correlation': 1.0, 'memory_s': 3.0, 'floor': 0.02,
+                                                   'threshold': 0.4})}
+
+
+def followed(folder, *boxes):
+    """Scores of what is reported in the last of some images: a drone of 60 pixels that flies by, then `boxes`.
+
+    A box is its distance in pixels from where the drone would be, its side, and its scores as bird and drone.
+    """
+    detection = TemporalDetector(detector(folder, 0.9, CALIBRATED))
+    for k in range(12):
+        x, looks = 80.0 + 6.0 * k, boxes if k == 11 else [(0.0, 60.0, 0.001, 0.95)]
+        corners = [[x + off - side / 2, 200 - side / 2, x + off + side / 2, 200 + side / 2] for off, side, *_ in looks]
+        candidates = Candidates(np.float32(corners).reshape(-1, 4), np.float32([look[2:] for look in looks]).reshape(-1, 2))
+        found, _ = detection.fuse(candidates, 0.1 * k)
+    missed = detection._tracker.tracks[0].missed
+    return found.scores.tolist(), missed
+
+
+def test_a_wrong_box_does_not_inherit_the_score_of_a_good_track(tmp_path):
+    """A tree beside the drone that was a bird to 0.05: it is nothing, and the drone was missed in that image."""
+    for off, side in ((50.0, 60.0), (25.0, 70.0), (0.0, 150.0), (-90.0, 55.0)):
+        assert followed(tmp_path, (off, side, 0.05, 0.004)) == ([], 1), (off, side)
+    # beside the drone itself it costs nothing
+    scores, missed = followed(tmp_path, (1.0, 61.0, 0.001, 0.9), (40.0, 70.0, 0.05, 0.004))
+    assert scores == [pytest.approx(0.95, abs=0.03)] and missed == 0
+
+
+def test_a_weak_box_where_the_track_expects_it_is_still_the_drone(tmp_path):
+    """Of the right boxes in clips 4 % have scores of their own below 0.28."""
+    for off, side, drone in ((2.0, 60.0, 0.2), (4.0, 55.0, 0.3), (0.0, 62.0, 0.1)):
+        (score,), missed = followed(tmp_path, (off, side, 0.01, drone))
+        assert score > 0.7 and missed == 0, (off, side, drone)
+
+
+def test_a_doubtful_box_has_its_own_score_as_far_as_it_is_doubtful(tmp_path):
+    """From where the track expects it to where it cannot be: from the track's score to the box's own, never beyond them."""
+    scores = [followed(tmp_path, (off, 60.0, 0.01, 0.5))[0][0] for off in np.arange(0.0, 200.0, 10.0)]
+    assert scores[0] > 0.85 and scores[-1] == pytest.approx(0.5, abs=1e-3)
+    assert all(0.5 - 1e-3 <= after <= before + 0.02 for before, after in pairwise(scores))
+
+
+def test_a_camera_that_shakes_without_telling_its_pose_loses_no_drone(tmp_path):
+    (score,), missed = followed(tmp_path, (45.0, 60.0, 0.001, 0.95))
+    assert score > 0.85 and missed == 0

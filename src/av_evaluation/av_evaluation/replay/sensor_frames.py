@@ -26,9 +26,10 @@ class SensorFrames:
         self._parents: dict[str, tuple[str, NDArray]] = {}
         carrier = rig.gimbal.frame if rig.gimbal else base_frame
         self._described = {
-            rig.array.frame: (base_frame, rig.array.mount.rotation), rig.base_frame: (base_frame, np.eye(3)),
-            rig.camera.frame: (carrier, rig.camera.mount.rotation),
-            rig.camera.optical_frame: (carrier, rig.camera.optical_to_body)}
+            rig.array.frame: (base_frame, rig.array.mount.rotation), rig.base_frame: (base_frame, np.eye(3))}
+        for camera in rig.cameras.values():
+            self._described |= {camera.frame: (carrier, camera.mount.rotation),
+                                camera.optical_frame: (carrier, camera.optical_to_body)}
         self._gimbal, self._carrier = gimbal, rig.gimbal.frame if rig.gimbal else ''
         self._known: dict[str, tuple[str, NDArray] | None] = {}
         self.unknown: set[str] = set()

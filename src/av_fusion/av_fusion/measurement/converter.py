@@ -29,7 +29,8 @@ class MeasurementConverter:
     """Converts `DoaArray` and `Detection2DArray` messages to measurements.
 
     Attributes:
-        camera: intrinsics of the camera; None while unknown, and detections are not converted until then.
+        camera: intrinsics of the camera of the newest CameraInfo, for detections in a frame of which none told; None while
+            unknown, and detections are not converted until then.
         problem: reason why the newest detections or CameraInfo could not be used; empty without one.
 
     Parameters:
@@ -43,6 +44,7 @@ class MeasurementConverter:
         self._rotation_of = rotation_of
         self._target_classes = frozenset(target_classes)
         self.camera = camera
+        self._cameras: dict[str, PinholeCamera] = {}  # by optical frame
         self.problem = ''
 
     def set_camera_info(self, message: Any) -> None:
@@ -53,8 +55,10 @@ class MeasurementConverter:
             self.problem = f'camera/camera_info: {error}'
             return
         self.problem = ''
-        if camera != self.camera:  # it comes with every image, and keeps what it has computed
-            self.camera = camera
+        frame = message.header.frame_id
+        if camera != self._cameras.get(frame):  # it comes with every image, and keeps what it has computed
+            self._cameras[frame] = camera
+        self.camera = self._cameras[frame]
 
     def doa(self, message: DoaArray) -> list[DoaMeasurement]:
         """One measurement for each ambiguity group, most confident first; none if the array's frame is unknown."""
@@ -69,14 +73,14 @@ class MeasurementConverter:
             message: the detections.
             visibility: visibility 0..1 of the image, NaN if unknown.
         """
-        if self.camera is None:
+        camera = self._cameras.get(message.header.frame_id, self.camera)
+        if camera is None:
             self.problem = self.problem or NO_CAMERA
             return None
         time = to_seconds(message.header.stamp)
         rotation = self._rotation_of(message.header.frame_id, time)
         if rotation is None:
             return None
-        camera = self.camera
         return image_in_body(time, camera, self._detections(message, camera, rotation), rotation, visibility)
 
     def _detections(self, message: Any, camera: PinholeCamera, rotation: NDArray[np.float64]) -> tuple[Detection, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,6 +19,7 @@ from av_common.node import RigNode, run
 from av_common.publishers import PERIOD_S as PUBLISHERS_PERIOD_S
 from av_common.publishers import Publishers
 from av_common.qos import IMAGE, RESULT, STREAM
+from av_common.rig import detections_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
 from av_sim_bridge.nodes.bridge_node_parameters import bridge_node as parameters
 from av_sim_bridge.receiving.allowed_senders import AllowedSenders, Refusals, SenderGate, ipv4, resolve
@@ -48,8 +50,11 @@ class BridgeNode(RigNode):
         self._settings = self.settings
         self._stage = make_bridge_stage(self._settings)
         self._check_addresses()
-        topics = {'audio/frames': (AudioFrame, STREAM), 'camera/image_raw': (Image, IMAGE),
-                  'camera/camera_info': (CameraInfo, RESULT), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM)}
+        topics = {'audio/frames': (AudioFrame, STREAM), 'truth/rig': (Odometry, RESULT), 'imu': (Imu, STREAM)}
+        for camera in self._stage.rig.cameras:
+            topics |= {f'{camera}/image_raw': (Image, IMAGE), f'{camera}/camera_info': (CameraInfo, RESULT)}
+            if self._settings.oracle_detections:
+                topics[detections_topic(camera)] = (Detection2DArray, RESULT)
         topics |= dict.fromkeys(self._stage.target_topics.values(), (Odometry, RESULT))
         if not self._settings.follow_odometry:
             topics['odometry'] = (Odometry, RESULT)
@@ -57,8 +62,6 @@ class BridgeNode(RigNode):
             topics['camera/depth/image_raw'] = (Image, IMAGE)
         if self._stage.rig.gimbal is not None:
             topics['gimbal/state'] = (GimbalState, RESULT)
-        if self._settings.oracle_detections:
-            topics['detections'] = (Detection2DArray, RESULT)
         self._outputs = {name: self.create_publisher(kind, name, qos) for name, (kind, qos) in topics.items()}
 
     def activate(self) -> None:
@@ -102,8 +105,12 @@ class BridgeNode(RigNode):
     def _open_streams(self, opened: ExitStack) -> None:
         stage, ports = self._stage, stream_ports(self._settings)
         truth = self._publishing(stage.on_truth)
-        handlers: dict[str, Handler] = {'audio': stage.on_audio, 'image': self._on_image}
-        self._images = self._consumer(opened, 'decode images', stage.decode_image)
+        handlers: dict[str, Handler] = {'audio': stage.on_audio}
+        self._images: dict[str, Consumer[StampedImage]] = {}
+        for camera, stream in zip(stage.rig.cameras, ('image', 'second_image'), strict=False):
+            decode = partial(stage.decode_image, camera=camera)
+            self._images[camera] = self._consumer(opened, f'decode images of {camera}', decode)
+            handlers[stream] = partial(self._on_image, camera)
         if 'depth' in ports:
             depths = self._consumer(opened, 'decode depth', stage.decode_depth)
             handlers['depth'] = lambda *datagram: _put(depths, stage.on_depth(*datagram))
@@ -138,12 +145,12 @@ class BridgeNode(RigNode):
         if message is not None:
             self._outputs['audio/frames'].publish(message)
 
-    def _on_image(self, datagram: bytes, arrival: float, sender: Sender) -> None:
-        result = self._stage.on_image(datagram, arrival, sender)
+    def _on_image(self, camera: str, datagram: bytes, arrival: float, sender: Sender) -> None:
+        result = self._stage.on_image(datagram, arrival, sender, camera)
         if isinstance(result, StampedImage):
-            self._images.put(result)
+            self._images[camera].put(result)
         elif result is not None:
-            self._publish([('detections', result)])
+            self._publish([(detections_topic(camera), result)])
 
     def _on_command(self, command: PointingCommand) -> None:
         self._send_control(self._stage.on_command(command, Instant(time.monotonic(), self.now())))
@@ -180,7 +187,9 @@ class BridgeNode(RigNode):
                 status.add(f'{name} last error', receiver.last_error)
         self._report_refusals(status)
         self._senders.report(status, time.monotonic())
-        counts = self._stage.counts() | {'image dropped': self._images.dropped, 'image undecodable': self._images.failed,
+        images = self._images.values()
+        counts = self._stage.counts() | {'image dropped': sum(each.dropped for each in images),
+                                         'image undecodable': sum(each.failed for each in images),
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():
             status.add(name, str(value))

@@ -23,7 +23,7 @@ def stream_ports(parameters: Any) -> dict[str, int]:
     if p.rig_id in targets:
         raise ValueError(f'rig_id is {p.rig_id}, which is one of the {p.targets} targets from target_id {p.target_id} on')
     ports = {name: getattr(p, f'{name}_port')
-             for name in ('audio', 'image', 'depth', 'rig_truth', 'target_truth', 'imu', 'gimbal', 'time_sync')}
+             for name in ('audio', 'image', 'depth', 'second_image', 'rig_truth', 'target_truth', 'imu', 'gimbal', 'time_sync')}
     ports |= {f'target_{number}_truth': p.target_truth_port + 2 * index for index, number in enumerate(targets) if index}
     ports = {name: port for name, port in ports.items() if port}
     own = p.control_host == 'localhost' or (p.control_host[:1].isdigit() and ipv4('control_host', p.control_host).is_loopback)

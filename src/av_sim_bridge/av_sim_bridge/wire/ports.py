@@ -10,8 +10,8 @@ class Ports:
     """UDP ports of one rig and its target.
 
     RFlySim numbers vehicles from 1. The true state of vehicle n has port 30101 + 2(n - 1), its IMU 31000 + n - 1, the
-    image of sensor s 9999 + s. The ports of commands to the simulated rig, `control`, and of its gimbal's orientation,
-    `gimbal`, are specific to this project.
+    image of sensor s 9999 + s; sensor 1 is the depth of sensor 0, sensor 2 the rig's second camera. The ports of commands to
+    the simulated rig, `control`, and of its gimbal's orientation, `gimbal`, are specific to this project.
     """
 
     audio: int = 28003
@@ -22,6 +22,7 @@ class Ports:
     time_sync: int = 20005
     control: int = 30100
     gimbal: int = 28005
+    second_image: int = 10001
 
     @property
     def depth(self) -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 import cv2
+import numpy as np
 
 from av_sim_bridge.wire.oracle import OracleBox
 from av_simulator.rendering.renderer_factory import RendererFactory
@@ -28,13 +29,13 @@ class CameraFrame:
 
     Parameters:
         view: the view that was rendered.
-        jpeg: the image as JPEG.
+        encoded: the image as JPEG, raw counts of a thermal camera as 16-bit PNG.
         boxes: report of the visual oracle.
         depth: depth (mm) as 16-bit PNG, empty if not requested.
     """
 
     view: View
-    jpeg: bytes
+    encoded: bytes
     boxes: list[OracleBox]
     depth: bytes = b''
 
@@ -131,6 +132,7 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
     # Images are small: one core suffices, and threads of Mesa's renderer would need 25 % more processor time.
     cv2.setNumThreads(1)
     os.environ.setdefault('LP_NUM_THREADS', '0')
+    quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
     try:
         renderer = factory.make(kind)
         if renderer.render(first).depth is None and depth:
@@ -139,9 +141,10 @@ def _work(connection: Connection, factory: RendererFactory, kind: str, jpeg_qual
         while True:
             view = connection.recv()
             image = renderer.render(view)
-            jpeg = cv2.imencode('.jpg', image.bgr, [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality])[1].tobytes()
+            raw = image.bgr.dtype == np.uint16
+            data = cv2.imencode('.png' if raw else '.jpg', image.bgr, FAST_PNG if raw else quality)[1].tobytes()
             png = b'' if not depth or image.depth_mm is None else cv2.imencode('.png', image.depth_mm, FAST_PNG)[1].tobytes()
-            connection.send(CameraFrame(view, jpeg, image.boxes, png))
+            connection.send(CameraFrame(view, data, image.boxes, png))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except Exception as error:    # noqa: BLE001 (every exception is raised again in the simulator)

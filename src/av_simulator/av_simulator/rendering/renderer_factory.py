@@ -28,6 +28,7 @@ class RendererFactory:
         obstacles: solids in addition to those of the scene.
         seed: seed of all random properties of the scene.
         air_c (deg C): temperature of the air, for thermal images.
+        palette: of a thermal camera, see `ThermalCamera`; empty for a visible one.
     """
 
     camera: PinholeCamera
@@ -36,6 +37,7 @@ class RendererFactory:
     obstacles: tuple[Solid, ...]
     seed: int
     air_c: float
+    palette: str = ''
 
     def make(self, kind: str = 'auto', samples: int = 0, everything: bool = False) -> Renderer:
         """A new renderer, which only the calling thread may use.
@@ -45,7 +47,7 @@ class RendererFactory:
         Parameters:
             kind: `scene` (3D, MuJoCo), `flat` (OpenCV, without OpenGL), or `auto` (`scene` if it works, else `flat`).
             samples: samples per pixel for antialiasing, 0 for none.
-            everything: whether segmentation and thermal image are rendered for every view.
+            everything: whether segmentation and temperatures are rendered for every view.
         """
         if kind in RENAMED_RENDERERS:
             raise ValueError(f'renderer: {kind!r} is now named {RENAMED_RENDERERS[kind]!r}')
@@ -54,7 +56,7 @@ class RendererFactory:
         if kind != 'flat':
             try:
                 return SceneRenderer(self.camera, self.scene, list(self.drones), self.seed, list(self.obstacles),
-                                     self.air_c, samples, everything)
+                                     self.air_c, samples, everything, self.palette)
             except RuntimeError as error:
                 if kind == 'scene':
                     raise

@@ -18,7 +18,17 @@ from av_common.camera import PinholeCamera
 from av_simulator.rendering.camera_effects import CameraEffects, contrast_left
 from av_simulator.rendering.mjcf import DRONE_GROUP, build, drone_body, rotor_joint
 from av_simulator.rendering.scenes import Scene, Solid
-from av_simulator.rendering.thermal import DRONE_WARMER_K, GROUND_WARMER_K, thermal_image
+from av_simulator.rendering.thermal import (
+    ARM_WARMER_K,
+    BLADE_WARMER_K,
+    BODY_WARMER_K,
+    FOG_SHARE,
+    GROUND_WARMER_K,
+    MOTOR_WARMER_K,
+    TEXTURE_K,
+    ThermalCamera,
+    apparent_temperature,
+)
 from av_simulator.rendering.view import (
     FIRST_TARGET_ID,
     Appearance,
@@ -52,13 +62,16 @@ class SceneRenderer:
         obstacles: solids in addition to those of the scene.
         air_c (deg C): temperature of the air, for thermal images.
         samples: samples per pixel for antialiasing, 0 for none.
-        everything: whether segmentation and thermal image are rendered for every view.
+        everything: whether segmentation and temperatures are rendered for every view.
+        palette: of a thermal camera, see `ThermalCamera`; empty for a visible one.
     """
 
     def __init__(self, camera: PinholeCamera, scene: Scene, drones: list[tuple[float, int]], seed: int,
-                 obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False):
+                 obstacles: list[Solid] | None = None, air_c: float = 15.0, samples: int = 0, everything: bool = False,
+                 palette: str = ''):
         self._mujoco = _import_mujoco()
         self._camera, self._everything, self._air_c = camera, everything, air_c
+        self._thermal_camera = ThermalCamera(camera.width, camera.height, palette, seed) if palette else None
         self._effects = CameraEffects(camera.width, camera.height, seed)
         self._lens = _Lens(camera)
         solids = [*scene.solids(np.random.default_rng([seed, 11])), *(obstacles or [])]
@@ -100,18 +113,27 @@ class SceneRenderer:
         depth = self._lens.bend(self._to_metres(zbuffer[::-1]), nearest=True)
         bgr = self._lens.bend(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
         optical_depth = self._optical_depth(view, depth)
-        bgr = self._effects.apply(_veiled(bgr, optical_depth), view)
+        identities = self._identities(_ALL) if self._everything or self._thermal_camera else None
+        thermal = None if identities is None else self._temperatures(view, bgr, depth, identities, optical_depth)
+        if self._thermal_camera and thermal is not None:
+            image = self._thermal_camera.picture(thermal, view)
+        else:
+            image = self._effects.apply(_veiled(bgr, optical_depth), view)
         seen = {drone.target_id: appearance(self._camera, view, drone) for drone in view.drones}
-        identities = self._identities(_ALL) if self._everything else None
         truth, boxes = [], []
         for number, drone in enumerate(view.drones):
             where = seen[drone.target_id]
             truth.append(self._truth(view, number, drone, where, depth))
-            if where is not None and (box := oracle_box(where, truth[-1], contrast_left(view))) is not None:
+            if where is not None and (box := oracle_box(where, truth[-1], self._light(view, truth[-1]))) is not None:
                 boxes.append(box)
         segmentation = None if identities is None else self._owner[identities]
-        thermal = None if identities is None else self._thermal(view, depth, identities, optical_depth)
-        return RenderedImage(bgr, boxes, truth, depth, segmentation, thermal)
+        return RenderedImage(image, boxes, truth, depth, segmentation, thermal)
+
+    def _light(self, view: View, truth: TruthBox) -> float:
+        """Factor on the contrast of visible light: exposure, or how much better heat comes through fog."""
+        if self._thermal_camera is None:
+            return contrast_left(view)
+        return float(max(truth.transmission, 1e-9) ** (FOG_SHARE - 1.0))
 
     def _place(self, view: View) -> None:
         data, model = self._data, self._model
@@ -198,7 +220,12 @@ class SceneRenderer:
         return np.where(groups >= DRONE_GROUP, groups - DRONE_GROUP + FIRST_TARGET_ID, 0)
 
     def _warmth_of(self, solids: list[Solid], drones: int) -> NDArray:
-        warmth = np.where(self._model.geom_group >= DRONE_GROUP, DRONE_WARMER_K, GROUND_WARMER_K)
+        kinds = self._mujoco.mjtGeom
+        parts = {kinds.mjGEOM_ELLIPSOID: BODY_WARMER_K, kinds.mjGEOM_CYLINDER: MOTOR_WARMER_K,
+                 kinds.mjGEOM_CAPSULE: ARM_WARMER_K, kinds.mjGEOM_BOX: BLADE_WARMER_K}
+        warmth = np.full(self._model.ngeom, GROUND_WARMER_K)
+        for kind, warmer_k in parts.items():
+            warmth[(self._model.geom_group >= DRONE_GROUP) & (self._model.geom_type == kind)] = warmer_k
         for number, solid in enumerate(solids):
             warmth[self._model.geom(f'solid{number}').id] = solid.warmer_k
         return np.append(warmth, 0.0)
@@ -219,9 +246,10 @@ class SceneRenderer:
         rays = cv2.transform(self._lens.rays[:, np.newaxis], view.rotation.astype(np.float32))[:, 0]
         return view.atmosphere.optical_depth(view.position.astype(np.float32), rays, distance.ravel()).reshape(depth.shape)
 
-    def _thermal(self, view: View, depth: NDArray, identities: NDArray, optical_depth: NDArray) -> NDArray:
+    def _temperatures(self, view: View, bgr: NDArray, depth: NDArray, identities: NDArray, optical_depth: NDArray) -> NDArray:
         upward = (self._lens.rays @ view.rotation[2].astype(np.float32)).reshape(depth.shape)
-        return thermal_image(self._warmth[identities], ~np.isfinite(depth), upward, optical_depth, self._air_c)
+        texture = TEXTURE_K * (cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY) / 255.0 - 0.5)
+        return apparent_temperature(self._warmth[identities] + texture, ~np.isfinite(depth), upward, optical_depth, self._air_c)
 
 
 @dataclass(frozen=True)

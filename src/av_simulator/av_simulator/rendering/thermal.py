@@ -1,17 +1,35 @@
-"""Thermal images by a simple model: each object has one temperature, which fog blends with that of the air."""
+"""Thermal images: apparent temperatures of what is seen, and the pictures that an uncooled camera makes of them."""
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-DRONE_WARMER_K = 15.0    # K, motors and battery relative to the air
+from av_simulator.rendering.camera_effects import motion_blurred
+from av_simulator.rendering.view import View
+from av_vision.image import AutomaticGain
+
+# K relative to the air, about what thermograms of hovering multirotors show; MuJoCo's shapes of the drone's parts.
+MOTOR_WARMER_K, BODY_WARMER_K, ARM_WARMER_K, BLADE_WARMER_K = 25.0, 15.0, 6.0, 0.5
 GROUND_WARMER_K = 1.0    # K, ground relative to the air
-SKY_COLDER_K = 25.0      # K, air relative to a clear sky at the zenith; the horizon has the air's temperature
+TEXTURE_K = 1.0          # K between black and white surfaces of one kind: bark, grass, walls store and emit heat unevenly
+HORIZON_COLDER_K, SKY_COLDER_K = 6.0, 25.0  # K, air relative to a clear sky above the horizon, and at the zenith
 FOG_SHARE = 0.7          # ratio of fog's extinction in the thermal infrared to that of visible light
+COUNTS_PER_K = 100.0     # raw counts are hundredths of a kelvin from absolute zero, as radiometric cameras give them
+ZERO_C = 273.15          # K
+
+# An uncooled microbolometer of 12 um pixels behind a lens of f/1.
+OPTICS_PX = 0.7                          # standard deviation of the image of a point
+BLOOM_SHARE, BLOOM_PX = 0.06, 4.0        # of the heat that is scattered in lens and housing, and how far
+RESPONSE_S = 0.010                       # thermal time constant of a pixel, which smears what moves
+NOISE_K = 0.05                           # noise-equivalent temperature difference
+FIXED_K, COLUMN_K, ROW_K = 0.03, 0.03, 0.02  # what the flat-field correction leaves: of pixels, columns, rows
+SHADING_K = 0.3                          # warmth of the housing in the corners, since the last correction
+SURROUNDINGS, SURROUNDINGS_LEFT = 1 / 12, 0.1  # range in widths, and share left, of the local mean in a picture
 
 
-def thermal_image(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_depth: NDArray, air_c: float) -> NDArray:
+def apparent_temperature(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_depth: NDArray, air_c: float) -> NDArray:
     """Apparent temperatures (deg C, (height, width), float32).
 
     Parameters:
@@ -21,5 +39,46 @@ def thermal_image(warmer_k: NDArray, sky: NDArray, upward: NDArray, optical_dept
         optical_depth ((height, width)): optical depth of the air for visible light.
         air_c (deg C): temperature of the air.
     """
-    surface = np.where(sky, -SKY_COLDER_K * np.sqrt(upward.clip(0.0, 1.0)), warmer_k)
+    above = -HORIZON_COLDER_K - (SKY_COLDER_K - HORIZON_COLDER_K) * np.sqrt(upward.clip(0.0, 1.0))
+    surface = np.where(sky, above, warmer_k)
     return (air_c + surface * np.exp(-FOG_SHARE * optical_depth)).astype(np.float32)
+
+
+class ThermalCamera:
+    """Pictures of one thermal camera.
+
+    Parameters:
+        width, height (px): size of the images.
+        palette: `white_hot` or `black_hot` for grey levels by the camera's own gain, `raw` for counts.
+        seed: seed of all noise.
+    """
+
+    def __init__(self, width: int, height: int, palette: str, seed: int) -> None:
+        self._palette, self._seed = palette, seed
+        random = np.random.default_rng([seed, 19])
+        rows, columns = np.mgrid[-1.0:1.0:height * 1j, -1.0:1.0:width * 1j]
+        self._fixed = (random.normal(0.0, FIXED_K, (height, width)) + random.normal(0.0, COLUMN_K, (1, width))
+                       + random.normal(0.0, ROW_K, (height, 1)) + 0.5 * SHADING_K * (rows**2 + columns**2)).astype(np.float32)
+        self._noise = random.normal(0.0, NOISE_K, (2 * height, 2 * width)).astype(np.float32)  # drawn once, then shifted
+
+    def picture(self, temperature_c: NDArray[np.float32], view: View) -> NDArray:
+        """Grey levels (height, width) uint8, or raw counts uint16.
+
+        Parameters:
+            temperature_c (deg C, (height, width)): apparent temperatures.
+            view: number and motion of the image.
+        """
+        height, width = temperature_c.shape
+        seen = motion_blurred(temperature_c, view.image_motion, RESPONSE_S)
+        sharp = cv2.GaussianBlur(seen, (0, 0), OPTICS_PX)
+        seen = (1.0 - BLOOM_SHARE) * sharp + BLOOM_SHARE * cv2.GaussianBlur(seen, (0, 0), BLOOM_PX)
+        row, column = np.random.default_rng([self._seed, 20, view.index]).integers([height, width])
+        seen = seen + self._fixed + self._noise[row:row + height, column:column + width]
+        counts = np.clip((seen + ZERO_C) * COUNTS_PER_K, 0, 65_535).astype(np.uint16)
+        return counts if self._palette == 'raw' else self._developed(counts)
+
+    def _developed(self, counts: NDArray[np.uint16]) -> NDArray[np.uint8]:
+        """Grey levels as the camera's electronics make them: less of what is warm all around, which darkens the horizon."""
+        local = cv2.GaussianBlur(counts.astype(np.float32), (0, 0), SURROUNDINGS * counts.shape[1])
+        grey = AutomaticGain().apply(counts - (1.0 - SURROUNDINGS_LEFT) * local, 0.0)
+        return 255 - grey if self._palette == 'black_hot' else grey

@@ -94,7 +94,7 @@ class RenderedImage:
     """A rendered view. Layers that the renderer does not support are None.
 
     Parameters:
-        bgr ((height, width, 3), uint8): image.
+        bgr ((height, width, 3), uint8): image; of a thermal camera (height, width), grey levels or raw counts.
         boxes: report of the visual oracle.
         truth: true box of each drone.
         depth (m, (height, width), float32): distance along the optical axis, inf for the sky.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_updater import DiagnosticStatusWrapper
 from sensor_msgs.msg import CameraInfo, Image, Imu
@@ -56,7 +57,8 @@ class CameraNode(RigNode):
         if kind == 'realsense':
             return RealSenseSource(serial, settings.width, settings.height, settings.rate or 30.0, settings.exposure_ms,
                                    settings.depth, self._publish_motion if settings.imu else None, now=self.now)
-        return DeviceSource(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms, self.now)
+        return DeviceSource(settings.device, settings.width, settings.height, settings.rate, settings.exposure_ms, self.now,
+                            settings.pixel_format)
 
     def activate(self) -> None:
         """Begin to capture."""
@@ -79,7 +81,7 @@ class CameraNode(RigNode):
     def _publish(self, image: CapturedImage) -> None:
         self._rate.tick()
         header = Header(stamp=to_stamp(image.time), frame_id=self._frame_id)
-        self._images.publish(image_message(header, image.pixels))
+        self._images.publish(image_message(header, image.pixels, 'mono16' if image.pixels.dtype == np.uint16 else ''))
         camera = self._camera_of(image)
         if camera is not None:
             self._infos.publish(camera_info_message(header, camera))

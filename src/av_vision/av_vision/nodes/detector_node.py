@@ -21,7 +21,7 @@ from av_common.tf_rotations import TfRotations
 from av_interfaces.msg import Bearing, Visibility
 from av_vision.drawing import draw
 from av_vision.latest import Latest
-from av_vision.messages import detections_from_message, image_from_message, image_message
+from av_vision.messages import detections_from_message, image_message
 from av_vision.nodes.detector_node_parameters import detector_node as parameters
 from av_vision.search import Pace
 from av_vision.stage import make_detection_stage
@@ -48,6 +48,9 @@ class DetectorNode(RigNode):
         """Open the model."""
         self._rotations = TfRotations(self, self.settings.base_frame)
         self._stage = make_detection_stage(self.settings, rotation_of=self._rotations.rotation)
+        used, wanted = self._stage.detector.detector.model.provider, self.settings.providers[0]
+        if used and used != wanted:
+            self.get_logger().warning(f'{wanted} is not to be had here: the detector runs on {used}')
         self._pace = Pace(self.settings.look_time)
         self._detections = self.create_publisher(Detection2DArray, 'detections', RESULT)
         self._visibility = self.create_publisher(Visibility, 'visibility', RESULT)
@@ -105,8 +108,8 @@ class DetectorNode(RigNode):
         if detections is None:
             return
         self._detections.publish(detections)
-        if self._debug.get_subscription_count():
-            drawn = draw(image_from_message(message), *detections_from_message(detections))
+        if self._debug.get_subscription_count() and self._stage.shown is not None:
+            drawn = draw(self._stage.shown, *detections_from_message(detections))
             self._debug.publish(image_message(message.header, drawn, 'bgr8'))
 
     def _keep_pace(self, took: float) -> None:

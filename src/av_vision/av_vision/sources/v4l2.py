@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
+import numpy as np
 
 from av_vision.sources.capture import CapturedImage, SourceError
 
@@ -25,6 +26,7 @@ class DeviceSource:
         rate (1/s): frames per second; 0 for 30.
         exposure_ms (ms): exposure time; 0 keeps the device's setting.
         now: clock of the caller in s.
+        pixel_format: four letters of V4L2 for grey images without conversion, Y16 or GREY; empty for colour.
     """
 
     device: str
@@ -33,9 +35,10 @@ class DeviceSource:
     rate: float = 0.0
     exposure_ms: float = 0.0
     now: Callable[[], float] = time.time
+    pixel_format: str = ''
 
     def open(self) -> None:
-        """Open and configure; raises SourceError for a device that is absent or in use."""
+        """Open and configure; raises SourceError for a device that is absent or in use, or has not the format."""
         self._video = cv2.VideoCapture(int(self.device) if self.device.isdigit() else self.device, cv2.CAP_ANY)
         if not self._video.isOpened():
             raise SourceError(f'camera {self.device} cannot be opened: it is absent or in use')
@@ -44,8 +47,13 @@ class DeviceSource:
         if self.exposure_ms > 0.0:
             # V4L2 counts exposure in units of 0.1 ms; 1 means manual exposure.
             wanted |= {cv2.CAP_PROP_AUTO_EXPOSURE: 1, cv2.CAP_PROP_EXPOSURE: 10.0 * self.exposure_ms}
+        if self.pixel_format:
+            code = cv2.VideoWriter.fourcc(*self.pixel_format.ljust(4))
+            wanted = {cv2.CAP_PROP_FOURCC: code, **wanted, cv2.CAP_PROP_CONVERT_RGB: 0}
         for name, value in wanted.items():
             self._video.set(name, value)
+        if self.pixel_format and self._video.get(cv2.CAP_PROP_FOURCC) != code:
+            raise SourceError(f'camera {self.device} has no images of {self.pixel_format}; see v4l2-ctl --list-formats')
 
     def read(self) -> CapturedImage:
         """The next image; raises SourceError when the device delivers none."""
@@ -53,6 +61,10 @@ class DeviceSource:
         arrival = self.now()
         if not good or image is None:
             raise SourceError(f'camera {self.device} delivers no more images; is it unplugged?')
+        depth = {'Y16': np.uint16, 'GREY': np.uint8}.get(self.pixel_format)
+        if depth is not None and (image.dtype != depth or image.squeeze().ndim != 2):
+            raise SourceError(f'camera {self.device} delivers {image.dtype} of shape {image.shape}, not {self.pixel_format}')
+        image = image if depth is None else image.squeeze()
         age = time.monotonic() - 1e-3 * self._video.get(cv2.CAP_PROP_POS_MSEC)
         return CapturedImage(image, arrival - age if 0.0 <= age < OLDEST_S else arrival)
 

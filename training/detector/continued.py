@@ -1,0 +1,90 @@
+"""Fit what the next box of a track is like (`av_vision.continuation`) to labelled objects of the clips, and print it.
+
+`python continued.py MODEL.onnx --data DRONE_DETECTION [--every 5]` shows the detector the clips as a rig does. A box that hits
+the labelled object after one that did continues its track; all others are of other things.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from clips import SPLITS
+from measure import FrameResult, detect_all, overlaps_of
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from av_vision.score_fusion import ScoreFusionModel, logit
+from av_vision.tracking import ImageTrack, Tracker
+from av_vision.yolo import Detector, DetectorSettings
+
+NEAR, ALIKE = 1.5, math.log(3.0)  # sides, and logarithm of the ratio of sizes, within which boxes of other things are counted
+Row = tuple[float, float, float, float, float, float]
+
+
+def rows_of(results: list[FrameResult], model: ScoreFusionModel) -> Iterator[Row]:
+    """What is fitted, of each box that continues a track.
+
+    Gap (s), error of the predicted place (sides), logarithm of the ratio of sizes, difference of the drone's log-odds from the
+    track's mean, number of former boxes, number of other boxes near it.
+    """
+    clip, followed = '', None
+    for result in results:
+        if result.clip != clip:
+            clip, tracker, followed = result.clip, Tracker(1.0, model), None
+        seen, labels = result.seen, result.labels
+        before = {id(one): (one.predicted(result.time), one.size.max(), result.time - one.time, one.boxes, one.scores.mean[0])
+                  for one in tracker.tracks}
+        tracks = tracker.update(seen, result.time)
+        overlap = overlaps_of(seen.boxes.astype(float), labels[:, 1:].astype(float)).max(axis=1, initial=0.0) \
+            if len(labels) == 1 else np.zeros(len(seen))
+        if not len(seen) or overlap.max() < 0.3:
+            followed = followed if len(labels) == 1 else None
+            continue
+        k = int(overlap.argmax())
+        if followed is not None and id(followed) in before:
+            place, side, gap, boxes, mean = before[id(followed)]
+            apart = np.linalg.norm(seen.centres - place, axis=1) / side
+            size = np.log(seen.sizes.max(axis=1) / side)
+            others = (apart < NEAR) & (np.abs(size) < ALIKE) & (overlap < 0.3)
+            score = float(logit(seen.probabilities[k, 0]) - mean)
+            yield gap, float(apart[k]), float(size[k]), score, boxes, int(others.sum())
+        followed: ImageTrack | None = tracks[k]
+
+
+def mixture(x: NDArray, scale: NDArray, dimensions: int) -> tuple[float, float, float]:
+    """The two standard deviations, in units of `scale`, and the share of the larger, under which errors are most likely."""
+    def unlikelihood(p: NDArray) -> float:
+        share = 1.0 / (1.0 + math.exp(-p[2]))
+        parts = [weight * np.exp(-0.5 * (x / (sigma * scale)) ** 2) / (sigma * scale) ** dimensions
+                 for weight, sigma in ((1.0 - share, math.exp(p[0])), (share, math.exp(p[1])))]
+        return -float(np.log(sum(parts) + 1e-12).sum())
+
+    small, large, share = minimize(unlikelihood, [-2.0, 0.0, -2.0], method='Nelder-Mead', options={'maxiter': 4000}).x
+    return math.exp(small), math.exp(large), 1.0 / (1.0 + math.exp(-share))
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('model', type=Path)
+    parser.add_argument('--data', type=Path, required=True, help='the drone_detection data set')
+    parser.add_argument('--every', type=int, default=5, help='every how manieth clip is used')
+    args = parser.parse_args()
+    detector = Detector(args.model, DetectorSettings(score_threshold=0.02, keep=('drone',), threads=1))
+    results = [one for split in SPLITS for one in detect_all(detector, args.data, split, 2, args.every)]
+    rows = np.array(list(rows_of(results, ScoreFusionModel.from_metadata(detector.model.metadata))))
+    gap, apart, size, score, boxes, others = rows.T
+    followed = boxes > 1
+    print(f'{len(rows)} boxes that continue a track')
+    print('STEADY, TURNING, TURNS: {:.2f}, {:.2f}, {:.2f}'.format(*mixture(apart[followed], gap[followed], 2)))
+    print(f'UNSEEN: {np.sqrt(0.5 * np.mean((apart[~followed] / gap[~followed])**2)):.2f}')
+    print('SIZE, RESIZED, RESIZES: {:.3f}, {:.2f}, {:.2f}'.format(*mixture(size, np.ones_like(size), 1)))
+    print(f'SPREAD: {score.std():.1f}; OTHERS: {others.mean() / (math.pi * NEAR**2 * 2.0 * ALIKE):.1e}')
+
+
+if __name__ == '__main__':
+    main()
