@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -84,21 +84,23 @@ class FusionStage:
         converter: converts messages to measurements in the body frame.
         settings: see `FusionStageSettings`.
         observer: is called with measurements and tracks, or None.
-        gimbal: orientations of the gimbal that carries the camera, added to by `on_gimbal`; None without one.
+        gimbal: orientations of the gimbal that carries the cameras, added to by `on_gimbal`; None without one.
+        detections: topics of the detections, one for each camera.
     """
 
     def __init__(self, tracker: Tracker, converter: MeasurementConverter, settings: FusionStageSettings | None = None,
-                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None) -> None:
+                 observer: FusionObserver | None = None, gimbal: GimbalHistory | None = None,
+                 detections: Sequence[str] = (DETECTIONS,)) -> None:
         self.settings = settings or FusionStageSettings()
         self.tracker, self.converter = tracker, converter
-        self.gate = InputGate((DOA, DETECTIONS, ODOMETRY), self.settings.clock_tolerance)
+        self.gate = InputGate((DOA, *detections, ODOMETRY), self.settings.clock_tolerance)
         self._observer = observer
         self._period = 1.0 / self.settings.rate
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
         self._last_output = self._cued = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
-        self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, DETECTIONS)}
+        self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, *detections)}
 
     def on_doa(self, message: DoaArray, arrival: float) -> FusionOutput | None:
         """Use directions of arrival; None if their stamp belongs to another clock.
@@ -109,7 +111,7 @@ class FusionStage:
         """
         return self._queue(DOA, message, arrival)
 
-    def on_detections(self, message: Detection2DArray, arrival: float) -> FusionOutput | None:
+    def on_detections(self, message: Detection2DArray, arrival: float, topic: str = DETECTIONS) -> FusionOutput | None:
         """Use the detections of an image, or their absence; None if stamp, frame or camera cannot be used.
 
         An image whose camera moves waits for up to `transform_wait` until the camera's orientation is known.
@@ -117,8 +119,9 @@ class FusionStage:
         Parameters:
             message: detections in one image.
             arrival (s): time of its arrival.
+            topic: that of the camera's detections.
         """
-        return self._queue(DETECTIONS, message, arrival)
+        return self._queue(topic, message, arrival)
 
     def on_gimbal(self, message: GimbalState, arrival: float) -> FusionOutput | None:
         """Note the gimbal's orientation, and use the images that waited for it.
@@ -135,7 +138,7 @@ class FusionStage:
         return self._use_waiting(arrival)
 
     def on_visibility(self, message: Visibility) -> None:
-        """Store the visibility for images of about the same time."""
+        """Store the visibility for images of about the same time of the first camera."""
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
 
     def on_camera_info(self, message: CameraInfo) -> None:
@@ -222,12 +225,11 @@ class FusionStage:
     def _use_waiting(self, now: float) -> FusionOutput | None:
         """Use the messages for which the orientation of the sensor is known by now, in their order."""
         used = False
-        for name, use in ((DOA, self._use_doa), (DETECTIONS, self._use_detections)):
-            waiting = self._waiting[name]
+        for name, waiting in self._waiting.items():
             while waiting:
                 message, arrival = waiting[0]
                 try:
-                    used = use(message, arrival) or used
+                    used = self._use(name, message, arrival) or used
                 except NotYetKnownError:
                     if arrival <= now < arrival + self.settings.transform_wait:
                         break
@@ -238,6 +240,13 @@ class FusionStage:
                 waiting.popleft()
         return self._output(now) if used else None
 
+    def _use(self, name: str, message: Any, arrival: float) -> bool:
+        if name == DOA:
+            return self._use_doa(message, arrival)
+        stamp, visibility = self._visibility
+        near = name == DETECTIONS and abs(to_seconds(message.header.stamp) - stamp) < self.settings.visibility_age
+        return self._use_detections(message, arrival, visibility if near else math.nan)
+
     def _use_doa(self, message: DoaArray, arrival: float) -> bool:
         measurements = self.converter.doa(message)
         if self._observer is not None:
@@ -245,15 +254,12 @@ class FusionStage:
         self.tracker.add_doas(measurements)
         return True
 
-    def _use_detections(self, message: Detection2DArray, arrival: float) -> bool:
-        stamp, visibility = self._visibility
-        time = to_seconds(message.header.stamp)
-        measurement = self.converter.detections(
-            message, visibility if abs(time - stamp) < self.settings.visibility_age else math.nan)
+    def _use_detections(self, message: Detection2DArray, arrival: float, visibility: float) -> bool:
+        measurement = self.converter.detections(message, visibility)
         if measurement is None:
             return False
         if self._gimbal is not None:
-            measurement = blurred(measurement, self._gimbal.variance(time))
+            measurement = blurred(measurement, self._gimbal.variance(to_seconds(message.header.stamp)))
         if self._observer is not None:
             self._observer.on_camera(measurement, message, arrival)
         self.tracker.add_camera(measurement)
@@ -283,7 +289,8 @@ def _as_predictions(track: Track, targets: Targets, contested: Mapping[str, list
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
                       camera: PinholeCamera | None = None, observer: FusionObserver | None = None,
-                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None) -> FusionStage:
+                      tracker: Tracker | None = None, gimbal: GimbalHistory | None = None,
+                      detections: Sequence[str] = (DETECTIONS,)) -> FusionStage:
     """A stage from the parameters of fusion_node.
 
     Parameters:
@@ -292,8 +299,8 @@ def make_fusion_stage(parameters: Any, rotation_of: RotationOf,
         camera: intrinsics until a CameraInfo arrives; None while unknown.
         observer: see `FusionStage`.
         tracker: used instead of the one that the parameters describe.
-        gimbal: see `FusionStage`.
+        gimbal, detections: see `FusionStage`.
     """
     converter = MeasurementConverter(rotation_of, parameters.target_classes, camera)
     settings = FusionStageSettings(parameters.base_frame, parameters.rate)
-    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal)
+    return FusionStage(tracker or make_tracker(parameters), converter, settings, observer, gimbal, detections)

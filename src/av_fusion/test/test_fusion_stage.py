@@ -97,6 +97,36 @@ def test_directions_and_detections_give_bearings():
     assert targets.tracks[0].azimuth_world == bearing.azimuth_world
 
 
+def test_two_cameras_of_one_target_give_one_bearing_each_with_its_own_frame_and_lens():
+    """A thermal camera looks 20 deg to the left, with fewer pixels; its images come later than newer ones of the other."""
+    recorder, aside = Recorder(), math.radians(20.0)
+    turned = np.array([[math.cos(aside), -math.sin(aside), 0.0], [math.sin(aside), math.cos(aside), 0.0], [0.0, 0.0, 1.0]])
+    rotations = ROTATIONS | {'thermal': turned @ FLU_TO_OPTICAL.T}
+    stage = make_fusion_stage(node_parameters('av_fusion', 'fusion_node'), fixed_rotations(rotations), observer=recorder,
+                              detections=('detections', 'second_camera/detections'))
+    for frame, size, focal in (('camera', (640, 480), 457.0), ('thermal', (320, 256), 343.0)):
+        info = camera_info(focal)
+        info.header.frame_id, (info.width, info.height) = frame, size
+        info.k[2], info.k[5] = 0.5 * (size[0] - 1), 0.5 * (size[1] - 1)
+        stage.on_camera_info(info)
+    for k in range(20):
+        now = START + 0.1 * k
+        stage.on_odometry(odometry(now, 1.0), now)
+        stage.on_visibility(Visibility(header=detections(now).header, visibility=0.2))
+        output = stage.on_detections(detections(now - 0.05, (319.5 - 457.0 * math.tan(0.2), 0.9, 'drone')), now)
+        warm = detections(now - 0.12, (159.5 - 343.0 * math.tan(0.2 - aside), 0.9, 'drone'), frame='thermal')
+        for one in warm.detections:
+            one.bbox.center.position.y = 127.5
+        output = stage.on_detections(warm, now, 'second_camera/detections')
+    assert output.bearing.azimuth == pytest.approx(0.2, abs=0.005) and len(output.targets.tracks) == 1
+    assert not output.state.missing or output.state.missing == ['doa']
+    seen, felt = recorder.camera[-2:]
+    assert seen.detections[0].azimuth == pytest.approx(felt.detections[0].azimuth, abs=2e-3)
+    assert seen.half_view != felt.half_view and seen.visibility == pytest.approx(0.2) and math.isnan(felt.visibility)
+    stage.refuse_contested({'second_camera/detections': ['/a', '/b']})
+    assert stage.on_detections(warm, now, 'second_camera/detections') is None
+
+
 def test_a_stamp_of_another_clock_is_counted_and_not_used():
     recorder = Recorder()
     stage = make_stage(recorder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,7 +19,7 @@ from av_common.node import RigNode, run
 from av_common.publishers import PERIOD_S, Publishers
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
-from av_common.rig import load_rig
+from av_common.rig import detections_topic, load_rig
 from av_common.tf_rotations import TfRotations
 from av_fusion.nodes.fusion_node_parameters import fusion_node as parameters
 from av_fusion.rig_reporter import RigReporter
@@ -49,13 +50,15 @@ class FusionNode(RigNode):
         """Build the stage, open the publishers."""
         self._settings = self.settings
         self._rotations = TfRotations(self, self._settings.base_frame)
-        gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
+        rig = load_rig(self._settings.rig_file) if self._settings.rig_file else None
+        gimbal, cameras = (rig.gimbal, list(rig.cameras)) if rig else (None, ['camera'])
+        self._sights = {f'{camera}/camera_info': detections_topic(camera) for camera in cameras}
         self._stage = make_fusion_stage(self._settings, self._rotations.rotation, tracker=make_tracker(self._settings, gimbal),
-                                        gimbal=GimbalHistory() if gimbal else None)
+                                        gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
         self._reporter = RigReporter(self._settings.network_rate)
         self._untransformed = 0
-        self._senders = Publishers(self, ('doa', 'detections', 'odometry'))
-        self._meters = {'doa': RateMeter(), 'detections': RateMeter(), 'odometry': RateMeter()}
+        self._senders = Publishers(self, ('doa', *self._sights.values(), 'odometry'))
+        self._meters = {name: RateMeter() for name in ('doa', *self._sights.values(), 'odometry')}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
         self._targets_publisher = self.create_publisher(TrackArray, 'targets', RESULT)
@@ -65,8 +68,9 @@ class FusionNode(RigNode):
     def activate(self) -> None:
         """Subscribe to the sensors."""
         self.while_active(self.create_subscription, DoaArray, 'doa', self._on_doa, STREAM)
-        self.while_active(self.create_subscription, Detection2DArray, 'detections', self._on_detections, STREAM)
-        self.while_active(self.create_subscription, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
+        for info, seen in self._sights.items():
+            self.while_active(self.create_subscription, Detection2DArray, seen, partial(self._on_detections, seen), STREAM)
+            self.while_active(self.create_subscription, CameraInfo, info, self._stage.on_camera_info, STREAM)
         self.while_active(self.create_subscription, Visibility, 'visibility', self._stage.on_visibility, STREAM)
         self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, STREAM)
         self.while_active(self.create_subscription, GimbalState, 'gimbal/state', self._on_gimbal, STREAM)
@@ -88,9 +92,9 @@ class FusionNode(RigNode):
         self._meters['doa'].tick()
         self._publish(self._stage.on_doa(message, self.now()))
 
-    def _on_detections(self, message: Detection2DArray) -> None:
-        self._meters['detections'].tick()
-        self._publish(self._stage.on_detections(message, self.now()))
+    def _on_detections(self, topic: str, message: Detection2DArray) -> None:
+        self._meters[topic].tick()
+        self._publish(self._stage.on_detections(message, self.now(), topic))
 
     def _on_odometry(self, message: Odometry) -> None:
         self._meters['odometry'].tick()
