@@ -97,7 +97,7 @@ def microphones(rig: Rig | None, parameter_files: Sequence[str | Path], seconds:
     """
     settings = node_parameters('av_audio', 'audio_node', parameter_files, {'source': 'device'})
     channels = [0, 1] if list(settings.channels) == [-1] else list(settings.channels)
-    source = SoundDevice(settings.device, settings.sample_rate, channels, settings.block)
+    source = SoundDevice(settings.device, settings.sample_rate, channels)
     capacity = int((seconds + 5.0) * settings.sample_rate) * len(channels) * 4
     buffer = RingBuffer(len(channels), capacity)
     try:
