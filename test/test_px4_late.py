@@ -19,7 +19,7 @@ RATE = math.radians(25.0)
 def flight():
     """A vehicle in OFFBOARD that pointing turns, and its px4_node."""
     vehicle = FakeVehicle('1.16', '--pilot', '14', domain=free_domain())
-    node = vehicle.node(**{'gimbal.enabled': 'false'})
+    node = vehicle.node(offboard='true', **{'gimbal.enabled': 'false'})
     pointing = subprocess.Popen(
         [sys.executable, '-c', 'from av_pointing.nodes.pointing_node import main; main()', '--ros-args', '-p', 'enabled:=true',
          '-p', 'move_gimbal:=false'], env=vehicle.environment)
