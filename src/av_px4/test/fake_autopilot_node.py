@@ -189,7 +189,8 @@ class FakeNode:
     def publish_escs(self, rpm):
         """The speeds (1/min) of the motors."""
         kind, topic = self.topic('out', 'esc_status', 'EscStatus')
-        self.publishers.setdefault('esc_status', self.node.create_publisher(kind, topic, WRITES))
+        if 'esc_status' not in self.publishers:
+            self.publishers['esc_status'] = self.node.create_publisher(kind, topic, WRITES)
         status = kind(esc_count=len(rpm), esc_online_flags=2**len(rpm) - 1)
         for esc, speed in zip(status.esc, rpm, strict=False):
             esc.esc_rpm = speed
