@@ -64,7 +64,7 @@ def fly(profile: str, seed: int, duration: float) -> Flight:
         'drone_types', (Target(RandomFlight(centre, (3.0, 3.0, 1.0), 8.0, seed), profile, drone=profile),), duration, seed,
         weather=Weather(fog=Profile(values=(FOG,))), noise=Noise(snr=Snr(float(random.uniform(*SNR_DB)))))
     tracker = MultiTargetTracker(TrackerSettings(types=types_of(
-        node_parameters('av_fusion', 'fusion_node').targets.types)))
+        node_parameters('av_fusion', 'fusion_node').types)))
     run = OfflineRun(scenario, load_rig(find_config('rig')), tracker)
     run.run()
     targets = tracker.targets(tracker.estimate(run.world.time)).targets
