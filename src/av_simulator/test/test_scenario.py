@@ -81,7 +81,7 @@ BROKEN = [
     ({'targets': [{'trajectory': {'kind': 'static', 'position': [0, 0, 1]},
                    'signal': {'kind': 'recording', 'file': 'none.wav'}}]}, r'targets\[0\].signal: .*none.wav'),
     ({'targets': [{'trajectory': {'kind': 'static', 'position': [0, 0, 1]}, 'drone': 'ufo'}]},
-     r'targets\[0\]: drone: ufo: no such file; shipped files are camera_quadrotor'),
+     r'targets\[0\]: drone: ufo: no such file, the nearest is mini_quadrotor; shipped files are camera_quadrotor'),
     ({'targets': [{'trajectory': {'kind': 'circle', 'center': [0, 0, 9], 'radius': 10, 'period': 0.1}}]},
      r'targets\[0\].trajectory: 628 m/s at .* at most 136 m/s'),
     ({'rig': {'max_yaw_rate_deg': 0}}, r'rig.max_yaw_rate_deg: 0.0 must be more than 0'),
