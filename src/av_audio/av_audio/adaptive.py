@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.correlation import Correlation, at_centre
-from av_audio.ego_noise import EgoNoise
 from av_audio.even_phases import EvenPhases
 from av_audio.spectra import LEAST_RESPONSE
 from av_audio.steered_response import Peak
-from av_audio.weighting import Weighting, phat
+from av_audio.weighting import maximum_likelihood, phat
 from av_common.microphone_array import MicrophoneArray
 
 # Mean square error of q at a wrong peak, and where there is no peak at all.
@@ -40,25 +39,23 @@ class Adaptive:
 
     Where they point elsewhere, a third decides against the likelihood if it agrees with the even phases: PHAT inside the band.
 
-    Where the rig's own noise is subtracted or notched, what is left of it has phases of its own: the likelihood serves alone.
+    Where the rig's own rotors are notched, what is left of them has phases of its own: the likelihood serves alone.
 
     The parameters are those of Correlation; bins outside of the band-pass filter serve the even phases alone.
     """
 
-    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
-                 weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float) -> None:
         inside = np.flatnonzero(response > LEAST_RESPONSE)
         self._inside = slice(inside[0], inside[-1] + 1)
-        self._likelihood = Correlation(array, frequencies[self._inside], response[self._inside], speed_of_sound, weighting,
-                                       ego_noise)
-        self.ego_noise = ego_noise
-        self._even = EvenPhases(array, frequencies, speed_of_sound) if ego_noise is None else None
+        self._likelihood = Correlation(array, frequencies[self._inside], response[self._inside], speed_of_sound,
+                                       maximum_likelihood)
+        self._even = EvenPhases(array, frequencies, speed_of_sound)
 
     def estimate(self, spectra: NDArray) -> Peak:
         """The peak for spectra (m, k)."""
         inside = spectra[:, self._inside]
         likely, drift = self._likelihood.at_rest(inside)
-        if self._even is None or not inside[0].all():
+        if not inside[0].all():
             return at_centre(likely, drift)
         even = self._even.estimate(spectra)
         ratio = expected_error(likely) / _tolerated_error(even)

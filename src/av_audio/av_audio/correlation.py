@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from av_audio.drift import Drift, DriftEstimator
-from av_audio.ego_noise import EgoNoise
 from av_audio.steered_response import Peak, SteeredResponse
 from av_audio.weighting import Band, Weighting, cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -32,15 +31,11 @@ class Correlation(SteeredResponse):
         response (k,): |H|^2 of the band-pass filter.
         speed_of_sound (m/s): speed of sound.
         weighting: gives the weights of the cross-spectra.
-        ego_noise: model of the rig's own noise, whose covariance is subtracted; None subtracts nothing.
     """
 
-    FOLLOWS_MOTION = True
-
     def __init__(self, array: MicrophoneArray, frequencies: NDArray, response: NDArray, speed_of_sound: float,
-                 weighting: Weighting, ego_noise: EgoNoise | None = None) -> None:
+                 weighting: Weighting) -> None:
         super().__init__(array, frequencies, speed_of_sound, CLUSTER_HZ)
-        self.ego_noise = ego_noise
         self._weighting = weighting
         self._band = Band.of(frequencies, response, np.linalg.norm(array.baselines, axis=1), speed_of_sound)
         self._drift = DriftEstimator(array, frequencies, speed_of_sound)
@@ -57,7 +52,7 @@ class Correlation(SteeredResponse):
             spectra (m, k): spectra of the microphones.
             weighting: gives the weights.
         """
-        cross, power, _ = self._cross(spectra)
+        cross, power = self._cross(spectra)
         return self.highest_peak(spectra, cross * weighting(cross, power, self._band))
 
     def at_rest(self, spectra: NDArray) -> tuple[Peak, Drift | None]:
@@ -66,23 +61,17 @@ class Correlation(SteeredResponse):
         Parameters:
             spectra (m, k): spectra of the microphones.
         """
-        cross, power, ego_noise = self._cross(spectra)
+        cross, power = self._cross(spectra)
         weights = self._weighting(cross, power, self._band)
         peak = self.highest_peak(spectra, cross * weights)
-        if not (self.FOLLOWS_MOTION and self._drift.usable) or peak.significance <= 0.0:
+        if not self._drift.usable or peak.significance <= 0.0:
             return peak, None
-        return peak, self._drift.estimate(spectra, weights, ego_noise, peak.q)
+        return peak, self._drift.estimate(spectra, weights, peak.q)
 
-    def _cross(self, spectra: NDArray) -> tuple[NDArray, NDArray, NDArray | None]:
-        """Cross-spectra (p, k) without the rig's own noise, sqrt(P_i P_j) of the same pairs, and what was subtracted."""
-        pairs = self._array.pairs
-        cross = cross_spectra(spectra, pairs)
-        ego_noise = None
-        if self.ego_noise is not None:
-            ego_noise = self.ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
-            cross = cross - ego_noise
-        magnitude = np.abs(spectra)
-        return cross, magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]], ego_noise
+    def _cross(self, spectra: NDArray) -> tuple[NDArray, NDArray]:
+        """Cross-spectra (p, k) and sqrt(P_i P_j) of the same pairs."""
+        pairs, magnitude = self._array.pairs, np.abs(spectra)
+        return cross_spectra(spectra, pairs), magnitude[pairs[:, 0]] * magnitude[pairs[:, 1]]
 
     def _reflections(self, clusters: NDArray, height: float, inverse: NDArray) -> NDArray:
         return _reflection_variance(clusters) * height * inverse

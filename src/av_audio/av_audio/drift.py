@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_audio.blocks import Blocks
-from av_audio.spectra import TAPER, tukey
 from av_common.microphone_array import MicrophoneArray
 
 # Distance of the blocks of a window: so short that neither direction nor loudness change much within one, and much longer
@@ -112,8 +111,6 @@ class DriftEstimator:
         self._pairs = array.pairs
         self._slowness = array.baselines @ array.basis / speed_of_sound  # (p, rank): tau = slowness . q
         self._rate_of_delays = np.linalg.pinv(self._slowness)
-        steady = np.sum(self._blocks.cut(tukey(self._blocks.samples, TAPER)[None])[0] ** 2, axis=-1)
-        self._share = (steady / steady.sum()).astype(np.float32)[:, None]  # of a steady sound, in each block (b, 1)
         times = self._blocks.times
         self._powers = np.stack([np.ones_like(times), times, 0.5 * times**2])  # (3, b): of q0, v and a
         block_hz = self._blocks.spacing * float(frequencies[1] - frequencies[0])
@@ -131,17 +128,16 @@ class DriftEstimator:
         self._turns = np.exp(-1j * angles).astype(np.complex64)  # (g, b, c)
         self.usable = self._blocks.count > LEAST_BLOCKS and len(self._cluster_omega) >= 3 * array.rank
 
-    def estimate(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> Drift:
+    def estimate(self, spectra: NDArray, weights: NDArray, q: NDArray) -> Drift:
         """Motion about the centre of a window.
 
         Parameters:
             spectra (m, k): spectra of the window.
             weights (p, k): weights of its cross-spectra.
-            ego_noise (p, k): cross-spectra of the rig's own noise in the window, None without.
             q (rank,): direction of the whole window.
         """
         rank = len(q)
-        cross = self._cross_spectra(spectra, weights, ego_noise, q)
+        cross = self._cross_spectra(spectra, weights, q)
         rest = self._fit(cross, np.zeros((3, rank)))
         if self._is_still(rest):
             return self._posterior(rest, rest, np.zeros(3 * rank))
@@ -155,14 +151,12 @@ class DriftEstimator:
             fit = self._fit(cross, fit.motion + np.linalg.solve(hessian, gradient).reshape(3, rank))
         return self._posterior(rest, fit, expected)
 
-    def _cross_spectra(self, spectra: NDArray, weights: NDArray, ego_noise: NDArray | None, q: NDArray) -> NDArray:
+    def _cross_spectra(self, spectra: NDArray, weights: NDArray, q: NDArray) -> NDArray:
         """Weighted cross-spectra (p, b, c) of the blocks, steered to q and summed over clusters of bins."""
         # weighted before it is cut: strong frequencies would leak into weak ones
         mean = np.maximum(weights.mean(axis=0), np.finfo(np.float32).tiny)
         blocks = self._blocks.spectra(self._blocks.signals(spectra * np.sqrt(mean)))[..., :len(self._omega)]  # (m, b, used)
         cross = blocks[self._pairs[:, 0]] * blocks[self._pairs[:, 1]].conj()
-        if ego_noise is not None:
-            cross -= self._share * (ego_noise * mean)[:, None, self._nearest]
         angles = (self._slowness @ q).astype(np.float32)[:, None] * self._omega
         cross *= ((weights / mean)[:, self._nearest] * (np.cos(angles) - 1j * np.sin(angles)))[:, None]
         return sum(cross[..., k::self._width] for k in range(1, self._width)) + cross[..., ::self._width]

@@ -39,7 +39,7 @@ class DroneClassifier:
         sample_rate (Hz): sample rate; below twice the highest frequency of the features nothing is judged.
         speed_of_sound (m/s): speed of sound.
         model: see `DroneModel`.
-        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+        ego_noise: recording of the rig alone, by whose noise spectra are whitened; None whitens nothing.
     """
 
     def __init__(self, array: MicrophoneArray, sample_rate: int, speed_of_sound: float, model: DroneModel,

@@ -1,23 +1,22 @@
-"""Subtraction of the rig's ego-noise, which is known from a recording of the rig alone."""
+"""The rig's own noise, known from a recording of the rig alone: its spatial covariance, by which spectra are whitened."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from av_audio.file_source import read_sound
 
 MIN_DURATION_S = 2.0  # the covariance of a shorter recording has too large an error
-# Width of the running mean over frequency: the speeds of rotors vary, and their spectral lines with them.
-SMOOTH_HZ = 40.0
-# Factor of over-subtraction, against random deviations in a single window (Berouti, Schwartz, Makhoul, 1979).
-OVER_SUBTRACTION = 1.5
+# Windows whose levels differ by less than this are of one throttle: the level of a rotor grows with the fifth to sixth power of
+# its speed, so that speeds then differ by some 5 %, as they do while hovering.
+THROTTLE_STEP_DB = 3.0
+# Of the mean power of a microphone, added to the diagonal: gains and positions are as recorded to about 3 %.
+LOADING = 1e-3
 
 
 class NoiseRecording(NamedTuple):
@@ -58,42 +57,47 @@ class NoiseRecording(NamedTuple):
         if not self.samples.any(axis=0).all():
             raise ValueError(f'{self.name} has a silent channel')
 
+    def windows(self, length: int) -> list[NDArray[np.float32]]:
+        """Windows (m, length) that overlap by half. Raises ValueError when it is shorter than one."""
+        starts = range(0, len(self.samples) - length + 1, max(1, length // 2))
+        if not starts:
+            raise ValueError(f'{self.name} is shorter than a window of {length / self.sample_rate:g} s')
+        return [self.samples[start:start + length].T for start in starts]
+
 
 class EgoNoise:
-    """Spatial covariance of the ego-noise by frequency.
+    """Covariances of the ego-noise by band, one set for each throttle that was recorded.
 
-    Rotors beside the microphones are as loud as a target, but their positions are fixed: their contribution to the
-    cross-spectra is known up to its level and is subtracted before weighting. Boll (1979) subtracts spectra; in
-    cross-spectra the random error of a single window averages out over frequency. The level in each window follows from a
-    weighted least-squares fit to its cross-spectra: sources in other directions have other phases and do not bias it.
+    Rotors are louder than a target, but at fixed places: with the Cholesky factor L of a band's covariance L L^H, the spectra
+    L^-1 x are white in space but for what was not recorded, and a source with the steering vector a appears at L^-1 a. That is
+    the generalised eigenvalue problem of both covariances (Roy and Kailath, 1989; for robots Nakamura et al., 2009, on a
+    quadrotor Okutani et al., 2012). The level in each band is left free: throttle changes it, directions remain.
 
     Parameters:
-        windows: spectra (m, k) of windows of the recording, at least one; consumed one at a time.
-        bin_hz (Hz): distance of the bins.
+        windows: spectra (b, m, n) of windows of the recording, n in each band.
     """
 
-    def __init__(self, windows: Iterable[NDArray], bin_hz: float) -> None:
-        self._bins = max(1, round(SMOOTH_HZ / bin_hz))
-        covariance: NDArray = reduce(np.add, map(_covariance, windows))
-        smooth = self._smooth(covariance.real) + 1j * self._smooth(covariance.imag)
-        self._covariance = smooth.astype(np.complex64)  # (m, m, k)
-        self._pairs = np.triu_indices(len(covariance), 1)
+    def __init__(self, windows: Iterable[NDArray]) -> None:
+        covariances = np.stack([covariance(window) for window in windows])  # (w, b, m, m)
+        levels_db = 10.0 * np.log10(np.einsum('wbii->w', covariances).real + np.finfo(float).tiny)
+        group = np.floor((levels_db - levels_db.min()) / THROTTLE_STEP_DB)
+        table = np.stack([covariances[group == one].mean(axis=0) for one in np.unique(group)])
+        microphones = table.shape[-1]
+        power = np.einsum('sbii->sb', table).real / microphones
+        table = table + (LOADING * power + np.finfo(np.float32).tiny)[..., None, None] * np.eye(microphones)
+        self.whiteners: NDArray = np.linalg.inv(np.linalg.cholesky(table))  # (s, b, m, m)
+        self._log_volumes = -2.0 * np.log(np.einsum('sbii->sbi', self.whiteners).real).sum(axis=2)  # log det R (s, b)
 
-    def covariance_in(self, spectra: NDArray) -> NDArray:
-        """Covariance (m, m, k) of the ego-noise in a window with spectra (m, k), 0 where these are 0."""
-        covariance = _covariance(spectra)
-        power = np.einsum('iik->k', covariance.real)
-        used = power > 0.0
-        if not used.any():
-            return np.zeros_like(covariance)
-        weights = used / np.maximum(self._smooth(power) / power.mean(), 1e-6) ** 2
-        measured, noise = covariance[self._pairs], self._covariance[self._pairs]
-        level = float(np.sum(weights * (measured * noise.conj()).real) / np.sum(weights * np.abs(noise) ** 2))
-        return self._covariance * (OVER_SUBTRACTION * max(level, 0.0) * used).astype(np.float32)
-
-    def _smooth(self, values: NDArray) -> NDArray:
-        return uniform_filter1d(values, self._bins, axis=-1, mode='nearest')
+    def likeliest(self, covariances: NDArray) -> int:
+        """The throttle under which a window with covariances (b, m, m) is most likely, whatever the level in each band."""
+        if len(self.whiteners) == 1:
+            return 0
+        white = np.einsum('sbij,bjk,sbik->sb', self.whiteners, covariances, self.whiteners.conj()).real
+        microphones = covariances.shape[-1]
+        misfit = self._log_volumes + microphones * np.log(np.maximum(white, np.finfo(float).tiny))
+        return int(np.argmin(misfit.sum(axis=1)))
 
 
-def _covariance(spectra: NDArray) -> NDArray:
-    return spectra[:, None] * spectra[None].conj()
+def covariance(bands: NDArray) -> NDArray:
+    """Covariances (b, m, m) of spectra (b, m, n)."""
+    return bands @ bands.conj().swapaxes(-1, -2) / bands.shape[-1]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from av_audio.ego_noise import EgoNoise
 from av_audio.steered_response import Peak, SteeredResponse, spread_of
 from av_audio.weighting import cross_spectra
 from av_common.microphone_array import MicrophoneArray
@@ -53,22 +52,35 @@ class FurtherSources(SteeredResponse):
         array: positions of the microphones.
         frequencies (k,) (Hz): frequencies of the bins.
         speed_of_sound (m/s): speed of sound.
-        ego_noise: model of the rig's own noise, whose covariance is subtracted; None subtracts nothing.
     """
 
-    def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float,
-                 ego_noise: EgoNoise | None = None) -> None:
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, speed_of_sound: float) -> None:
         self._group = max(1, round(GROUP_HZ / float(frequencies[1] - frequencies[0])))
         self._used = len(frequencies) // self._group * self._group
         super().__init__(array, frequencies[:self._used].reshape(-1, self._group).mean(axis=1), speed_of_sound, CLUSTER_HZ)
         self._cluster_sizes = np.diff([*self._clusters, len(self._omega)])
         self._wide = self._clusters[::round(WIDE_HZ / CLUSTER_HZ)]
-        self._ego_noise = ego_noise
         self._significance = 1.0 if array.channels == 2 else ARRAY_SIGNIFICANCE
         _, neighbours = cKDTree(self.grid).query(self.grid, 3**array.rank)
         self._neighbours = neighbours[:, 1:]
         wavelength = speed_of_sound / (float(frequencies.mean()) * array.aperture)
         self._apart, self._resolved = SEPARATION * wavelength, RESOLVED * wavelength
+
+    def beside(self, spectra: NDArray, peak: Peak, most: int) -> list[Peak]:
+        """The peaks of all sources, that of the strongest first: of its two estimates, alone and beside the others, the better.
+
+        Parameters:
+            spectra (m, k): spectra of the window.
+            peak: the strongest source, estimated alone.
+            most: largest number of sources, up to MOST_SOURCES.
+        """
+        peaks = self.find(spectra, peak.q, most)
+        if not peaks:
+            return [peak]
+        apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
+        better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
+        return [replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
+                        main_share=max(peak.main_share, peaks[0].main_share)), *peaks[1:]]
 
     def find(self, spectra: NDArray, strongest: NDArray, most: int) -> list[Peak]:
         """Peaks of all sources, that at `strongest` first; none where it is the only one.
@@ -163,8 +175,6 @@ class FurtherSources(SteeredResponse):
         """Unit phases (p, j, n) of the cross-spectra of spectra (m, k), in j groups of n bins."""
         pairs = self._array.pairs
         cross = cross_spectra(spectra, pairs)
-        if self._ego_noise is not None:
-            cross = cross - self._ego_noise.covariance_in(spectra)[pairs[:, 0], pairs[:, 1]]
         cross = cross[:, :self._used].reshape(len(pairs), -1, self._group)
         return cross / np.maximum(np.abs(cross), np.finfo(np.float32).tiny)
 

@@ -8,37 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from av_audio.adaptive import Adaptive
-from av_audio.correlation import Correlation
 from av_audio.directions import Array, cone_cosine, is_end_fire, to_directions, undo_delay_curve, within_elevations
-from av_audio.ego_noise import EgoNoise, NoiseRecording
+from av_audio.ego_noise import NoiseRecording
 from av_audio.ego_rotors import find_blade_pass, notch
-from av_audio.further_sources import MOST_SOURCES, FurtherSources
+from av_audio.estimators import METHODS, make_estimator
+from av_audio.further_sources import MOST_SOURCES
 from av_audio.health import FULL_SCALE
 from av_audio.lost_phase import has_lost_phases
 from av_audio.methods import DOA_METHODS, WindowMethod, peak_of
-from av_audio.narrowband import Music, Mvdr
-from av_audio.spectra import CONVERTED_SHARE, SpectrumAnalyzer
 from av_audio.steered_response import Peak
-from av_audio.weighting import Weighting, maximum_likelihood, phat, plain
 from av_common.acoustics import speed_of_sound
 from av_common.microphone_array import MicrophoneArray
 
-METHODS: dict[str, tuple[type[Adaptive | Correlation], Weighting]] = {
-    'ml': (Adaptive, maximum_likelihood),
-    'phat': (Correlation, phat),
-    'plain': (Correlation, plain),
-    'music': (Music, maximum_likelihood),
-    'mvdr': (Mvdr, maximum_likelihood),
-}
-# Logistic model of the probability that a peak stems from a source, by its significance: 0.5 at 2.8. Both numbers were
-# fitted to the share of wrong peaks over simulated drones in noise; `ros2 run av_evaluation hearing sigma` checks them.
-EVEN_SIGNIFICANCE = 2.8
-SIGNIFICANCE_SLOPE = 1.9
-# Phases above the band are used up to this frequency, where the sound of drones fades; up to where converters filter; and up to
-# so many wavelengths between the outermost microphones.
-WIDEBAND_HZ = 8000.0
-WIDEBAND_WAVELENGTHS = 10.0
 # Windows in which more of the samples clip have no confidence.
 CLIPPED_SHARE = 0.01
 # A direction of less than this (q, a cosine) is that of no delay, which sound without phases has.
@@ -144,7 +125,7 @@ class Localizer:
         array: positions of the microphones, one per channel.
         sample_rate (Hz): sample rate of the stream.
         settings: defaults where None.
-        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+        ego_noise: recording of the rig alone, by which spectra are whitened; None whitens nothing.
 
     Raises ValueError when settings or recording do not fit the array or the sample rate.
     """
@@ -164,19 +145,9 @@ class Localizer:
         self._foreign: WindowMethod | None = None
         if settings.method not in METHODS:
             self._foreign = DOA_METHODS.load(settings.method)(array, sample_rate)
-        estimator, weighting = METHODS.get(settings.method, METHODS['plain'])
-        highest = 0.0
-        if settings.wideband and estimator is Adaptive and ego_noise is None:
-            highest = min(WIDEBAND_HZ, CONVERTED_SHARE * sample_rate / 2.0,
-                          WIDEBAND_WAVELENGTHS * speed_of_sound(settings.temperature_c) / array.aperture)
-        self._analyzer = SpectrumAnalyzer(sample_rate, self._window, settings.band_hz, highest_hz=highest)
-        self._estimator = estimator(array, self._analyzer.frequencies, self._analyzer.response,
-                                    speed_of_sound(settings.temperature_c), weighting,
-                                    None if ego_noise is None else self._ego_noise_model(ego_noise))
-        self._further = None
-        if settings.max_sources > 1 and self._foreign is None:
-            self._further = FurtherSources(array, self._analyzer.frequencies, speed_of_sound(settings.temperature_c),
-                                           self._estimator.ego_noise)
+        self._analyzer, self._estimator = make_estimator(
+            settings.method if self._foreign is None else 'plain', array, sample_rate, self._window, settings.band_hz,
+            speed_of_sound(settings.temperature_c), settings.wideband, ego_noise if self._foreign is None else None)
         self._elevations = np.radians(settings.elevation_deg)
         # Room for two windows, so that a window slides by its full length before it is copied back to the beginning.
         self._buffer = np.zeros((array.channels, 2 * self._window), np.float32)
@@ -227,14 +198,6 @@ class Localizer:
                 self._slide()
         return estimates
 
-    def _ego_noise_model(self, ego_noise: NoiseRecording) -> EgoNoise:
-        ego_noise.check(self.array.channels, self.sample_rate)
-        starts = range(0, len(ego_noise.samples) - self._window + 1, max(1, self._window // 2))
-        if not starts:
-            raise ValueError(f'{ego_noise.name} is shorter than a window of {self.settings.window_s:g} s')
-        windows = (self._analyzer.spectra(ego_noise.samples[start:start + self._window].T) for start in starts)
-        return EgoNoise(windows, self.sample_rate / self._window)
-
     def _slide(self) -> None:
         self._filled -= self._hop
         self._begin += self._hop
@@ -252,26 +215,18 @@ class Localizer:
             peaks = [peak_of(found, self.array) for found in self._foreign(window.T)[:self.settings.max_sources]]
             if not peaks:
                 return self._nothing(centre, level)
-            return self._estimates_of(peaks[0], peaks[1:], window, centre, level)
-        spectra = self._without_ego_rotors(spectra)
-        peak = self._estimator.estimate(spectra)
-        peaks = [] if self._further is None else self._further.find(spectra, peak.q, self.settings.max_sources)
-        if peaks:
-            apart = peak.q - peaks[0].q  # of two estimates whose errors are alike
-            better = min(peak, peaks[0], key=lambda one: float(np.trace(one.covariance + one.bias)))
-            peak = replace(better, bias=better.bias + 0.5 * np.outer(apart, apart), significance=peak.significance,
-                           main_share=max(peak.main_share, peaks[0].main_share))
-        return self._estimates_of(peak, peaks[1:], window, centre, level)
+            return self._estimates_of(peaks, window, centre, level)
+        peaks = self._estimator.peaks(self._without_ego_rotors(spectra), self.settings.max_sources)
+        return self._estimates_of(peaks, window, centre, level)
 
     def _nothing(self, centre: float, level: float) -> DoaEstimate:
         empty = np.zeros(0)
         return DoaEstimate(centre / self.sample_rate, centre, empty, empty, empty, empty, empty,
                            np.zeros(0, int), np.zeros(0, bool), level, empty)
 
-    def _estimates_of(self, peak: Peak, others: Sequence[Peak], window: NDArray[np.float32], centre: float,
-                      level: float) -> DoaEstimate:
-        further = tuple(self._estimate_of(other, k + 1, window, centre, level) for k, other in enumerate(others))
-        return replace(self._estimate_of(peak, 0, window, centre, level), further=further)
+    def _estimates_of(self, peaks: Sequence[Peak], window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
+        first, *further = (self._estimate_of(peak, k, window, centre, level) for k, peak in enumerate(peaks))
+        return replace(first, further=tuple(further))
 
     def _estimate_of(self, peak: Peak, group: int, window: NDArray[np.float32], centre: float, level: float) -> DoaEstimate:
         q, slope = undo_delay_curve(self.array, peak.q)
@@ -307,7 +262,7 @@ class Localizer:
         if float(np.linalg.norm(peak.q)) < NO_DELAY and has_lost_phases(window, self.sample_rate):
             self.without_phases += 1
             return 0.0
-        source = 1.0 / (1.0 + np.exp(-SIGNIFICANCE_SLOPE * (peak.significance - EVEN_SIGNIFICANCE)))
+        source = self._estimator.probability(peak.significance)
         loud = max(float(window.max()), -float(window.min())) >= FULL_SCALE
         clipped = np.count_nonzero(np.abs(window) >= FULL_SCALE) / window.size if loud else 0.0
         return float(source * peak.main_share * max(0.0, 1.0 - clipped / CLIPPED_SHARE))

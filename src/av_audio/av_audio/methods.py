@@ -14,7 +14,7 @@ from av_common.angles import angles_to_direction
 from av_common.methods import Methods
 from av_common.microphone_array import MicrophoneArray
 
-DOA_METHODS = Methods('av_rig.doa', dict.fromkeys(('ml', 'phat', 'plain', 'music', 'mvdr'), 'av_audio.localizer:METHODS'))
+DOA_METHODS = Methods('av_rig.doa', dict.fromkeys(('ml', 'phat', 'plain', 'music', 'mvdr'), 'av_audio.estimators:METHODS'))
 
 
 class Direction(NamedTuple):

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import minimum_filter1d
 
+from av_audio.band_search import BAND_HZ
 from av_audio.drone_features import FRAME_S, HOP_S, SEGMENT_FRAMES, Segment, bin_frequencies
-from av_audio.ego_noise import EgoNoise, NoiseRecording
+from av_audio.ego_noise import EgoNoise, NoiseRecording, covariance
 from av_audio.ego_rotors import notch
 from av_common.microphone_array import MicrophoneArray
 
@@ -29,7 +29,7 @@ class SourceSpectra:
         array: positions of the microphones.
         sample_rate (Hz): sample rate, at least twice the highest frequency of the features.
         speed_of_sound (m/s): speed of sound.
-        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+        ego_noise: recording of the rig alone, by which spectra are whitened; None whitens nothing.
 
     Raises ValueError for a recording that does not fit the array or the sample rate.
     """
@@ -39,18 +39,19 @@ class SourceSpectra:
         self.sample_rate = sample_rate
         self._frame, self._hop = round(FRAME_S * sample_rate), round(HOP_S * sample_rate)
         self._frequencies = bin_frequencies()
-        self._bins = slice(round(self._frequencies[0] * FRAME_S), round(self._frequencies[-1] * FRAME_S) + 1)
+        self._used = slice(round(self._frequencies[0] * FRAME_S), round(self._frequencies[-1] * FRAME_S) + 1)
         self._taper = np.hanning(self._frame).astype(np.float32)[:, None]
         self._lead = (array.positions @ array.basis / speed_of_sound).astype(np.float32)  # (m, rank): s that each leads
         self._omega = (2.0 * np.pi * self._frequencies).astype(np.float32)
         self._samples = np.zeros((0, array.channels), np.float32)
         self._spectra: deque[NDArray] = deque(maxlen=SEGMENT_FRAMES)
+        self._bins = round(BAND_HZ * FRAME_S)
+        self._bands = np.minimum(np.arange(len(self._frequencies)) // self._bins, len(self._frequencies) // self._bins - 1)
         self._ego_noise = None
         if ego_noise is not None:
             ego_noise.check(array.channels, sample_rate)
-            starts = range(0, len(ego_noise.samples) - self._frame + 1, self._frame // 2)
-            windows = (self._spectrum(ego_noise.samples[start:start + self._frame]) for start in starts)
-            self._ego_noise = EgoNoise(windows, 1.0 / FRAME_S)
+            frames = (self._spectrum(window.T)[None] for window in ego_noise.windows(self._frame))
+            self._ego_noise = EgoNoise(self._by_band(frame) for frame in frames)
 
     @property
     def is_full(self) -> bool:
@@ -70,60 +71,70 @@ class SourceSpectra:
             self._samples = self._samples[self._hop:]
 
     def steered(self, directions: Sequence[NDArray], blade_pass_hz: NDArray | None = None) -> list[Segment]:
-        """The sound from each direction: cross-powers of all pairs after removing the delays of the direction.
+        """The sound from each direction: its power less that of noise, as the other directions show it.
 
-        Noise that the microphones do not share has no part in it, and of other directions only what agrees by chance. Those
-        that are given have no part in each other: the powers of all are fitted to the cross-powers by least squares.
+        Noise that the microphones do not share, or that the recording has, has no part in it, and of other directions only what
+        agrees by chance. Those that are given have no part in each other: the powers of all are fitted by least squares.
 
         Parameters:
             directions: measured projections q (rank,) on the array's basis, of different sources.
             blade_pass_hz (r,) (Hz): blade-pass frequencies of the rig's own rotors, whose lines are removed.
         """
         spectra = np.stack(self._spectra)  # (t, m, k)
-        microphones = spectra.shape[1]
-        steering = np.exp(-1j * np.stack([self._lead @ q for q in directions]).astype(np.float32)[..., None] * self._omega)
-        total = np.mean(np.abs(spectra) ** 2, axis=1)
-        powers = np.stack([_cross_power(np.abs(np.sum(spectra * towards, axis=1)) ** 2, total, microphones)
-                           for towards in steering])  # (s, t, k)
+        steering = np.exp(1j * np.stack([self._lead @ q for q in directions]).astype(np.float32)[..., None] * self._omega)
         if self._ego_noise is not None:
-            noise = np.mean([self._ego_noise.covariance_in(frame) for frame in self._spectra], axis=0)
-            seen = np.einsum('sik,ijk,sjk->sk', steering, noise, steering.conj()).real
-            own = np.einsum('iik->k', noise).real / microphones
-            powers -= _cross_power(seen, own, microphones)[:, None]
-            total = np.maximum(total - own, LEAST_TOTAL * total)
+            throttle = self._ego_noise.likeliest(covariance(self._by_band(spectra)))
+            whitener = self._ego_noise.whiteners[throttle][self._bands].astype(np.complex64)  # (k, m, m)
+            spectra, steering = (np.einsum('kij,ajk->aik', whitener, part) for part in (spectra, steering))
+        gain = np.sum(np.abs(steering) ** 2, axis=1)  # (s, k)
+        total = np.sum(np.abs(spectra) ** 2, axis=1) / gain[:, None]  # (s, t, k)
+        beams = np.stack([np.abs(np.sum(spectra * one.conj(), axis=1)) ** 2 for one in steering])
+        powers = _power(beams, total, gain[:, None], spectra.shape[1])
         if len(directions) > 1:
-            powers = _separated(powers, steering)
+            powers = _separated(powers, steering, gain)
         free = np.ones(len(self._frequencies), bool)
         if blade_pass_hz is not None and len(blade_pass_hz):
             free = minimum_filter1d(notch(self._frequencies, blade_pass_hz), MAIN_LOBE_BINS)
         beside = np.maximum(powers, 0.0).sum(axis=0) - np.maximum(powers, 0.0)
-        return [Segment(_bridged(power, free), _bridged(np.maximum(total - others, LEAST_TOTAL * total), free))
-                for power, others in zip(powers, beside, strict=True)]
+        total = np.maximum(total - beside, LEAST_TOTAL * total)
+        return [Segment(_bridged(power, free), _bridged(own, free)) for power, own in zip(powers, total, strict=True)]
+
+    def _by_band(self, spectra: NDArray) -> NDArray:
+        """Spectra (b, m, n) of bands, whose bins in all frames are alike, from spectra (t, m, k)."""
+        frames, microphones, bins = spectra.shape
+        whole = spectra[..., :bins // self._bins * self._bins].reshape(frames, microphones, -1, self._bins)
+        return whole.transpose(2, 1, 0, 3).reshape(-1, microphones, frames * self._bins)
 
     def _spectrum(self, frame: NDArray) -> NDArray:
         """Spectra (m, k) of a frame (n, m)."""
-        return np.ascontiguousarray(fft.rfft(frame * self._taper, axis=0)[self._bins].T)
+        return np.ascontiguousarray(fft.rfft(frame * self._taper, axis=0)[self._used].T)
 
 
-def _cross_power(beam: NDArray, total: NDArray, microphones: int) -> NDArray:
-    """Mean cross-power of all pairs, from the power of the sum of all microphones and the mean power of one."""
+def _power(beam: NDArray, total: NDArray, gain: NDArray, microphones: int) -> NDArray:
+    """Power of a source less that of noise in all other directions, from the squared output of the beam to it.
+
+    Parameters:
+        beam: |a^H x|^2 for the steering vector a.
+        total: |x|^2 / |a|^2.
+        gain: |a|^2.
+        microphones: dimension m of the vectors.
+    """
     if microphones == 1:
         return total
-    return (beam - microphones * total) / (microphones * (microphones - 1))
+    return (microphones * beam / gain**2 - total) / (microphones - 1)
 
 
-def _separated(powers: NDArray, steering: NDArray) -> NDArray:
+def _separated(powers: NDArray, steering: NDArray, gain: NDArray) -> NDArray:
     """Powers (s, t, k) of each of several sources.
 
     Parameters:
-        powers (s, t, k): mean cross-powers, steered to each.
-        steering (s, m, k): conjugate steering vectors of each.
+        powers (s, t, k): powers in the direction of each.
+        steering (s, m, k): steering vectors of each.
+        gain (s, k): their squared norms.
     """
-    count, microphones, bins = steering.shape
-    gram, ones = np.empty((bins, count, count)), np.ones(bins)
-    for i, j in combinations_with_replacement(range(count), 2):
-        gram[:, i, j] = gram[:, j, i] = _cross_power(
-            np.abs(np.sum(steering[i] * steering[j].conj(), axis=0)) ** 2, ones, microphones)
+    count, microphones, _ = steering.shape
+    beams = np.abs(np.einsum('imk,jmk->ijk', steering.conj(), steering)) ** 2
+    gram = _power(beams, gain / gain[:, None], gain[:, None], microphones).transpose(2, 0, 1)
     return np.linalg.solve(gram + LOADING * np.eye(count), powers.transpose(2, 0, 1)).transpose(1, 2, 0)
 
 

@@ -33,7 +33,7 @@ class DoaStage:
     Parameters:
         array: positions of the microphones, one per channel of the frames.
         settings: window, hop, band and method of the localizer; defaults where None.
-        ego_noise: recording of the rig alone, whose noise is subtracted; None subtracts nothing.
+        ego_noise: recording of the rig alone, by whose noise spectra are whitened; None whitens nothing.
         rotor_blades: blades of each of the rig's own rotors, with which motor speeds become the frequencies that are
             notched; 0 ignores motor speeds.
         drone_model: judges whether what is heard is a drone; None leaves the probability unknown.

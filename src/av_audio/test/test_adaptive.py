@@ -6,7 +6,6 @@ import pytest
 from av_audio.adaptive import Adaptive
 from av_audio.localizer import Localizer, LocalizerSettings
 from av_audio.steered_response import Peak
-from av_audio.weighting import maximum_likelihood
 from av_common.acoustics import speed_of_sound
 from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
@@ -75,7 +74,7 @@ def test_of_three_estimates_the_majority_decides(monkeypatch, third, expected):
     def at(q, sigma):
         return Peak(np.array([q]), np.array([[sigma**2]]), np.zeros((1, 1)), 5.0, 1.0, 0.2, 0.5)
 
-    adaptive = Adaptive(PAIR, np.arange(200.0, 8000.0, 2.0), np.ones(3900), C, maximum_likelihood)
+    adaptive = Adaptive(PAIR, np.arange(200.0, 8000.0, 2.0), np.ones(3900), C)
     monkeypatch.setattr(adaptive._likelihood, 'at_rest', lambda spectra: (at(0.5, 0.01), None))
     monkeypatch.setattr(adaptive._likelihood, 'highest_with', lambda spectra, weighting: at(third, 0.02))
     monkeypatch.setattr(adaptive._even, 'estimate', lambda spectra: at(-0.3, 0.2))

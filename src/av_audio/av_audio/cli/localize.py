@@ -42,7 +42,7 @@ def add_localizer_arguments(parser: argparse.ArgumentParser) -> None:
                         help='temperature of the air in degrees Celsius (default: %(default)s)')
     parser.add_argument('--ego-rotors', type=int, default=defaults.estimated_rotors, metavar='N',
                         help='number of own rotors whose harmonics are found in the sound and notched (default: %(default)s)')
-    parser.add_argument('--ego-noise', metavar='FILE', help='sound file of the rig alone, whose noise is subtracted')
+    parser.add_argument('--ego-noise', metavar='FILE', help='sound file of the rig alone, whose noise is whitened')
 
 
 def settings_from(arguments: argparse.Namespace) -> LocalizerSettings:

@@ -1,0 +1,283 @@
+"""Directions from the covariances of narrow bands: MUSIC and MVDR, and all methods where the rig's own noise is whitened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from av_audio.drift import is_positive
+from av_audio.ego_noise import EgoNoise, covariance
+from av_audio.steered_response import MARGIN, OPTIMISM, Peak, direction_grid, is_source, with_other_lobes
+from av_common.microphone_array import MicrophoneArray
+
+# The bins of a band of this width are the snapshots of one covariance matrix: enough of them to average, close enough to
+# share phases.
+BAND_HZ = 40.0
+CLUSTER_HZ = 250.0  # between clusters of bands of this width errors are independent
+PLACED_M = 0.5e-3  # to which microphones are at the places that the array file states
+LOADING = 1e-3  # of the trace, added to a covariance before it is inverted
+GRID_POINTS_PER_PERIOD = 4.0
+REFINEMENTS = 4  # of a maximum on the grid, each with half of the step
+# Least standard deviation of the significance of noise, of which a recording has few windows.
+LEAST_SPREAD = 0.3
+TINY = float(np.finfo(np.float32).tiny)
+
+
+class Method(NamedTuple):
+    """A function of direction for each band.
+
+    Parameters:
+        matrices: from covariances (b, m, m) with a trace of m to those whose quadratic form is taken.
+        value: from quadratic forms (b, g) with unit steering vectors and powers (b, 1) of the bands to what is summed.
+        even: whether the bins of a band have equal weights.
+    """
+
+    matrices: Callable[[NDArray], NDArray]
+    value: Callable[[NDArray, NDArray], NDArray]
+    even: bool = False
+
+
+def _same(covariances: NDArray) -> NDArray:
+    return covariances
+
+
+def _strongest(covariances: NDArray) -> NDArray:
+    vectors = np.linalg.eigh(covariances)[1][..., -1:]
+    return vectors @ vectors.conj().swapaxes(-1, -2)
+
+
+def _inverse(covariances: NDArray) -> NDArray:
+    microphones = covariances.shape[-1]
+    return np.linalg.inv(covariances + LOADING * microphones * np.eye(microphones, dtype=covariances.dtype))
+
+
+BAND_METHODS: dict[str, Method] = {
+    # Of noise of known shape the likelihood believes too much in the few bands that a recording does not fit. Capon's form
+    # bounds what a band counts; in own tests both were within their spread.
+    'ml': Method(_inverse, lambda form, power: 1.0 / form),
+    'phat': Method(_same, lambda form, power: form, even=True),  # Knapp and Carter, 1976
+    'plain': Method(_same, lambda form, power: power * form),
+    'music': Method(_strongest, lambda form, power: form),  # Schmidt, 1986
+    'mvdr': Method(_inverse, lambda form, power: 1.0 / form),  # Capon, 1969
+}
+
+
+class _Window(NamedTuple):
+    """What is searched in a window.
+
+    Parameters:
+        matrices (b, m, m): of the method.
+        power (b, 1): of the bands.
+        whitener (b, m, m): see `EgoNoise`.
+        stretch (b, 1, 1): mean frequency of the power in a band over the band's centre.
+        values (b, g): on the grid.
+    """
+
+    matrices: NDArray
+    power: NDArray
+    whitener: NDArray
+    stretch: NDArray
+    values: NDArray
+
+
+class BandSearch:
+    """Finds the maxima of a method's sum over bands. Motion within a window is not modelled.
+
+    Its curvature and the scatter of the bands' gradients give the covariance of a maximum (sandwich estimate; White, 1982), and
+    the scale by which the sum becomes a logarithm of a likelihood (Pauli, Racugno and Ventura, 2011).
+
+    Parameters:
+        array: positions of the microphones.
+        frequencies (k,) (Hz): frequencies of the bins.
+        weights (k,): of the bins.
+        speed_of_sound (m/s): speed of sound.
+        method: one of BAND_METHODS.
+        recording: spectra (m, k) of windows of the rig alone, by which spectra are whitened; empty whitens nothing.
+    """
+
+    def __init__(self, array: MicrophoneArray, frequencies: NDArray, weights: NDArray, speed_of_sound: float, method: str,
+                 recording: Iterable[NDArray] = ()) -> None:
+        self._array, self._method = array, BAND_METHODS[method]
+        self._bins = max(array.channels, round(BAND_HZ / float(frequencies[1] - frequencies[0])))
+        self._count = len(frequencies) // self._bins
+        by_band = frequencies[:self._count * self._bins].reshape(self._count, -1)
+        centres = by_band.mean(axis=1, keepdims=True)
+        self._offsets = by_band / centres
+        self._weights = weights[:self._count * self._bins].reshape(self._count, -1).mean(axis=1)[:, None]
+        # phase per unit of q (b, m, rank): nearer microphones are ahead
+        self._phase = 2.0 * np.pi * centres[..., None] * (array.positions @ array.basis) / speed_of_sound
+        self._step = speed_of_sound / (GRID_POINTS_PER_PERIOD * float(centres[-1, 0]) * array.aperture)
+        self.grid = direction_grid(array.rank, 1.0 / self._step)
+        self._cell = (2.0 * MARGIN, np.pi * MARGIN**2, 4.0 * np.pi)[array.rank - 1] / len(self.grid)
+        _, neighbours = cKDTree(self.grid).query(self.grid, min(len(self.grid), 3 ** min(array.rank, 2)))
+        self._neighbours = neighbours[:, 1:]
+        self._placed = (PLACED_M / array.aperture) ** 2
+        self._listen([self._bands(spectra) for spectra in recording])
+
+    def _listen(self, windows: list[NDArray]) -> None:
+        """Learn the rig's own noise from windows (b, m, n), and what its peaks are like after whitening by other windows."""
+        self._noise: EgoNoise | None = None
+        self._alone: tuple[float, float] | None = None
+        self._use(np.eye(self._array.channels)[None, None])
+        if not windows:
+            return
+        middle, rises = len(windows) // 2, []
+        for known, other in ((windows[:middle], windows[middle:]), (windows[middle:], windows[:middle])) if middle > 1 else ():
+            self._noise = EgoNoise(known)
+            self._use(self._noise.whiteners)
+            rises += [_rise(self._window(bands).values) for bands in other]
+        if rises:
+            found = [_significance(rise[:, int(np.argmax(rise.sum(axis=0)))]) for rise in rises]
+            self._alone = float(np.mean(found)), max(float(np.std(found)), LEAST_SPREAD)
+        self._noise = EgoNoise(windows)
+        self._use(self._noise.whiteners)
+
+    def _use(self, whiteners: NDArray) -> None:
+        self._whiteners = whiteners
+        self._steering = [self._steered(self.grid, whitener) for whitener in whiteners]
+
+    def probability(self, significance: float) -> float:
+        """Probability that a peak stems from a source, by its significance.
+
+        Peaks of the rig alone have an extreme-value distribution, whose moments are those of the recording. The p-value under
+        it bounds the odds of the rig alone from below by -e p ln p (Sellke, Bayarri and Berger, 2001).
+        """
+        if self._alone is None:
+            return is_source(significance)
+        mean, deviation = self._alone
+        scale = deviation * math.sqrt(6.0) / math.pi
+        beyond = math.exp(-(significance - mean) / scale - np.euler_gamma)
+        p = -math.expm1(-beyond)
+        return 1.0 / (1.0 - math.e * p * math.log(p)) if 0.0 < p < 1.0 / math.e else 0.5 if p else 1.0
+
+    def peaks(self, spectra: NDArray, most: int) -> list[Peak]:
+        """The highest peak for spectra (m, k), then further sources: each band has the sound of one of them.
+
+        Parameters:
+            spectra (m, k): spectra of the window.
+            most: largest number of peaks.
+        """
+        window = self._window(self._bands(spectra))
+        found = [self._peak(window, np.full(self._count, -np.inf), np.ones(len(self.grid), bool))]
+        while len(found) < most and found[0].significance > 0.0:
+            explained = np.max([self._at(window, peak.q[None])[:, 0] for peak in found], axis=0)
+            gain = _gain(window.values, explained).sum(axis=0)
+            tops = (gain >= gain[self._neighbours].max(axis=1)) & np.all(
+                [np.linalg.norm(self.grid - peak.q, axis=1) > 2.0 * self._step for peak in found], axis=0)
+            peak = self._peak(window, explained, tops) if tops.any() else None
+            if peak is None or self.probability(peak.significance) < 0.5:
+                break
+            found.append(peak)
+        return found
+
+    def _bands(self, spectra: NDArray) -> NDArray:
+        """Spectra (b, m, n) of n bins in each band, from spectra (m, k)."""
+        return spectra[:, :self._count * self._bins].reshape(len(spectra), self._count, -1).transpose(1, 0, 2)
+
+    def _window(self, bands: NDArray) -> _Window:
+        """What is searched in the spectra (b, m, n) of a window."""
+        throttle = self._noise.likeliest(covariance(bands)) if self._noise else 0
+        white = self._whiteners[throttle] @ bands
+        if self._method.even:
+            white = white / np.maximum(np.linalg.norm(white, axis=1, keepdims=True), TINY)
+        covariances = covariance(white)
+        power = np.maximum(np.einsum('bii->b', covariances).real / self._array.channels, TINY)
+        of_bins = np.sum(np.abs(white) ** 2, axis=1)
+        stretch = np.sum(self._offsets * of_bins, axis=1) / np.maximum(of_bins.sum(axis=1), TINY)
+        matrices = self._method.matrices(covariances / power[:, None, None]).astype(np.complex64)
+        window = _Window(matrices, power[:, None], self._whiteners[throttle], stretch[:, None, None], np.zeros(0))
+        return window._replace(values=self._values(window, self._steering[throttle]))
+
+    def _steered(self, points: NDArray, whitener: NDArray, stretch: NDArray | float = 1.0) -> NDArray:
+        """Unit steering vectors (b, m, g) of points (g, rank), whitened."""
+        steering = whitener @ np.exp(1j * (stretch * self._phase @ points.T))
+        return (steering / np.linalg.norm(steering, axis=1, keepdims=True)).astype(np.complex64)
+
+    def _values(self, window: _Window, steering: NDArray) -> NDArray:
+        form = np.sum((steering.conj() * (window.matrices @ steering)).real, axis=1)
+        return self._weights * self._method.value(form, window.power)
+
+    def _at(self, window: _Window, points: NDArray) -> NDArray:
+        """Values (b, g) at points (g, rank)."""
+        return self._values(window, self._steered(points, window.whitener, window.stretch))
+
+    def _peak(self, window: _Window, explained: NDArray, tops: NDArray) -> Peak:
+        """The highest peak of what other sources do not explain.
+
+        Parameters:
+            window: the window.
+            explained (b,): values that bands have at other sources.
+            tops (g,): points of the grid at which it may be.
+        """
+        values = _gain(window.values, explained)
+        total = values.sum(axis=0)
+        best = int(np.argmax(np.where(tops, total, -np.inf)))
+        q, step = self.grid[best], self._step
+        for _ in range(REFINEMENTS):
+            axes = _tangent(q)
+            slopes, curvature = _derivatives(_gain(self._at(window, _stencil(q, axes, step)), explained), len(axes), step)
+            if not is_positive(curvature):
+                unknown = np.full((len(q), len(q)), np.inf)
+                return Peak(q, unknown, np.zeros_like(unknown), 0.0, 0.0)
+            q = _on_sphere((q + np.clip(np.linalg.solve(curvature, slopes.sum(axis=1)), -step, step) @ axes)[None])[0]
+            step *= 0.5
+        inverse = np.linalg.inv(curvature)
+        rise = _rise(values)[:, best]
+        significance = _significance(rise)
+        gradients = np.add.reduceat(slopes, np.arange(0, self._count, round(CLUSTER_HZ / BAND_HZ)), axis=1)
+        spread = inverse @ (gradients @ gradients.T) @ inverse * (1.0 + (OPTIMISM / significance) ** 2) ** 2
+        scale = len(axes) / max(float(np.trace(spread @ curvature)), TINY)
+        # where a parabola of this curvature falls to the mean of the curve, the lobe ends
+        lobe = math.sqrt(2.0 * max(float(total[best] - total.mean()), 0.0) * len(axes) / float(np.trace(curvature)))
+        outside = np.linalg.norm(self.grid - q, axis=1) > max(lobe, self._step)
+        weights = self._cell * np.exp(np.minimum(scale * (total - total[best]), 0.0)) * outside
+        covariance, share = with_other_lobes(q, axes.T @ (spread + self._placed * np.eye(len(axes))) @ axes, self.grid, weights)
+        return Peak(q, covariance, np.zeros((len(q), len(q))), significance, share)
+
+
+def _gain(values: NDArray, explained: NDArray) -> NDArray:
+    """What values (b, g) add to those (b,) of other sources; the values themselves where there are none."""
+    return np.maximum(values - explained[:, None], 0.0) if np.isfinite(explained).all() else values
+
+
+def _rise(values: NDArray) -> NDArray:
+    """Values (b, g) less their mean over the grid."""
+    return values - values.mean(axis=1, keepdims=True)
+
+
+def _significance(rise: NDArray) -> float:
+    """Sum of the rises (b,) of bands over the standard deviation that independent bands give."""
+    return float(rise.sum() / max(math.sqrt(float(rise @ rise)), TINY))
+
+
+def _tangent(q: NDArray) -> NDArray:
+    """Directions (d, rank) in which q (rank,) may move: all of them, or those on the unit sphere."""
+    return np.eye(len(q)) if len(q) < 3 else np.linalg.svd(q[None])[2][1:]
+
+
+def _stencil(q: NDArray, axes: NDArray, step: float) -> NDArray:
+    """Points (3^d, rank) around q (rank,) at multiples -1, 0, 1 of a step along axes (d, rank)."""
+    multiples = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * len(axes), indexing='ij'), axis=-1).reshape(-1, len(axes))
+    return _on_sphere(q + step * multiples @ axes)
+
+
+def _on_sphere(points: NDArray) -> NDArray:
+    """Points (g, rank), on the unit sphere where the array is one in space."""
+    return points / np.linalg.norm(points, axis=1, keepdims=True) if points.shape[1] == 3 else points
+
+
+def _derivatives(values: NDArray, dimensions: int, step: float) -> tuple[NDArray, NDArray]:
+    """Gradients (d, b) of each band and negative Hessian (d, d) of their sum, by differences of values (b, 3^d)."""
+    cube = values.reshape(len(values), *[3] * dimensions)
+    middle = [cube] if dimensions == 1 else [cube[:, :, 1], cube[:, 1, :]]
+    gradients = np.stack([line[:, 2] - line[:, 0] for line in middle]) / (2.0 * step)
+    hessian = np.diag([float(np.sum(line[:, 2] - 2.0 * line[:, 1] + line[:, 0])) for line in middle]) / step**2
+    if dimensions == 2:
+        corners = cube.sum(axis=0)
+        hessian[0, 1] = hessian[1, 0] = (corners[2, 2] - corners[2, 0] - corners[0, 2] + corners[0, 0]) / (4.0 * step**2)
+    return gradients, -hessian
