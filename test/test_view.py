@@ -7,6 +7,7 @@ import math
 import re
 from urllib.parse import urlsplit
 
+import psutil
 import pytest
 from bag_messages import flight
 from rig_listener import RigListener
@@ -16,7 +17,6 @@ pytest.importorskip('websockets.sync.client', reason='needs websockets 13')
 from websockets.sync.client import connect
 
 from av_bags.reader import Bag
-from av_evaluation.cli.page_cost import process_at
 from av_view.browser import Browser, find_browser
 
 pytestmark = [pytest.mark.system,
@@ -99,6 +99,13 @@ def test_a_replay_is_held_and_moved_from_the_page(tmp_path):
         assert browser.wait_for('!$("open").hidden && $("open").length === 3')
         browser.value('$("open").value = "short.mcap", $("open").onchange()')
         assert browser.wait_for('$("seek").max > 0 && $("seek").max < 40'), browser.value('$("answer").textContent')
+
+
+def process_at(port):
+    """The process of this machine that listens at a TCP port."""
+    found, = {connection.pid for connection in psutil.net_connections('tcp')
+              if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port}
+    return psutil.Process(found)
 
 
 def it_costs_little_to_be_up():

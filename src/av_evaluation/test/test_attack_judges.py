@@ -9,9 +9,8 @@ import pytest
 from nav_msgs.msg import Odometry
 
 from av_common.stamps import to_stamp
-from av_evaluation.attack.judges import BearingCheck, CommandJudge, Findings
+from av_evaluation.attack.judges import BearingCheck, CommandJudge, CommandLimits, Findings
 from av_evaluation.attack.program import IN_TIME, Result, verdicts
-from av_evaluation.metrics.command_limits import CommandLimits
 from av_interfaces.msg import Bearing, PointingCommand
 from av_pointing.controller import Command, Mode, PointingSettings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from av_evaluation.experiments.drone_types import Flight, fly
+from av_evaluation.cli.drone_types import Flight, fly
 
 
 @pytest.mark.parametrize('profile', ['hexarotor', 'mini_quadrotor'])

@@ -13,9 +13,9 @@ from bag_messages import flight
 from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_evaluation.cli.evaluate import main
-from av_evaluation.experiments.unaided import chosen_hypotheses
+from av_evaluation.experiments.methods import chosen_hypotheses
+from av_evaluation.metrics.comparison import SigmaFigures, sigma_by_sensor
 from av_evaluation.metrics.results import MethodResult, RunResult, figures_together
-from av_evaluation.metrics.sigma import SigmaFigures, sigma_by_sensor
 from av_evaluation.report.page import Page
 from av_evaluation.runs import schedule
 from av_evaluation.runs.cases import Case, find_inputs, is_bag

@@ -4,22 +4,69 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import fftconvolve
+from scipy.interpolate import CubicSpline
+from scipy.signal import fftconvolve, resample
 
 from av_audio.localizer import Localizer, LocalizerSettings
+from av_common.angles import angles_to_direction
 from av_evaluation.cli import hearing
-from av_evaluation.hearing.free_field import moving, passing_source, pulsing, trials, turning_rig
+from av_evaluation.hearing.free_field import PAIR, WINDOW_S, C, trials
 from av_evaluation.hearing.places import EARS, read_responses
-from av_evaluation.hearing.signals import add_noise, recordings, rotors
+from av_evaluation.hearing.signals import RATE, add_noise, recordings, rotors
 
 DATA = Path(__file__).resolve().parents[4] / 'shared/data'
 CLIPS, HEAD = DATA / 'drone_detection/audio', DATA / 'kemar/mit_kemar_normal_pinna.sofa'
 SECONDS = 0.5
+# Sound before and after the window, for the time that it travels, and the factor by which it is sampled more finely before
+# it is interpolated: in the band the error of the cubic spline is below -90 dB.
+PAD_S, FINER = 0.15, 4
 
 
 def test_figures_are_printed_with_their_bounds(capsys):
     assert hearing.main(['bound', '--trials', '30']) == 0
     assert capsys.readouterr().out.count('must be <= 1.3: ok') == 3
+
+
+def turning_rig(rng, times, rate):
+    """A far source, and a rig that turns at `rate` in rad/s about the vertical."""
+    azimuth = rng.uniform(-np.pi, np.pi)
+    towards = angles_to_direction(azimuth - rate * times, np.zeros(len(times)))    # in the frame of the array
+    return times[:, None] + towards @ PAIR.positions.T / C, azimuth
+
+
+def passing_source(rng, times, rate):
+    """A source 5 to 30 m away on a straight line, up to 45 deg from tangential, seen at `rate` in rad/s."""
+    azimuth, distance, slant = rng.uniform(-np.pi, np.pi), rng.uniform(5.0, 30.0), rng.uniform(-np.pi / 4.0, np.pi / 4.0)
+    towards = angles_to_direction(azimuth)
+    across = np.array([-towards[1], towards[0], 0.0])
+    velocity = rate * distance * (across + np.tan(slant) * towards)
+    emitted = np.repeat(times[:, None], PAIR.channels, axis=1)
+    for _ in range(6):    # contracts by the Mach number
+        away = distance * towards + (emitted[..., None]) * velocity - PAIR.positions
+        emitted = times[:, None] - (np.linalg.norm(away, axis=-1) - distance) / C
+    return emitted, azimuth
+
+
+def moving(source, arrival, rate, snr_db):
+    """Windows in which a source moves relative to the array at a rate in rad/s, to either side, at an SNR in dB."""
+    times = np.arange(round(WINDOW_S * RATE)) / RATE - 0.5 * WINDOW_S
+
+    def make(rng):
+        emitted, azimuth = arrival(rng, times, rng.choice([-1.0, 1.0]) * rate)
+        sound = source(rng, WINDOW_S + 2.0 * PAD_S, np.zeros(1))[:, 0]
+        fine = resample(sound, FINER * len(sound))
+        heard = CubicSpline(np.arange(len(fine)) / (FINER * RATE) - 0.5 * len(sound) / RATE, fine)(emitted)
+        return add_noise(rng, heard, snr_db), azimuth
+    return make
+
+
+def pulsing(source):
+    """A source whose amplitude varies by 0.9 at 1 to 8 Hz, as gusts, rotors that beat, and vegetation do."""
+    def sound(rng, seconds, delays):
+        times = np.arange(round(seconds * RATE))[:, None] / RATE - delays
+        envelope = 1.0 + 0.9 * np.sin(2.0 * np.pi * (rng.uniform(1.0, 8.0) * times + rng.uniform()))
+        return envelope * source(rng, seconds, delays)
+    return sound
 
 
 @pytest.mark.parametrize('arrival', [turning_rig, passing_source])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from av_evaluation.hosts.light_rig import message_of
-from av_evaluation.hosts.medium import Medium, without_checksum
 from av_evaluation.hosts.pictures import Picture, agreement, phase, run_of
+from av_evaluation.hosts.switch import Medium, without_checksum
 from av_evaluation.network import cases
 from av_network.messages import LEAST_SIGMA, report_of
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from av_evaluation.cli.sweep import SWEEPS
+from av_evaluation.cli.sweep import cases_of as cases_of_sweep
 from av_evaluation.cli.sweep import main as run_sweep
 from av_evaluation.experiments.physical import labelled_azimuths, longest_take, moving_through
 from av_evaluation.experiments.publication import EXPERIMENTS, cases_of, make_page, metrics_by_experiment
-from av_evaluation.experiments.sweeps import SWEEPS
-from av_evaluation.experiments.sweeps import cases_of as cases_of_sweep
 from av_evaluation.metrics.comparison import write_json
 from av_evaluation.metrics.results import MethodResult, RunResult
 from av_evaluation.report.measured import BEGIN, END, disagreement, measured_table, write_readme

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from av_evaluation.experiments.methods import METHODS, check_methods, known_methods
-from av_evaluation.metrics.comparison import format_rows, metrics_of, rows_of, taus_of, write_report
+from av_evaluation.metrics.comparison import INTERVAL, format_rows, metrics_of, rows_of, sigma_by_sensor, taus_of, write_report
 from av_evaluation.metrics.results import RunResult
-from av_evaluation.metrics.sigma import INTERVAL, sigma_by_sensor
 from av_evaluation.metrics.tracks import TrackFigures
 from av_evaluation.runs.cases import Case, find_inputs, is_bag
 from av_evaluation.runs.program import add_run_options, compute, run_program

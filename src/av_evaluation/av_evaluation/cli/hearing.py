@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from av_evaluation.figures import Sections, print_sections
-from av_evaluation.hearing import calibration, free_field, rooms
+from av_evaluation.hearing import free_field, rooms
 from av_evaluation.hearing.signals import bright_rotors, flat, recordings, rotors
 
 
@@ -28,13 +28,10 @@ def sections(count: int, data: Path) -> Sections:
         'accuracy': partial(free_field.accuracy, count, sources),
         'bound': partial(free_field.bound, count),
         'sigma': partial(free_field.sigma, count, sources),
-        'motion': partial(free_field.motion, min(count, 100), sources),
         'square': partial(free_field.square, count),
         'several': partial(free_field.several, min(count, 100), sources),
-        'ego-rotors': partial(free_field.ego_rotors, min(count, 100)),
         'robust': partial(rooms.robust, min(count, 150), sources, data),
-        'kemar': partial(calibration.kemar, data),
-        'outliers': partial(calibration.outliers, min(count, 10), sources.get('drone recordings', rotors), data),
+        'kemar': partial(rooms.kemar, data),
     }
 
 

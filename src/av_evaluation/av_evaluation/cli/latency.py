@@ -1,7 +1,6 @@
 """`ros2 run av_evaluation latency [SECTION ...]`: delay and processor time of the rig's nodes, each in a process of its own.
 
 hearing   from a block of sound to the direction that it completes: doa_node
-fusion    from a direction to the command: fusion_node, pointing_node
 px4       from a bearing to PX4's gimbal and body: pointing_node, px4_node; needs px4_msgs, see docs/reference/px4.md
 """
 
@@ -22,11 +21,8 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import TransformStamped, Vector3
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from std_msgs.msg import Header
-from tf2_ros import StaticTransformBroadcaster
 
 from av_audio.messages import audio_frame
 from av_common.node import Executor
@@ -35,7 +31,7 @@ from av_common.stamps import to_stamp
 from av_evaluation.figures import Figure, print_sections
 from av_evaluation.hearing.free_field import PAIR
 from av_evaluation.hearing.signals import RATE, add_noise, flat
-from av_interfaces.msg import AudioFrame, Bearing, Doa, DoaArray, PointingCommand
+from av_interfaces.msg import AudioFrame, Bearing, DoaArray
 from av_px4.commands import GIMBAL_PITCH_YAW
 from av_px4.handover import OFFBOARD
 from av_px4.nodes.px4_link import PX4_QOS, load_px4_msgs
@@ -44,7 +40,7 @@ START_S = 8.0       # in which the nodes start
 HOP_S = 0.05        # of doa_node
 VEHICLE_HZ = 100.0  # of PX4's attitude and position
 HOLD, HANDED_OVER_S = 4, 6.0   # PX4's mode before OFFBOARD, and when the pilot selects that
-MOST_CPU = 10.0     # % of a core
+MOST_CPU = 10.0     # % of a core, of doa_node
 
 
 class Probe(Node):
@@ -101,33 +97,6 @@ class SoundProbe(Probe):
         block = self._blocks[self._first // self._length % len(self._blocks)]
         self._publisher.publish(audio_frame(block, self._first, RATE, header))
         self._first += self._length
-
-
-class DirectionProbe(Probe):
-    """Directions of a pair, and poses."""
-
-    def __init__(self, rate: float) -> None:
-        super().__init__(rate)
-        self.delays['command'] = []
-        self._doa = self.create_publisher(DoaArray, 'doa', STREAM)
-        self._odometry = self.create_publisher(Odometry, 'odometry', STREAM)
-        self.create_subscription(PointingCommand, 'pointing/command', partial(self._answered, 'command'), RESULT)
-        self._frames = StaticTransformBroadcaster(self)
-        transform = TransformStamped(child_frame_id='microphones')
-        transform.header.frame_id, transform.transform.rotation.w = 'base_link', 1.0
-        self._frames.sendTransform(transform)
-
-    def _send(self) -> None:
-        now, pose = time.time(), Odometry()
-        pose.header.stamp, pose.pose.pose.orientation.w = to_stamp(now), 1.0
-        self._odometry.publish(pose)
-        azimuth = 0.5 * math.sin(0.3 * now) + float(self._random.normal(0.0, 0.02))
-        self._doa.publish(DoaArray(
-            header=Header(stamp=to_stamp(now - 0.25), frame_id='microphones'), window=0.5, method='latency',
-            axis=Vector3(x=0.0, y=1.0, z=0.0), hypotheses=[
-                Doa(direction=Vector3(x=math.cos(a), y=math.sin(a), z=0.0), azimuth=a, azimuth_variance=4e-4, confidence=0.95,
-                    elevation_variance=math.inf, cosine=math.sin(a), cosine_variance=4e-4 * math.cos(a)**2)
-                for a in (azimuth, math.pi - azimuth)]))
 
 
 class BearingProbe(Probe):
@@ -220,12 +189,6 @@ def hearing(rate: float, seconds: float) -> Iterator[Figure]:
         yield from measure(lambda: SoundProbe(1.0 / HOP_S), nodes, seconds, 1e3 * HOP_S)
 
 
-def fusion(rate: float, seconds: float) -> Iterator[Figure]:
-    """fusion_node and pointing_node, `rate` (Hz) directions and poses a second."""
-    nodes: dict[str, Sequence[str]] = {'av_fusion.nodes.fusion_node': (), 'av_pointing.nodes.pointing_node': ()}
-    yield from measure(lambda: DirectionProbe(rate), nodes, seconds, 5.0)
-
-
 def px4(rate: float, seconds: float) -> Iterator[Figure]:
     """pointing_node and px4_node, `rate` (Hz) bearings a second."""
     nodes: dict[str, Sequence[str]] = {'av_pointing.nodes.pointing_node': ('enabled:=true',),
@@ -236,14 +199,14 @@ def px4(rate: float, seconds: float) -> Iterator[Figure]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the figures; returns 1 where one misses its bound."""
     parser = argparse.ArgumentParser(prog='latency', description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('sections', nargs='*', metavar='SECTION', help='of hearing, fusion, px4 (default: all)')
-    parser.add_argument('--rate', type=float, default=50.0, help='inputs of fusion and px4 a second (%(default)g)')
+    parser.add_argument('sections', nargs='*', metavar='SECTION', help='of hearing, px4 (default: all)')
+    parser.add_argument('--rate', type=float, default=50.0, help='inputs of px4 a second (%(default)g)')
     parser.add_argument('--seconds', type=float, default=20.0, help=f'to measure for, after {START_S:g} s (%(default)g)')
     options = parser.parse_args(arguments)
     os.environ.setdefault('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp')
     os.environ['ROS_DOMAIN_ID'] = str(100 + os.getpid() % 2)    # isolated from other ROS 2 nodes on the network
     given = options.rate, options.seconds
-    sections = {'hearing': partial(hearing, *given), 'fusion': partial(fusion, *given), 'px4': partial(px4, *given)}
+    sections = {'hearing': partial(hearing, *given), 'px4': partial(px4, *given)}
     return print_sections(parser, sections, options.sections)
 
 

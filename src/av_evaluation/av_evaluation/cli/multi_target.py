@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from av_evaluation.experiments.gimbal_visits import GimbalRig
 from av_evaluation.experiments.measurement_simulation import MeasurementSimulation, SensorModel
-from av_evaluation.experiments.multi_target import MultiTargetFigures, OwnFilter, Peer, figures_of
+from av_evaluation.experiments.multi_target import GimbalRig, MultiTargetFigures, OwnFilter, Peer, figures_of
 from av_simulator.config_files import find_config
 from av_simulator.scenario import load_scenario
 

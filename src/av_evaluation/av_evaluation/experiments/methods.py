@@ -7,6 +7,9 @@ publication, or the hypothesis of the published controller (`unaided.py`). Other
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,12 +17,14 @@ from av_audio.methods import DOA_METHODS
 from av_common.angles import wrap
 from av_common.parameters import node_parameters
 from av_common.track import State
-from av_evaluation.experiments.unaided import chosen_hypotheses
 from av_evaluation.metrics.run_log import RunLog, Series
 from av_evaluation.runs.measurement_record import OWN_METHOD, MeasurementRecord
+from av_fusion.gated.tracker import GatedSettings, GatedTracker
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement, Hypothesis
+from av_fusion.measurement.rig_motion import Pose
 from av_fusion.methods import TRACKERS
 from av_fusion.settings import make_tracker
+from av_fusion.state_machine import MachineSettings
 
 METHODS = ('fused', 'sound', 'sight', 'gated', 'kalman', 'moving_average', 'gcc_phat', 'music', 'mvdr')
 # Names in the publication's table of estimators and trackers that are called otherwise elsewhere.
@@ -165,3 +170,46 @@ def _median(azimuth: NDArray) -> NDArray:
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(azimuth, MEDIAN // 2, mode='edge'), MEDIAN)
     centre = azimuth[:, None]
     return wrap(azimuth + np.median(wrap(windows - centre), axis=1))
+
+
+def chosen_hypotheses(measurements: Sequence[DoaMeasurement], record: MeasurementRecord,
+                      tau: float) -> tuple[NDArray, NDArray]:
+    """Ends of windows (n, s), and world azimuth (n, rad) of the hypothesis that the published controller takes in each.
+
+    The controller uses the run's poses and camera measurements, with these directions in place of the run's own.
+
+    Parameters:
+        measurements: directions of arrival.
+        record: measurements of the run.
+        tau: gate on the score of detections.
+    """
+    tracker = GatedTracker(GatedSettings(machine=MachineSettings(tau=tau)))
+    waiting = sorted((measurement for measurement in measurements if measurement.hypotheses), key=_end, reverse=True)
+    times, azimuths = [], []
+
+    def add_until(now: float) -> None:
+        while waiting and _end(waiting[-1]) <= now:
+            measurement = waiting.pop()
+            tracker.add_doa(measurement)
+            if tracker.chosen_azimuth is not None:
+                times.append(_end(measurement))
+                azimuths.append(tracker.chosen_azimuth)
+
+    for event in record.events:
+        if isinstance(event, DoaMeasurement):
+            continue
+        if isinstance(event, CameraMeasurement):
+            add_until(event.time)
+            tracker.add_camera(event)
+        elif isinstance(event, Pose):
+            add_until(event.time)
+            tracker.add_pose(event)
+        else:
+            add_until(event)
+    add_until(math.inf)
+    return np.array(times), np.array(azimuths)
+
+
+def _end(measurement: DoaMeasurement) -> float:
+    """End (s) of a measurement's window."""
+    return measurement.time + 0.5 * measurement.window

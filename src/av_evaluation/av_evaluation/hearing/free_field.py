@@ -1,4 +1,4 @@
-"""Pairs and squares of microphones in the free field: accuracy, calibration of sigma, motion, several sources, ego-rotors."""
+"""Pairs and squares of microphones in the free field: accuracy, calibration of sigma, several sources."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import resample
 
 from av_audio.directions import angle_to_axis
 from av_audio.further_sources import MOST_SOURCES
@@ -19,7 +17,7 @@ from av_common.acoustics import speed_of_sound
 from av_common.angles import angles_to_direction, wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, band_power, flat, rotors
+from av_evaluation.hearing.signals import BAND_HZ, RATE, Source, add_noise, flat, rotors
 
 PAIR = MicrophoneArray(np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), 'two_microphones')
 SQUARE = MicrophoneArray(0.0325 * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), 'quadrotor_square')
@@ -27,20 +25,10 @@ C = speed_of_sound(20.0)
 WINDOW_S = 0.5
 CONFIDENCE_THRESHOLD = 0.9  # the default confidence above which an estimate is used
 SETTINGS = LocalizerSettings(window_s=WINDOW_S, hop_s=WINDOW_S)
-RATES_DEG, SNRS_DB, RANGES_M = (0.0, 10.0, 20.0, 40.0, 80.0, 120.0), (20.0, 10.0, 0.0, -5.0), (5.0, 30.0)
-# Sound before and after the window, for the time that it travels, and the factor by which it is sampled more finely before
-# it is interpolated: in the band the error of the cubic spline is below -90 dB.
-PAD_S, FINER = 0.15, 4
 APART, FOUND_DEG = 0.4, 10.0  # least distance of two sources, projected on the array; a direction with a larger error is false
-# A quadrotor with arms of 0.25 m around the pair, 5 cm below it.
-EGO_ROTORS = np.array([[0.18, 0.18, -0.05], [-0.18, 0.18, -0.05], [-0.18, -0.18, -0.05], [0.18, -0.18, -0.05]])
-BROADBAND_DB, TARGET_SNR_DB, MAX_ERROR_DEG = -15.0, 10.0, 3.0
 
 Sources = dict[str, Source]
 Maker = Callable[[Generator], tuple[NDArray, float]]  # sound (n, m) of a window, and the azimuth (rad) from which it comes
-# Times of emission (n, m) in s of the sound that reaches the microphones at times (n,) in s from the centre of the window,
-# and the azimuth in rad from which the sound arrives at the centre of the array at time 0.
-Arrival = Callable[[Generator, NDArray, float], tuple[NDArray, float]]
 
 
 @dataclass(frozen=True)
@@ -176,78 +164,6 @@ def sigma(count: int, sources: Sources) -> Iterator[Figure]:
         yield Figure(f'{name}, -20 dB: share above the default confidence', 100.0 * result.passed.mean(), '%', 2.0)
 
 
-def turning_rig(rng: Generator, times: NDArray, rate: float) -> tuple[NDArray, float]:
-    """A far source, and a rig that turns at `rate` in rad/s about the vertical. See `Arrival`."""
-    azimuth = rng.uniform(-np.pi, np.pi)
-    towards = angles_to_direction(azimuth - rate * times, np.zeros(len(times)))    # in the frame of the array
-    return times[:, None] + towards @ PAIR.positions.T / C, azimuth
-
-
-def passing_source(rng: Generator, times: NDArray, rate: float) -> tuple[NDArray, float]:
-    """A source 5 to 30 m away on a straight line, up to 45 deg from tangential, seen at `rate` in rad/s. See `Arrival`."""
-    azimuth, distance, slant = rng.uniform(-np.pi, np.pi), rng.uniform(*RANGES_M), rng.uniform(-np.pi / 4.0, np.pi / 4.0)
-    towards = angles_to_direction(azimuth)
-    across = np.array([-towards[1], towards[0], 0.0])
-    velocity = rate * distance * (across + np.tan(slant) * towards)
-    emitted = np.repeat(times[:, None], PAIR.channels, axis=1)
-    for _ in range(6):    # contracts by the Mach number
-        away = distance * towards + (emitted[..., None]) * velocity - PAIR.positions
-        emitted = times[:, None] - (np.linalg.norm(away, axis=-1) - distance) / C
-    return emitted, azimuth
-
-
-def moving(source: Source, arrival: Arrival, rate: float, snr_db: float) -> Maker:
-    """Windows in which a source moves relative to the array at a rate in rad/s, to either side, at an SNR in dB."""
-    times = np.arange(round(WINDOW_S * RATE)) / RATE - 0.5 * WINDOW_S
-
-    def make(rng: Generator) -> tuple[NDArray, float]:
-        emitted, azimuth = arrival(rng, times, rng.choice([-1.0, 1.0]) * rate)
-        sound = source(rng, WINDOW_S + 2.0 * PAD_S, np.zeros(1))[:, 0]
-        fine = resample(sound, FINER * len(sound))
-        heard = CubicSpline(np.arange(len(fine)) / (FINER * RATE) - 0.5 * len(sound) / RATE, fine)(emitted)
-        return add_noise(rng, heard, snr_db), azimuth
-    return make
-
-
-def pulsing(source: Source) -> Source:
-    """A source whose amplitude varies by 0.9 at 1 to 8 Hz, as gusts, rotors that beat, and vegetation do."""
-    def sound(rng: Generator, seconds: float, delays: NDArray) -> NDArray:
-        times = np.arange(round(seconds * RATE))[:, None] / RATE - delays
-        envelope = 1.0 + 0.9 * np.sin(2.0 * np.pi * (rng.uniform(1.0, 8.0) * times + rng.uniform()))
-        return envelope * source(rng, seconds, delays)
-    return sound
-
-
-def motion(count: int, sources: Sources) -> Iterator[Figure]:
-    """Errors within 1.64 sigma, RMSE and median error by relative rate, source, and what moves; confident estimates only."""
-    sources = {**sources, 'pulsing rotors': pulsing(sources['rotors']), 'pulsing noise': pulsing(sources['flat noise'])}
-    arrivals: dict[str, Arrival] = {'rig turns': turning_rig, 'source passes': passing_source}
-    for rate in RATES_DEG:
-        everything = []
-        for what, arrival in arrivals.items():
-            for name, source in sources.items():
-                rng = np.random.default_rng(37)
-                parts = [trials(rng, moving(source, arrival, np.radians(rate), snr_db), max(1, count // len(SNRS_DB)))
-                         for snr_db in SNRS_DB]
-                everything += parts
-                yield from _moving_figures(f'{rate:g} deg/s, {what}, {name}', parts)
-        for snr_db in SNRS_DB:
-            yield from _moving_figures(f'{rate:g} deg/s, {snr_db:+.0f} dB', everything[SNRS_DB.index(snr_db)::len(SNRS_DB)])
-        bounds = (95.0, 85.0) if rate <= 40.0 else (None, None)
-        yield from _moving_figures(f'{rate:g} deg/s, all', everything, *bounds)
-
-
-def _moving_figures(name: str, parts: Sequence[Trials], at_most: float | None = None, at_least: float | None = None
-                    ) -> Iterator[Figure]:
-    result = Trials.together(parts)
-    passed = result.error[result.passed]
-    yield Figure(f'{name}: errors within 1.64 sigma', result.coverage, '%', at_most, at_least)
-    yield Figure(f'{name}: RMSE', rms(passed), 'deg')
-    yield Figure(f'{name}: median error', float(np.median(passed)), 'deg')
-    yield Figure(f'{name}: RMSE of all', rms(result.error), 'deg')
-    yield Figure(f'{name}: share above the default confidence', 100.0 * result.passed.mean(), '%')
-
-
 def square(count: int) -> Iterator[Figure]:
     """Four microphones: azimuths over the full circle, elevations from 0 to 60 degrees, sound of rotors at 10 dB."""
     rng, localizer, rows = np.random.default_rng(52), Localizer(SQUARE, RATE, SETTINGS), []
@@ -312,53 +228,3 @@ def _azimuths(rng: Generator, array: MicrophoneArray, number: int) -> NDArray:
         places = angles_to_direction(azimuths) @ array.basis
         if all(np.linalg.norm(a - b) > APART for k, a in enumerate(places) for b in places[:k]):
             return azimuths
-
-
-def ego_rotors(count: int) -> Iterator[Figure]:
-    """Median error for a target 10 dB above white noise, by the level of the ego-rotors relative to the target."""
-    for name in ('ignored', 'known', 'estimated'):
-        settings = LocalizerSettings(hop_s=WINDOW_S, estimated_rotors=4 if name == 'estimated' else 0)
-        tolerated = -np.inf
-        for level_db in (-10.0, -5.0, 0.0, 5.0, 10.0, 15.0, 20.0):
-            rng, errors = np.random.default_rng(61), []
-            for _ in range(count):
-                azimuth = rng.uniform(-np.pi, np.pi)
-                sound, blade_pass = _among_rotors(rng, azimuth, level_db)
-                localizer = Localizer(PAIR, RATE, settings)
-                localizer.blade_pass_hz = blade_pass if name == 'known' else np.zeros(0)
-                errors.append(azimuth_error(localizer.process(sound, 0)[0], azimuth))
-            if np.median(errors) < MAX_ERROR_DEG:
-                tolerated = level_db
-            label = f'ego-rotors {name}, {level_db:+.0f} dB over the target'
-            yield Figure(f'{label}: median error', float(np.median(errors)), 'deg')
-            yield Figure(f'{label}: beyond 20 deg', 100.0 * float(np.mean(np.array(errors) > 20.0)), '%')
-        yield Figure(f'ego-rotors {name}: loudest with a median error below {MAX_ERROR_DEG:g} deg', tolerated, 'dB')
-
-
-def _among_rotors(rng: Generator, azimuth: float, level_db: float) -> tuple[NDArray, NDArray]:
-    """Sound (n, 2) of a target, ego-rotors and noise, and the blade-pass frequencies (4,) of the ego-rotors in Hz.
-
-    The ego-rotors are point sources near the microphones with spherical spreading; the amplitudes of their harmonics k
-    decrease as 1/k.
-
-    Parameters:
-        rng: random numbers.
-        azimuth (rad): direction of the target.
-        level_db (dB): level of the ego-rotors relative to the target.
-    """
-    target = rotors(rng, WINDOW_S, -PAIR.positions @ angles_to_direction(azimuth) / C)
-    blade_pass = rng.uniform(150.0, 220.0, len(EGO_ROTORS))
-    time = np.arange(round(WINDOW_S * RATE))[:, None] / RATE
-    ego = np.zeros(target.shape)
-    for fundamental, position in zip(blade_pass, EGO_ROTORS, strict=True):
-        distances = np.linalg.norm(PAIR.positions - position, axis=1)
-        turn = np.exp(2j * np.pi * fundamental * (time - distances / C))
-        orders = np.arange(1, int(4500.0 / fundamental))
-        amplitudes = np.concatenate([[0.0], np.exp(2j * np.pi * rng.uniform(size=orders.size)) / orders])
-        ego += np.polynomial.polynomial.polyval(turn, amplitudes).real / distances
-    ego /= np.sqrt(band_power(ego[:, 0]))
-    hiss = rng.normal(size=ego.shape)
-    ego += 10.0 ** (BROADBAND_DB / 20.0) * hiss / np.sqrt(band_power(hiss[:, 0]))
-    both = target + 10.0 ** (level_db / 20.0) * np.sqrt(band_power(target[:, 0]) / band_power(ego[:, 0])) * ego
-    louder_db = 10.0 * np.log10(band_power(both[:, 0]) / band_power(target[:, 0]))
-    return add_noise(rng, both, TARGET_SNR_DB + louder_db), blade_pass

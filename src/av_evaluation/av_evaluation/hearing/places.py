@@ -54,7 +54,7 @@ class Window:
 Field = Callable[[Generator, float, float], Window]
 
 
-def shoebox(size: NDArray, t60: float, largest_order: int) -> Any:
+def shoebox(size: NDArray, t60: float, largest_order: int = LARGEST_ORDER) -> Any:
     """An empty `pyroomacoustics.ShoeBox` at RATE and 20 degrees Celsius.
 
     Parameters:
@@ -153,7 +153,7 @@ def _random_response(rng: Generator) -> tuple[list[NDArray], MicrophoneArray, fl
         if np.any(place + away < 0.4) or np.any(place + away > size - 0.4):
             continue
         try:
-            room = shoebox(size, t60, LARGEST_ORDER)
+            room = shoebox(size, t60)
         except ValueError:
             continue
         array, axis = pair(rng.uniform(*SPACING_M)), np.array([-np.sin(yaw), np.cos(yaw), 0.0])

@@ -1,4 +1,4 @@
-"""The default against correlations with even weights, in the same windows: rooms, a head, the free field."""
+"""Rooms and a head: the default against correlations with even weights in the same windows, and a calibrated head."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import signal
 
 from av_audio.localizer import DoaEstimate, Localizer, LocalizerSettings
 from av_common.acoustics import speed_of_sound
+from av_common.angles import wrap
 from av_common.microphone_array import MicrophoneArray
 from av_evaluation.figures import Figure
-from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, rms
-from av_evaluation.hearing.places import Field, Head, Window, free_field, rooms
-from av_evaluation.hearing.signals import Source
+from av_evaluation.hearing.free_field import CONFIDENCE_THRESHOLD, azimuth_error, rms
+from av_evaluation.hearing.places import Field, Head, Window, at_ears, calibrated_ears, free_field, read_responses, rooms
+from av_evaluation.hearing.signals import RATE, Source, load_clip
 
 ROOMS = 100
 UPSAMPLING = 16    # of the plain GCC-PHAT
@@ -48,6 +50,27 @@ def robust(count: int, sources: dict[str, Source], data: Path) -> Iterator[Figur
             *(('free field', free, 0.5, snr_db) for snr_db in (20.0, 10.0, 0.0, -5.0, -10.0)),
             ('free field', free, 0.1, 10.0), ('free field', free, 0.1, 0.0)):
         yield from _field_figures(f'{name}, {window_s:g} s, {snr_db:+.0f} dB', field, window_s, snr_db, count)
+
+
+def kemar(data: Path) -> Iterator[Figure]:
+    """Drone recordings convolved with measured responses of a head; calibrated at every other azimuth, tested at the rest."""
+    azimuths, responses, rate = read_responses(data / 'kemar' / 'mit_kemar_normal_pinna.sofa')
+    common = np.gcd(rate, RATE)
+    clips = [signal.resample_poly(load_clip(path), rate // common, RATE // common)
+             for path in sorted((data / 'drone_detection' / 'audio').glob('DRONE_*.flac'))]
+    if not clips:
+        raise FileNotFoundError(f'no drone recordings in {data}')
+    array = calibrated_ears(azimuths, responses, rate, [clip[:2 * rate] for clip in clips])
+    results = [(np.degrees(wrap(azimuths[k])), azimuth_error(estimate, azimuths[k]))
+               for k in range(1, len(azimuths), 2) for clip in clips
+               for estimate in Localizer(array, rate, LocalizerSettings(hop_s=0.5)).process(
+                   at_ears(clip[5 * rate:7 * rate], responses[k]), 0)]
+    truth, errors = np.array(results).T
+    yield Figure('KEMAR, |azimuth| <= 60 deg: mean error', float(errors[np.abs(truth) <= 60.0].mean()), 'deg', 1.5)
+    yield Figure('KEMAR, all azimuths, folded: mean error', errors.mean(), 'deg', 3.0)
+    yield Figure('KEMAR, all azimuths, folded: RMSE', rms(errors), 'deg')
+    yield Figure('KEMAR, all azimuths, folded: errors above 20 deg', 100.0 * np.mean(errors > 20.0), '%')
+    yield Figure('KEMAR, all azimuths, folded: largest error', errors.max(), 'deg')
 
 
 def _field_figures(name: str, field: Field, window_s: float, snr_db: float, count: int) -> Iterator[Figure]:

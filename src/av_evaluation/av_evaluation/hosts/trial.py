@@ -19,9 +19,8 @@ from av_bringup.security.keystore import make_keystore
 from av_bringup.security.policy import read_policy
 from av_evaluation.hosts.host_process import HostProcess
 from av_evaluation.hosts.light_rig import NODE
-from av_evaluation.hosts.medium import Medium
 from av_evaluation.hosts.pictures import Picture
-from av_evaluation.hosts.switch import Switch, sent_bytes
+from av_evaluation.hosts.switch import Medium, Switch, sent_bytes
 from av_evaluation.namespaces import Host
 from av_evaluation.network import cases
 from av_evaluation.network.simulation import NetworkSimulation

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from rclpy.serialization import deserialize_message
@@ -16,8 +17,10 @@ from av_common.freshness import Instant
 from av_common.stamps import to_seconds
 from av_common.track_messages import track_of_bearing
 from av_evaluation.replay.run_recorder import RunRecorder
+from av_evaluation.runs.measurement_record import MeasurementRecord
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.stage import FusionOutput, FusionStage
+from av_interfaces.msg import AudioFrame
 from av_pointing.stage import PointingStage
 from av_vision.stage import DetectionStage
 
@@ -140,3 +143,24 @@ def transmitted(message: Message) -> Message:
     kind = type(message)
     name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
     return deserialize_message(serialiser(name)(message), kind)
+
+
+class EstimatorComparison:
+    """Records the most confident direction of each window by each estimator.
+
+    Parameters:
+        stages: by the estimator's name.
+        converter: converts directions to measurements.
+        record: gets the measurements.
+    """
+
+    def __init__(self, stages: Mapping[str, DoaStage], converter: MeasurementConverter, record: MeasurementRecord) -> None:
+        self._stages, self._converter, self._record = stages, converter, record
+
+    def on_audio(self, frame: AudioFrame, arrival: float) -> None:
+        """Use a frame that arrives at `arrival` (s); one that cannot be used is reported by the rig's own stage."""
+        for method, stage in self._stages.items():
+            with suppress(ValueError):
+                for directions in stage.on_audio(frame, arrival):
+                    measurements = self._converter.doa(transmitted(directions))
+                    self._record.doa.setdefault(method, []).extend(measurements[:1])

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -13,23 +14,22 @@ from typing import Any, TypeVar
 from av_audio.stage import DoaStage, make_doa_stage
 from av_bags import topics as names
 from av_bags.converters import AudioLayout
+from av_bags.definitions import serialiser
 from av_bags.errors import BagError
-from av_bags.feed import BagRecord, Feed
+from av_bags.feed import SECOND, BagRecord, Feed
 from av_bags.reader import Bag
 from av_bags.topics import Found, absolute, find_topics
-from av_bags.writer import BagWriter
+from av_bags.writer import DEFAULT_QOS, LATCHED, BagWriter
 from av_common.camera import PinholeCamera
 from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.parameters import check_parameter_file, node_modules, node_parameters
 from av_common.rig import Rig, load_rig
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay.estimator_comparison import EstimatorComparison
-from av_evaluation.replay.output_queue import OutputQueue
-from av_evaluation.replay.pipeline import Pipeline
+from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
 from av_evaluation.replay.sensor_frames import SensorFrames
-from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
+from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter
 from av_fusion.settings import make_tracker
 from av_fusion.stage import FusionStage, make_fusion_stage
@@ -215,7 +215,7 @@ class Replay:
         if self.stage != 'bearing':
             tracker: Tracker = make_tracker(fusion, rig.gimbal)
             if self._record is not None:
-                tracker = RecordingTracker(tracker, self._record)
+                tracker = recording(tracker, self._record)
             self._fusion = make_fusion_stage(fusion, self._frames.rotation, camera, self._recorder, tracker,
                                              gimbal if rig.gimbal else None)
         pointing = None
@@ -289,3 +289,34 @@ class Replay:
                                "bag's time")
         for frame in sorted(self._frames.unknown):
             self._lose(f'no transform from {frame!r} to the body: what is measured in it is left out')
+
+
+BATCH = 1000
+
+
+class OutputQueue:
+    """Writes messages by the rig's names of their topics, some at a time in order of time. Raises OSError.
+
+    Parameters:
+        bag: to write to.
+        namespace: of the topics.
+    """
+
+    def __init__(self, bag: BagWriter, namespace: str) -> None:
+        self._bag, self._namespace = bag, namespace
+        self._waiting: list[tuple[str, int, bytes]] = []
+
+    def put(self, name: str, time: float, message: Any, data: bytes = b'') -> None:
+        """Take a message of a time in s; `data` is the message in CDR where that is known."""
+        self._waiting.append((name, round(time * SECOND), data or serialiser(names.KINDS[name][0])(message)))
+        if len(self._waiting) >= BATCH:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what was taken."""
+        waiting, self._waiting = self._waiting, []
+        for name, time_ns, data in sorted(waiting, key=itemgetter(1)):
+            topic = absolute(name, self._namespace)
+            if topic not in self._bag.counts:
+                self._bag.add_topic(topic, names.KINDS[name][0], LATCHED if name == names.FRAMES else DEFAULT_QOS)
+            self._bag.write(topic, time_ns, data)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import Any, cast
 
-from av_common.track import Targets, Track
+from av_common.track import Track
 from av_evaluation.metrics.run_log import RunLog, Series
-from av_fusion.disambiguation.rotation import RotationPlanner
 from av_fusion.measurement.measurements import CameraMeasurement, DoaMeasurement
-from av_fusion.measurement.rig_motion import Pose, RigMotion
-from av_fusion.measurement.vectors import Vector
+from av_fusion.measurement.rig_motion import Pose
 from av_fusion.tracker_protocol import Tracker
-from av_fusion.tracks.track import Track as FilterTrack
 
 OWN_METHOD = 'ml'  # the rig's own estimator of directions
 
@@ -80,71 +78,32 @@ def _end(measurement: DoaMeasurement) -> float:
     return measurement.time + 0.5 * measurement.window
 
 
-class RecordingTracker:
-    """A tracker that records its input before another one uses it.
-
-    Parameters:
-        tracker: uses the input.
-        record: gets the events.
-    """
+class _RecordingTracker:
+    """A tracker whose input is recorded before another one uses it, which does all else."""
 
     def __init__(self, tracker: Tracker, record: MeasurementRecord) -> None:
         self._tracker, self._events = tracker, record.events
 
-    @property
-    def motion(self) -> RigMotion:
-        """See `Tracker`."""
-        return self._tracker.motion
-
-    @property
-    def planner(self) -> RotationPlanner:
-        """See `Tracker`."""
-        return self._tracker.planner
-
-    def reset(self) -> None:
-        """See `Tracker`."""
-        self._tracker.reset()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._tracker, name)
 
     def add_pose(self, pose: Pose) -> None:
-        """See `Tracker`."""
         self._events.append(pose)
         self._tracker.add_pose(pose)
 
     def add_doas(self, measurements: Sequence[DoaMeasurement]) -> None:
-        """See `Tracker`."""
         self._events.extend(measurements)
         self._tracker.add_doas(measurements)
 
     def add_camera(self, measurement: CameraMeasurement) -> None:
-        """See `Tracker`."""
         self._events.append(measurement)
         self._tracker.add_camera(measurement)
 
-    def use_cue(self, cue: Vector, variance: float, wrong: float) -> None:
-        """See `Tracker`."""
-        self._tracker.use_cue(cue, variance, wrong)
-
-    def forget_emitters(self) -> int:
-        """See `Tracker`."""
-        return self._tracker.forget_emitters()
-
     def estimate(self, time: float) -> Track:
-        """See `Tracker`."""
         self._events.append(time)
         return self._tracker.estimate(time)
 
-    def targets(self, track: Track) -> Targets:
-        """See `Tracker`."""
-        return self._tracker.targets(track)
 
-    def densities(self) -> Sequence[FilterTrack]:
-        """See `Tracker`."""
-        return self._tracker.densities()
-
-    def select(self, identifier: int) -> None:
-        """See `Tracker`."""
-        self._tracker.select(identifier)
-
-    def diagnostics(self) -> dict[str, str]:
-        """See `Tracker`."""
-        return self._tracker.diagnostics()
+def recording(tracker: Tracker, record: MeasurementRecord) -> Tracker:
+    """A tracker that adds its input to a record, and passes it on to another one."""
+    return cast('Tracker', _RecordingTracker(tracker, record))

@@ -23,10 +23,9 @@ from av_common.gimbal_history import GimbalHistory
 from av_common.microphone_array import MicrophoneArray
 from av_common.stamps import to_stamp
 from av_evaluation.metrics.run_log import RunLog
-from av_evaluation.replay.estimator_comparison import EstimatorComparison
-from av_evaluation.replay.pipeline import Pipeline
+from av_evaluation.replay.pipeline import EstimatorComparison, Pipeline
 from av_evaluation.replay.run_recorder import RunRecorder
-from av_evaluation.runs.measurement_record import MeasurementRecord, RecordingTracker
+from av_evaluation.runs.measurement_record import MeasurementRecord, recording
 from av_fusion.measurement.converter import MeasurementConverter, RotationOf, fixed_rotations
 from av_fusion.stage import FusionStage
 from av_fusion.tracker_protocol import Tracker
@@ -78,7 +77,7 @@ class OfflineRig:
         if detection is not None:
             detection.mount(camera, rotation_of)
         recorder = RunRecorder(self.record)
-        fusion = FusionStage(RecordingTracker(tracker, self.record), self._converter, observer=recorder,
+        fusion = FusionStage(recording(tracker, self.record), self._converter, observer=recorder,
                              gimbal=history)
         self._comparison = EstimatorComparison(
             {method: DoaStage(array, replace(settings, method=method), ego_noise) for method in estimators},
