@@ -133,6 +133,8 @@ class MultiBernoulliFilter:
         self._newest_image, self.newest = max(self._newest_image, time), max(self.newest, time)
         places = [track.predict(time) for track in self.tracks]
         image = Image.of(time, measurement, self._motion.attitude(time), settings.assumed_visibility, fraction)
+        for track in self.tracks:
+            track.predict_hidden(image)
         compared = [track.compare_image(image, place) for track, place in zip(self.tracks, places, strict=True)]
         ratios = np.array([track.image_ratios(each, len(detections))
                            for track, each in zip(self.tracks, compared, strict=True)]).reshape(len(compared), len(detections))

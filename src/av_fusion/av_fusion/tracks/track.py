@@ -209,10 +209,13 @@ class Track:
             component.weight *= total
         self.mixture.reduce()
 
-    def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
-        """Each component compared with an image; `place` is the result of `predict`."""
+    def predict_hidden(self, image: Image) -> None:
+        """Predict to an image whether the target is hidden from the camera."""
         for component in self.mixture.components:
             component.predict_hidden(image.time, image.visibility)
+
+    def compare_image(self, image: Image, place: tuple[float, Vector]) -> list[SightComparison]:
+        """Each component compared with an image; `place` is the result of `predict`."""
         return [compare(component, component.at(*place), image, self._settings.detection_probability)
                 for component in self.mixture.components]
 
