@@ -96,9 +96,9 @@ class MultiBernoulliFilter:
         detected, kinds = self._settings.sound_detection_probability, [one.drone_probability for one in measurements]
         gains, confidences = np.array([(detected * one.peak / one.clutter, one.confidence) for one in heard]).T
         fundamentals = fundamental_likelihoods(measurements)
-        compared = [track.compare_sound(heard, place) for track, place in zip(self.tracks, places, strict=True)]
+        compared = [track.compare_sound(heard, confidences, place) for track, place in zip(self.tracks, places, strict=True)]
         shape = len(self.tracks), len(heard)
-        ratios = np.array([track.sound_ratios(each, gains, confidences)
+        ratios = np.array([track.sound_ratios(each, gains)
                            for track, each in zip(self.tracks, compared, strict=True)]).reshape(shape)
         voices = np.array([track.blade_pass.fits(fundamentals) * track.kind.fits(kinds) for track in self.tracks]
                           ).reshape(shape)
@@ -109,7 +109,7 @@ class MultiBernoulliFilter:
         new = unclaimed(ratios * voices, free, 1.0 + odds) * odds / (1.0 + odds)
         for track, each, factors, row in zip(self.tracks, compared, free * voices, shares, strict=True):
             if each:
-                track.use_sound(time, each, gains * factors, confidences, fraction)
+                track.use_sound(time, each, gains * factors, fraction)
             track.blade_pass.update(fundamentals, row, fraction)
             track.note_kind(Source.SOUND, kinds, (row * look).tolist(), elapsed * float(row.sum()))
         self._note_told_apart(shares)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,22 @@ LEAST_ELEVATION_ASSOCIATION = 0.05  # probability below which an elevation is no
 STEADY_S, STEADY_DECAY_S = 0.5, 1.0
 LARGEST_MOVE = math.cos(math.radians(4.0))  # of the direction of what counts as one place in the world
 FAR_M = 5.0  # displacement of the rig after which a place has another direction
+
+
+class SoundComparison(NamedTuple):
+    """A component compared with the directions of arrival of one window.
+
+    Parameters:
+        component: the component.
+        directions: compared with each direction.
+        fits (m,): of each, see `Comparison`.
+        missed: probability that the target is not among the directions although it can be heard.
+    """
+
+    component: GaussianComponent
+    directions: Sequence[Comparison]
+    fits: NDArray[np.float64]
+    missed: float
 
 
 class Track:
@@ -139,39 +156,40 @@ class Track:
         for component in self.mixture.components:
             component.p_unheard = rate + kept * (component.p_unheard - rate)
 
-    def compare_sound(self, heard: Sequence[Hearing], place: tuple[float, Vector]) -> list[list[Comparison]]:
-        """Each component compared with each direction of arrival of one window; `place` is the result of `predict`."""
-        pasts = [(component, component.at(*place)) for component in self.mixture.components]
-        return [[hearing.likelihood.compare(component, past) for hearing in heard] for component, past in pasts]
+    def compare_sound(self, heard: Sequence[Hearing], confidences: NDArray[np.float64], place: tuple[float, Vector]
+                      ) -> list[SoundComparison]:
+        """Each component compared with each direction of arrival of one window.
 
-    def sound_ratios(self, compared: Sequence[Sequence[Comparison]], gains: NDArray[np.float64],
-                     confidences: NDArray[np.float64]) -> NDArray[np.float64]:
+        Parameters:
+            heard, confidences (m,): the directions, and the probability of each that it stems from a source.
+            place: the result of `predict`.
+        """
+        compared = []
+        for component in self.mixture.components:
+            past = component.at(*place)
+            directions = [hearing.likelihood.compare(component, past) for hearing in heard]
+            fits = np.array([direction.fit for direction in directions])
+            others = float(np.max(confidences * (1.0 - fits)))  # a source elsewhere may hide the target
+            missed = 1.0 - self._settings.sound_detection_probability * (1.0 - self._settings.masked * others)
+            compared.append(SoundComparison(component, directions, fits, missed))
+        return compared
+
+    def sound_ratios(self, compared: Sequence[SoundComparison], gains: NDArray[np.float64]) -> NDArray[np.float64]:
         """Likelihood ratio of each direction of arrival: that it stems from this target, over that none does, (m,).
 
         Parameters:
             compared: of the components with the directions.
             gains (m,): peak likelihood of each direction from a target that can be heard, over clutter.
-            confidences (m,): that each stems from a source.
         """
         none, ratios = self.mixture.absent, np.zeros(len(gains))
-        for comparisons in compared:
-            component, fits = comparisons[0].component, np.array([comparison.fit for comparison in comparisons])
+        for component, _, fits, missed in compared:
             audible = component.weight * (1.0 - component.p_unheard)
-            none += component.weight - audible * (1.0 - self._missed(fits, confidences))
+            none += component.weight - audible * (1.0 - missed)
             ratios += audible * fits
         return ratios * gains / none
 
-    def _missed(self, fits: NDArray[np.float64], confidences: NDArray[np.float64]) -> float:
-        """Probability that a target that can be heard is not among the directions of a window.
-
-        Parameters:
-            fits, confidences (m,): of the directions; one that is a source elsewhere may hide the target.
-        """
-        others = float(np.max(confidences * (1.0 - fits)))
-        return 1.0 - self._settings.sound_detection_probability * (1.0 - self._settings.masked * others)
-
-    def use_sound(self, time: float, compared: Sequence[Sequence[Comparison]], gains: NDArray[np.float64],
-                  confidences: NDArray[np.float64], fraction: float) -> None:
+    def use_sound(self, time: float, compared: Sequence[SoundComparison], gains: NDArray[np.float64], fraction: float
+                  ) -> None:
         """Weigh and update the components by the directions of arrival of one window.
 
         Likelihoods are raised to the effective sample fraction, as windows overlap; associations are those of this window.
@@ -180,22 +198,19 @@ class Track:
             time (s): capture time.
             compared: of the components with the directions.
             gains (m,): see `sound_ratios`, times how far each direction is free for this target.
-            confidences (m,): see `sound_ratios`.
             fraction: effective sample fraction.
         """
         tempered = gains**fraction
-        for comparisons in compared:
-            component, unheard = comparisons[0].component, comparisons[0].component.p_unheard
-            fits = np.array([comparison.fit for comparison in comparisons])
-            missed = self._missed(fits, confidences)
+        for component, directions, fits, missed in compared:
+            unheard = component.p_unheard
             total = unheard + (1.0 - unheard) * (missed**fraction + float(fits @ tempered))
             likelihoods = (1.0 - unheard) * fits * gains
             shares = (likelihoods / (unheard + (1.0 - unheard) * missed + float(likelihoods.sum()))).tolist()
-            for comparison, share in zip(comparisons, shares, strict=True):
+            for comparison, share in zip(directions, shares, strict=True):
                 deviation = comparison.deviations[0]
                 self.process_noise.note(share * component.weight, component.across_rate, deviation.innovation, deviation.total)
             component.p_unheard = unheard / total
-            update_by_sound(time, comparisons, shares)
+            update_by_sound(time, directions, shares)
             component.weight *= total
         self.process_noise.adapt(fraction)
         self.mixture.reduce()
