@@ -37,11 +37,12 @@ class Publishers:
         """
         found = {}
         for topic in self._topics:
+            if self._node.count_publishers(topic) < 2:  # the usual case costs no list of all of them
+                self._doubled.pop(topic, None)
+                continue
             names = sorted(f'{info.node_namespace.rstrip("/")}/{info.node_name}'
                            for info in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)))
-            if len(names) < 2:
-                self._doubled.pop(topic, None)
-            elif len(set(names)) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
+            if len(set(names)) > 1 or now - self._doubled.setdefault(topic, now) > LEASE_S:
                 found[topic] = names
         return found
 
