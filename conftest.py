@@ -8,9 +8,6 @@ import pytest
 import repeated_tests
 from ros_domains import free_domain
 
-# Test runs side by side do not hear each other's nodes.
-if 'PYTEST_XDIST_WORKER' in os.environ or 'ROS_DOMAIN_ID' not in os.environ:
-    os.environ['ROS_DOMAIN_ID'] = str(free_domain())
 # Under nohup SIGHUP is ignored, and by all that tests start, too.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Faults of the program end a node under test, instead of being counted and logged: see av_common/refused_inputs.py.
@@ -34,11 +31,12 @@ def pytest_runtest_protocol(item, nextitem):
 
 
 @pytest.fixture(autouse=True, scope='module')
-def end_ros():
-    """A fixture that fails after `rclpy.init` does not fail the tests of other modules."""
+def own_ros_domain():
+    """No module hears the nodes of another run, or those that another module left in this process."""
+    os.environ['ROS_DOMAIN_ID'] = str(free_domain())
     yield
     if 'rclpy' in sys.modules:
-        sys.modules['rclpy'].try_shutdown()
+        sys.modules['rclpy'].try_shutdown()    # a fixture that fails after `rclpy.init` does not fail those that follow
 
 
 def pytest_sessionfinish(session):

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 from px4_layouts import overlay
+from ros_domains import free_domain
 
 FAKE = Path(__file__).with_name('fake_autopilot_node.py')
 
@@ -21,7 +22,7 @@ class FakeVehicle:
 
     def __init__(self, firmware='1.16', *options, domain=None, namespace='', px4_msgs=None):
         self.firmware, self.namespace = firmware, namespace
-        self.environment = {**os.environ, **overlay(px4_msgs or firmware), **({'ROS_DOMAIN_ID': str(domain)} if domain else {})}
+        self.environment = {**os.environ, **overlay(px4_msgs or firmware), 'ROS_DOMAIN_ID': str(domain or free_domain())}
         options = (*options, *(('--namespace', namespace) if namespace else ()))
         self.state, self._lines = {}, []
         self._process = subprocess.Popen([sys.executable, str(FAKE), firmware, *options], stdin=subprocess.PIPE,

@@ -10,6 +10,7 @@ import px4_layouts
 import pytest
 from fake_vehicle import FakeVehicle
 from px4_layouts import FIRMWARES
+from ros_domains import free_domain
 
 pytestmark = pytest.mark.system
 OWN = [1, 191]
@@ -117,7 +118,8 @@ def test_fields_of_another_firmware_are_not_decoded():
 
 def test_two_vehicles_with_their_system_ids():
     """As PX4's multi-vehicle guide starts them: each has its own gimbal, its own mode, and its pilot."""
-    vehicles = [FakeVehicle('1.17', '--system', str(number + 1), namespace=f'px4_{number}') for number in (1, 2)]
+    domain = free_domain()
+    vehicles = [FakeVehicle('1.17', '--system', str(number + 1), domain=domain, namespace=f'px4_{number}') for number in (1, 2)]
     try:
         for sign, vehicle in zip((1.0, -1.0), vehicles, strict=True):
             vehicle.tell(point={'yaw_rate': 0.4 * sign, 'pan': 0.5 * sign})
