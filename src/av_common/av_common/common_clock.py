@@ -33,7 +33,7 @@ class _Stream:
         self.members: dict[Hashable, _Member] = {}
         self.charge: Hashable = None
         self.dated = -math.inf    # s, elapsed time of the newest dated stamp
-        self.refused = self.foreign = 0
+        self.refused = 0
 
     def member(self, sender: Hashable, now: float) -> _Member | None:
         """The clock of a sender, None when there is no memory for another."""
@@ -60,12 +60,10 @@ class StreamCounts(NamedTuple):
 
     Parameters:
         refused: number of stamps that could not be dated.
-        foreign: number of stamps of other senders than the one in charge, contained in `refused`.
         restarts: number of times that a sender's clock restarted.
     """
 
     refused: int
-    foreign: int
     restarts: int
 
 
@@ -92,8 +90,14 @@ class CommonClock:
     def counts(self) -> dict[str, StreamCounts]:
         """Counts of each stream by its name."""
         with self._lock:
-            return {name: StreamCounts(stream.refused, stream.foreign, sum(
+            return {name: StreamCounts(stream.refused, sum(
                 member.clock.restarts for member in stream.members.values())) for name, stream in self._streams.items()}
+
+    def sender(self, stream: str) -> Hashable:
+        """The sender whose stamps of a stream are dated, None while there is none."""
+        with self._lock:
+            taken = self._streams.get(stream)
+            return taken.charge if taken and taken.dated >= self._time.now - SILENCE_S else None
 
     @property
     def lateness(self) -> float:
@@ -124,7 +128,6 @@ class CommonClock:
     def _date(self, stream: _Stream, sender: Hashable, stamp: float, arrival: float, now: float) -> float | None:
         member = stream.member(sender, now)
         if member is None:
-            stream.foreign += 1
             return None
         member.seen = now
         time = member.clock.date(stamp, arrival)
@@ -132,7 +135,6 @@ class CommonClock:
             return None
         member.accepted = now
         if stream.is_taken(sender, now):
-            stream.foreign += 1
             return None
         self._compare(now)
         if not -DELAY_S <= member.clock.offset - self._offset <= LATEST_S:

@@ -239,10 +239,9 @@ class BridgeStage:
         """Counts of lost, unusable and reordered data, for /diagnostics."""
         audio, assemblers = self._audio.decoder.counts, [each.assembler for each in self._images.values()]
         clocks = {f'{name} {what}': count for name, counts in self._clock.counts.items()
-                  for what, count in (('undated', counts.refused), ('of other senders', counts.foreign),
-                                      ('clock restarts', counts.restarts))}
+                  for what, count in (('undated', counts.refused), ('clock restarts', counts.restarts))}
         return {'audio lost': audio.lost, 'audio lost frames': audio.lost_frames, 'audio reordered': audio.reordered,
-                'audio restarts': audio.restarts, 'audio foreign': self._audio.foreign,
+                'audio restarts': audio.restarts,
                 'audio overwritten frames': self._ring.overwritten, 'image lost': sum(each.incomplete for each in assemblers),
                 'image reordered': sum(each.reordered for each in assemblers), 'imu lost': self._imu.lost,
                 'odometry unusable': self._unusable_odometry,

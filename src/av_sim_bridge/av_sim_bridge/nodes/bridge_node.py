@@ -69,6 +69,7 @@ class BridgeNode(RigNode):
         self._stage = make_bridge_stage(self._settings)    # a new run starts with empty buffers and unset clocks
         self._receivers: dict[str, Receiver] = {}
         self._refusals, self._refused_before = Refusals(), 0
+        self._foreign: dict[str, int] = {}
         self._senders = Publishers(self, ('pointing/command',))
         with ExitStack() as opened:
             self._open_streams(opened)
@@ -183,8 +184,10 @@ class BridgeNode(RigNode):
             status.add(f'{name} rate (Hz)', f'{receiver.meter.rate:.1f}')
             status.add(f'{name} age (s)', f'{receiver.meter.age:.2f}')
             status.add(f'{name} malformed', str(receiver.malformed))
+            status.add(f'{name} foreign', str(receiver.foreign.total))
             if receiver.last_error:
                 status.add(f'{name} last error', receiver.last_error)
+        self._report_foreign(status)
         self._report_refusals(status)
         self._senders.report(status, time.monotonic())
         images = self._images.values()
@@ -193,6 +196,15 @@ class BridgeNode(RigNode):
                                          'audio unpublished': self._reader.failed}
         for name, value in counts.items():
             status.add(name, str(value))
+
+    def _report_foreign(self, status: DiagnosticStatusWrapper) -> None:
+        """An error for each stream to which another than its sender has sent since the last report."""
+        totals = {name: receiver.foreign.total for name, receiver in self._receivers.items()}
+        for name in [name for name, total in totals.items() if total > self._foreign.get(name, 0)]:
+            status.mergeSummary(
+                DiagnosticStatus.ERROR, f'{name}: datagrams of {", ".join(self._receivers[name].foreign.counts())} refused, as '
+                'another program sends this stream: stop one of them, or name the right one with its port in allowed_senders')
+        self._foreign = totals
 
     def _report_refusals(self, status: DiagnosticStatusWrapper) -> None:
         refused, newest = self._refusals.total, self._refusals.counts()

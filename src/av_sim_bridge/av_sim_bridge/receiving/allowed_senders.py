@@ -77,11 +77,12 @@ class Refusals:
 
     Parameters:
         most: maximum number of addresses in the table.
+        ports: whether each port of an address counts for itself.
     """
 
-    def __init__(self, most: int = 8) -> None:
+    def __init__(self, most: int = 8, ports: bool = False) -> None:
         self.total = 0
-        self._most = most
+        self._most, self._ports = most, ports
         self._lock = threading.Lock()
         self._counts: OrderedDict[str, int] = OrderedDict()
 
@@ -89,8 +90,9 @@ class Refusals:
         """Count one datagram."""
         with self._lock:
             self.total += 1
-            self._counts[sender[0]] = self._counts.get(sender[0], 0) + 1
-            self._counts.move_to_end(sender[0])
+            name = f'{sender[0]}:{sender[1]}' if self._ports else sender[0]
+            self._counts[name] = self._counts.get(name, 0) + 1
+            self._counts.move_to_end(name)
             if len(self._counts) > self._most:
                 self._counts.popitem(last=False)
 

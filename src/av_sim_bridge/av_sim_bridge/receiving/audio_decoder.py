@@ -76,10 +76,6 @@ class AudioDecoder:
         self.counts.received += 1
         return blocks
 
-    def yields_to(self, datagram: bytes) -> bool:
-        """Whether a datagram of another sender takes precedence: it has a header and the current stream has none."""
-        return isinstance(self._stream, _BareStream) and decode_header(self.layout, datagram) is not None
-
     def restart(self) -> None:
         """End the stream. The next datagram starts a new stream that continues the numbers of the samples."""
         if self._stream is not None:

@@ -11,9 +11,9 @@ import time
 from collections.abc import Callable
 
 from av_common.rate_meter import RateMeter
-from av_sim_bridge.receiving.allowed_senders import SenderGate
+from av_sim_bridge.receiving.allowed_senders import Refusals, SenderGate
 from av_sim_bridge.receiving.worker import report
-from av_sim_bridge.wire import UndatedError, WireError
+from av_sim_bridge.wire import ForeignSenderError, UndatedError, WireError
 
 Handler = Callable[[bytes, float, tuple], None]
 
@@ -59,7 +59,7 @@ def open_port(parameter: str, port: int, buffer_bytes: int, address: str = '127.
 
 
 class Receiver:
-    """A thread that receives from one port. It counts malformed datagrams and stores the newest error.
+    """A thread that receives from one port. It counts malformed and `foreign` datagrams and stores the newest error.
 
     Parameters:
         name: name of the stream.
@@ -73,6 +73,7 @@ class Receiver:
         self.meter = RateMeter()
         self.malformed = 0
         self.last_error = ''
+        self.foreign = Refusals(3, ports=True)  # of others than the stream's sender
         self._socket, self._handle, self._gate = source, handle, gate
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f'receive {name}', daemon=True)
@@ -101,22 +102,25 @@ class Receiver:
                 datagram, ancillary, _, sender = self._socket.recvmsg(_LARGEST, socket.CMSG_SPACE(_TIMEVAL.size))
             except TimeoutError:
                 continue
-            if self._gate is not None and not self._gate.admits(sender):
-                continue
-            try:
-                self._handle(datagram, _arrival(ancillary), sender)
-            except UndatedError as error:    # counted by the stream's clock
-                self.last_error = str(error)
-            except WireError as error:
+            if self._gate is None or self._gate.admits(sender):
+                self._take(datagram, _arrival(ancillary), sender)
+
+    def _take(self, datagram: bytes, arrival: float, sender: tuple) -> None:
+        try:
+            self._handle(datagram, arrival, sender)
+        except WireError as error:
+            self.last_error = str(error)
+            if isinstance(error, ForeignSenderError):
+                self.foreign.add(sender)
+            elif not isinstance(error, UndatedError):    # those are counted by the stream's clock
                 self.malformed += 1
-                self.last_error = str(error)
-            except Exception as error:  # noqa: BLE001 (the next datagram is processed)
-                self.malformed += 1
-                if repr(error) != self.last_error:
-                    self.last_error = repr(error)
-                    report(error)
-            else:
-                self.meter.tick()
+        except Exception as error:  # noqa: BLE001 (the next datagram is processed)
+            self.malformed += 1
+            if repr(error) != self.last_error:
+                self.last_error = repr(error)
+                report(error)
+        else:
+            self.meter.tick()
 
 
 def _arrival(ancillary: list) -> float:

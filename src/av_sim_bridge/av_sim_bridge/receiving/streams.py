@@ -1,7 +1,9 @@
 """The streams of a simulator: datagrams with their time of arrival in; samples, images and states in ROS time out.
 
 Every method `take` is called by the thread of one receiver and does not block. It raises WireError for an unusable
-datagram. Its parameters are the content of the datagram, `arrival` (s, the system's clock) and `sender` (host, port).
+datagram, ForeignSenderError for one of another sender: a stream has one sender, address and port, at a time, until it has
+sent nothing usable for SILENCE_S. Its parameters are the content of the datagram, `arrival` (s, the system's clock) and
+`sender` (host, port).
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from typing import Any
 
 from av_audio.ring_buffer import RingBuffer
 from av_common.clock import SenderClock
-from av_common.common_clock import CommonClock
+from av_common.common_clock import SILENCE_S, CommonClock
 from av_sim_bridge.receiving.audio_decoder import AudioBlock, AudioDecoder
 from av_sim_bridge.vehicle import VehicleState, from_truth
-from av_sim_bridge.wire import UndatedError, WireError
+from av_sim_bridge.wire import ForeignSenderError, UndatedError
 from av_sim_bridge.wire.audio import AudioFormat, decode_header
 from av_sim_bridge.wire.gimbal import GimbalSample, decode_gimbal
 from av_sim_bridge.wire.image import EncodedImage, ImageAssembler, decode_fragment
@@ -31,11 +33,32 @@ SAME_CAPTURE = 0.05    # s, largest difference of the stamps of one capture in t
 Sender = tuple[Any, ...]
 
 
+class OneSender:
+    """The sender of a stream that has no stamps to be told apart by; `CommonClock` does the same for the others.
+
+    Parameters:
+        name: name of the stream.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._present: tuple[Sender, float] | None = None
+
+    def check(self, sender: Sender, arrival: float) -> bool:
+        """Whether a sender is another one than before. Raises ForeignSenderError while the present one sends."""
+        if self._present is None or self._present[0] == sender:
+            return False
+        if arrival - self._present[1] < SILENCE_S:
+            raise ForeignSenderError(self._name, sender, self._present[0])
+        return True
+
+    def note(self, sender: Sender, arrival: float) -> None:
+        """Note a usable datagram."""
+        self._present = sender, arrival
+
+
 class AudioStream:
     """Writes the samples of audio datagrams to a ring buffer.
-
-    Only one sender is accepted at a time. Another sender is accepted after a second without datagrams, or if its
-    datagrams have a header and those of the present sender do not.
 
     Parameters:
         layout: format of the samples in the datagrams.
@@ -43,29 +66,23 @@ class AudioStream:
         clock: the clock that all streams of one simulator share.
     """
 
-    SILENCE = 1.0    # s
-
     def __init__(self, layout: AudioFormat, ring: RingBuffer, clock: CommonClock) -> None:
         self.decoder = AudioDecoder(layout, lambda: clock.lateness)
         self.ring = ring
-        self.foreign = self.undated = 0
+        self.undated = 0
         self._layout, self._clock = layout, clock
         self._sample_clock = SenderClock()    # clock of samples without stamps
         self._rate = layout.sample_rate
-        self._sender: Sender | None = None
-        self._received = 0.0
+        self._sender = OneSender('audio')
         self._restarts = 0
         self._anchors: deque[tuple[int, float]] = deque(maxlen=256)    # samples and their ROS times
 
     def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Decode one datagram and write its samples to the ring buffer."""
-        if self._sender is not None and sender != self._sender:
-            if arrival - self._received < self.SILENCE and not self.decoder.yields_to(datagram):
-                self.foreign += 1
-                raise WireError('audio: datagram from {}:{} while {}:{} sends'.format(*sender, *self._sender))
+        if self._sender.check(sender, arrival):
             self.decoder.restart()
         blocks = self.decoder.decode(datagram, arrival, self._stamp_of(datagram, arrival, sender))
-        self._sender, self._received = sender, arrival
+        self._sender.note(sender, arrival)
         if self.decoder.counts.restarts != self._restarts:
             self._restarts = self.decoder.counts.restarts
             self._sample_clock = SenderClock()
@@ -178,8 +195,8 @@ class ImageStream:
     def _report(self, boxes: list[OracleBox], sender: Sender) -> OracleReport | None:
         if self._newest is None:
             return None
-        if self._newest[0][0] != sender[0]:
-            raise WireError('image: boxes from {}:{} while {}:{} sends images'.format(*sender, *self._newest[0]))
+        if self._newest[0] != sender:
+            raise ForeignSenderError('boxes in images', sender, self._newest[0])
         return OracleReport(boxes, self._newest[1])
 
 
@@ -264,15 +281,21 @@ class TimeSyncStream:
 
     def __init__(self) -> None:
         self.offset_s = float('nan')
+        self._sender = OneSender('time_sync')
 
-    def take(self, datagram: bytes, arrival: float, _sender: Sender) -> None:
+    def take(self, datagram: bytes, arrival: float, sender: Sender) -> None:
         """Update the offset from one datagram."""
+        self._sender.check(sender, arrival)
         self.offset_s = arrival - decode_time_sync(datagram).now_ms / 1000.0
+        self._sender.note(sender, arrival)
 
 
 def _date(clock: CommonClock, name: str, sender: Sender, stamp: float, arrival: float) -> float:
-    """ROS time (s) of a stamp. Raises UndatedError for one that cannot be dated."""
+    """ROS time (s) of a stamp. Raises UndatedError for one that cannot be dated, ForeignSenderError for that of another."""
     time = clock.date(name, sender, stamp, arrival)
     if time is None:
+        present = clock.sender(name)
+        if isinstance(present, tuple) and present != sender:
+            raise ForeignSenderError(name, sender, present)
         raise UndatedError(f'{name}: the time {stamp:g} s of {sender[0]}:{sender[1]} cannot be dated')
     return time

@@ -4,6 +4,6 @@ All layouts are little-endian and RFlySim's, except where a module states that a
 Positions and attitudes are in the sender's NED/FRD; `av_sim_bridge.vehicle` converts them to ENU/FLU.
 """
 
-from av_sim_bridge.wire.error import UndatedError, WireError
+from av_sim_bridge.wire.error import ForeignSenderError, UndatedError, WireError
 
-__all__ = ['UndatedError', 'WireError']
+__all__ = ['ForeignSenderError', 'UndatedError', 'WireError']

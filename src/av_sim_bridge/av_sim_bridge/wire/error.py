@@ -23,6 +23,19 @@ class UndatedError(WireError):
     """A datagram whose time cannot be converted to ROS time."""
 
 
+class ForeignSenderError(WireError):
+    """A datagram of another sender than the one of its stream; the message names both.
+
+    Parameters:
+        stream: name of the stream.
+        sender: address and port of the datagram's sender.
+        present: those of the one that the stream is taken from.
+    """
+
+    def __init__(self, stream: str, sender: tuple, present: tuple) -> None:
+        super().__init__(f'{stream}: {sender[0]}:{sender[1]} sends while {present[0]}:{present[1]} does')
+
+
 def unpack(layout: struct.Struct, datagram: bytes, name: str) -> tuple:
     """The fields of a datagram. Raises WireError unless it has exactly the size of its layout.
 
