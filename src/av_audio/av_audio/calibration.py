@@ -40,6 +40,8 @@ LEAST_SCALE = 0.008
 LARGEST_MISFIT = 0.36
 NEAR, ELSEWHERE = 0.06, 1e-3
 QUANTILE = 0.8
+# Places of the source that are left out together, by the angle to the axis, and in how many parts all of them are left out.
+PLACE, PARTS = np.radians(10.0), 5
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class Calibration:
         paths (n,) (m): measured path differences.
         residuals (n,) (rad): errors of the angle to the axis.
         outliers (n,): which estimates contradict the fit.
+        left_out (n,) (rad): errors of the angle by curves that were fitted to other places.
+        before (n,) (rad): errors of the angle by the array as it was, most often of a straight line.
     """
 
     array: MicrophoneArray
@@ -63,6 +67,8 @@ class Calibration:
     paths: NDArray
     residuals: NDArray
     outliers: NDArray[np.bool_]
+    left_out: NDArray
+    before: NDArray
 
     @property
     def baseline(self) -> float:
@@ -70,13 +76,15 @@ class Calibration:
         return self.array.aperture
 
     def report(self) -> str:
-        """Summary in four lines."""
+        """Summary in five lines."""
         residuals = np.degrees(np.abs(self.residuals[~self.outliers]))
         return (f'baseline      {1e3 * self.baseline:.1f} mm\n'
                 f'axis offset   {np.degrees(self.axis_offset):+.2f} deg\n'
                 f'residuals     {residuals.size} angles, median {np.median(residuals):.2f} deg, '
                 f'RMS {np.sqrt(np.mean(residuals**2)):.2f} deg, largest {residuals.max():.2f} deg\n'
-                f'outliers      {np.count_nonzero(self.outliers)} of {self.outliers.size}')
+                f'outliers      {np.count_nonzero(self.outliers)} of {self.outliers.size}\n'
+                f'other places  mean error {np.degrees(np.abs(self.left_out).mean()):.2f} deg, '
+                f'{np.degrees(np.abs(self.before).mean()):.2f} deg without calibration')
 
 
 def search_array(array: MicrophoneArray) -> MicrophoneArray:
@@ -120,19 +128,51 @@ def calibrate(array: MicrophoneArray, azimuths: ArrayLike, paths: ArrayLike) -> 
         raise ValueError(f'{azimuths.size} angles that span {spread:.1f} of the 2.0 between both ends of the axis; '
                          f'at least {MIN_ANGLES} that span {MIN_SPREAD} are needed')
     relative = paths / array.aperture
-    offset, weights = _consensus(azimuths - axis, relative)
-    coefficients, offset, outliers = _refine(azimuths - axis, relative, offset, weights)
+    coefficients, offset, outliers = _fit(azimuths - axis, relative)
     grid = np.linspace(np.pi, 0.0, 61)
     measured = _bernstein(grid) @ coefficients
     stretch = float(np.ptp(measured) / 2.0)
-    cosines = np.cos(grid)
-    cosines[[0, -1]] = -1.0, 1.0
     angles = np.abs(wrap(azimuths - axis - offset))
     scatter = _scatter(measured, relative, np.abs(_bernstein(angles) @ coefficients - relative))
-    curve = DelayCurve(cosines, measured / stretch, tuple((scatter / stretch).tolist()))
+    curve = DelayCurve(_cosines(grid), measured / stretch, tuple((scatter / stretch).tolist()))
     fitted = MicrophoneArray(_stretched_and_rotated(array, stretch, offset), array.name, curve)
-    residuals = np.arccos(np.clip(curve.true_cosine(paths / fitted.aperture), -1.0, 1.0)) - angles
-    return Calibration(fitted, array.aperture, offset, angles, paths, residuals, outliers)
+    known = relative if array.delay_curve is None else array.delay_curve.true_cosine(relative)
+    before = np.arccos(np.clip(known, -1.0, 1.0)) - np.abs(wrap(azimuths - axis))
+    return Calibration(fitted, array.aperture, offset, angles, paths, _heard(coefficients, relative) - angles, outliers,
+                       _left_out(azimuths - axis, relative), before)
+
+
+def _fit(azimuths: NDArray, paths: NDArray) -> tuple[NDArray, float, NDArray[np.bool_]]:
+    """Bernstein coefficients, rotation of the axis and outliers; parameters as of `_refine`."""
+    return _refine(azimuths, paths, *_consensus(azimuths, paths))
+
+
+def _left_out(azimuths: NDArray, paths: NDArray) -> NDArray:
+    """Errors (n,) in rad of the angle at each place, by a fit to the others; right angles where these allow none.
+
+    Cross-validation (Stone, 1974) by places, as successive estimates at one place share their reflections.
+    """
+    parts = (np.abs(wrap(azimuths)) // PLACE).astype(int) % PARTS
+    errors = np.full(len(paths), 0.5 * np.pi)
+    for part in np.unique(parts):
+        own = parts == part
+        try:
+            coefficients, offset, _ = _fit(azimuths[~own], paths[~own])
+        except ValueError:
+            continue
+        errors[own] = _heard(coefficients, paths[own]) - np.abs(wrap(azimuths[own] - offset))
+    return errors
+
+
+def _heard(coefficients: NDArray, paths: NDArray) -> NDArray:
+    """Angles (n,) to the axis at which paths (n,) are heard by a curve."""
+    grid = np.linspace(np.pi, 0.0, 61)
+    return np.arccos(np.interp(paths, _bernstein(grid) @ coefficients, _cosines(grid)))
+
+
+def _cosines(grid: NDArray) -> NDArray:
+    """Cosines of angles that fall from pi to 0."""
+    return np.concatenate([[-1.0], np.cos(grid[1:-1]), [1.0]])
 
 
 def _consensus(azimuths: NDArray, paths: NDArray) -> tuple[float, NDArray]:

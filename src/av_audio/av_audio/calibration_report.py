@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from av_audio.calibration import Calibration
 
-# RMS of the residuals in deg up to which a calibration is good, and the angle from the axis within which it may be worse.
+# RMS in deg of the errors at left-out places up to which a calibration is good; within the angle of the axis it may be worse.
 GOOD_DEG = 3.0
 END_FIRE_DEG = 20.0
 # More outliers, a baseline beyond this factor of the nominal one, or a larger rotation contradict the setup.
@@ -44,11 +44,15 @@ def judge(calibration: Calibration) -> Judgement:
     if complaint:
         return Judgement(Verdict.DO_NOT_USE, f'do not use: {complaint}')
     angles = np.degrees(calibration.angles[~calibration.outliers])
-    residuals = np.degrees(calibration.residuals[~calibration.outliers])
+    residuals = np.degrees(calibration.left_out[~calibration.outliers])
+    with_curve, without = (float(np.degrees(np.abs(each).mean())) for each in (calibration.left_out, calibration.before))
+    if with_curve >= without:
+        return Judgement(Verdict.DO_NOT_USE, f'do not use: places that were left out are heard {with_curve:.1f} deg wrong on '
+                                             f'average, {without:.1f} deg without calibration')
     aside = np.abs(angles - 90.0) <= 90.0 - END_FIRE_DEG
     if _rms(residuals[aside]) > GOOD_DEG:
-        return Judgement(Verdict.DO_NOT_USE, f'do not use: residuals of {_rms(residuals[aside]):.1f} deg RMS, more than '
-                                             f'{GOOD_DEG:g}; reflections or noise are too strong')
+        return Judgement(Verdict.DO_NOT_USE, f'do not use: left-out places are {_rms(residuals[aside]):.1f} deg RMS '
+                                             f'wrong, more than {GOOD_DEG:g}; reflections or noise are too strong')
     if _rms(residuals) > GOOD_DEG or angles.min() > END_FIRE_DEG or angles.max() < 180.0 - END_FIRE_DEG:
         return Judgement(Verdict.USABLE, f'usable beyond {END_FIRE_DEG:g} deg from end-fire')
     return Judgement(Verdict.GOOD, 'good')

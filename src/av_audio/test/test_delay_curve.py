@@ -172,3 +172,27 @@ def test_a_person_is_guided(tmp_path, monkeypatch):
         azimuth = float(row['azimuth_deg'])
         assert sound[min(5999, round(float(row['time']) * rate)), 0] == pytest.approx(azimuth / 200.0, abs=1e-3)
     assert [float(row['azimuth_deg']) for row in rows] == [-90.0, -90.0, 0.0, 0.0, 45.0, 45.0]
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_a_curve_that_does_not_beat_the_straight_line_is_not_used(seed):
+    """Free microphones in strong reflections, which differ from place to place: a fit to some is wrong at others."""
+    rng = np.random.default_rng(seed)
+    places = np.radians(np.arange(-90.0, 91.0, 15.0))
+    azimuths = np.repeat(places, 20)
+    paths = 0.2 * np.sin(azimuths) + np.repeat(rng.normal(0.0, 0.025, len(places)), 20) + rng.normal(0.0, 0.003, len(azimuths))
+    judgement = judge(calibrate(NOMINAL, azimuths, paths))
+    truth = np.radians(rng.uniform(-75.0, 75.0, 400))
+    array = calibrate(NOMINAL, azimuths, paths).array
+    heard = np.arcsin(np.clip(array.delay_curve.true_cosine(0.2 * np.sin(truth) / array.aperture), -1.0, 1.0))
+    if np.degrees(np.abs(heard - truth).mean()) > 1.0:  # without the curve it would be 0
+        assert judgement.verdict == Verdict.DO_NOT_USE, judgement
+
+
+def test_a_head_at_few_places_is_still_worth_its_calibration():
+    rng = np.random.default_rng(9)
+    azimuths = np.repeat(np.radians(np.arange(-90.0, 91.0, 15.0)), 12) + TURNED
+    paths = sphere_path(azimuths) + 0.003 * rng.normal(size=len(azimuths))
+    calibration = calibrate(NOMINAL, azimuths, paths)
+    assert judge(calibration).verdict in (Verdict.GOOD, Verdict.USABLE)
+    assert np.abs(calibration.left_out).mean() < 0.5 * np.abs(calibration.before).mean()
