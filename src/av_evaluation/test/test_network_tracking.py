@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from av_evaluation.network import cases
+from av_evaluation.network import cases, flights
 from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, position_bound, run
 from av_network.report import Report, Sighting
 
@@ -31,6 +31,28 @@ def test_error_is_close_to_the_bound(seen):
         errors.append(found.rmse(10.0))
         bounds.append(mean_bound(simulation, arrivals, 10.0))
     assert np.linalg.norm(errors) < 1.3 * np.linalg.norm(bounds)
+
+
+@pytest.mark.parametrize('kind', flights.FLIGHTS)
+def test_hard_flights_are_followed_as_well_as_by_least_squares(kind):
+    """Stops, reversals and eights of up to 6 m/s^2: one id, a position while two cameras see, and an honest covariance."""
+    simulation = flights.cameras(31, kind, 30.0)
+    found = flights.follow(OwnTracker(cases.settings_of(simulation, math.radians(0.3), 0.02)), simulation)
+    assert found.rmse < 1.2 * found.squares and found.squares < 0.5
+    assert found.coverage >= 0.98 and found.names == 1 and 1.5 < found.nees < 4.5
+
+
+def test_least_squares_finds_a_drone_in_uniform_motion():
+    """From directions without errors, at the newest time."""
+    begin, velocity, reports = np.array([3.0, 40.0, 12.0]), np.array([6.0, -2.0, 1.0]), []
+    for k, place in enumerate(np.array([[-30.0, 0.0, 1.0], [30.0, 0.0, 2.0], [0.0, 80.0, 1.0]] * 2)):
+        time = 0.1 * k
+        x, y, z = begin + velocity * time - place
+        one = Sighting(1, math.atan2(y, x), math.atan2(z, math.hypot(x, y)), np.eye(2) * 1e-4, time)
+        reports.append(Report('abc'[k % 3], time, place, (one,)))
+    found = flights.least_squares(reports, 0.6)
+    assert found.time == 0.5 and np.allclose(found.position, begin + 0.5 * velocity)
+    assert flights.least_squares(reports[:4], 0.6) is None
 
 
 def test_bounds_of_the_nees_hold_in_95_percent():

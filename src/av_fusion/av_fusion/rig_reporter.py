@@ -1,21 +1,25 @@
-"""What a rig tells other rigs of its targets: few bytes, a few times a second."""
+"""What a rig tells other rigs of its targets: what it measured since its last report, a few times a second."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from std_msgs.msg import Header
 
-from av_common.stamps import to_seconds
-from av_common.track import Source
-from av_fusion.measurement.vectors import Vector
+from av_common.stamps import to_seconds, to_stamp
+from av_fusion.measurement.rig_motion import RigMotion
+from av_fusion.measurement.vectors import Vector, combined
+from av_fusion.tracks.evidence import Increment
+from av_fusion.tracks.track import Track as FilterTrack
 from av_interfaces.msg import RigReport, TargetDirection, Track, TrackArray
 
 UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
 class RigReporter:
-    """Thins a rig's targets out to reports for other rigs.
+    """Collects what measurements add to a rig's tracks, for other rigs.
 
     Parameters:
         rate (Hz): most reports a second.
@@ -25,26 +29,30 @@ class RigReporter:
         self._period = 1.0 / rate
         self._last = -math.inf
 
-    def report(self, targets: TrackArray, position: Vector | None) -> RigReport | None:
-        """The report of these targets; None soon after the last one.
+    def report(self, targets: TrackArray, tracks: Sequence[FilterTrack], motion: RigMotion) -> RigReport | None:
+        """The report of what was measured since the last one; None soon after that.
 
         Parameters:
             targets: of the rig.
-            position (m): of the rig by its odometry; None while unknown.
+            tracks: of its filter, whose measurements are taken.
+            motion: of the rig.
         """
-        stamp = to_seconds(targets.header.stamp)
-        if 0.0 <= stamp - self._last < self._period:
+        now = to_seconds(targets.header.stamp)
+        if 0.0 <= now - self._last < self._period:
             return None
-        self._last = stamp
-        return RigReport(header=targets.header, position=np.array(position or UNKNOWN, np.float32),
-                         directions=[_direction(track) for track in targets.tracks])
+        self._last = now
+        added = {track.id: track.increment() for track in tracks}
+        found = [(track, each) for track in targets.tracks if (each := added.get(track.id)) is not None]
+        newest = max((each.time for _, each in found), default=now)
+        position = UNKNOWN if motion.position is None else combined(1.0, motion.position, -1.0,
+                                                                    motion.moved(newest, motion.newest))
+        return RigReport(version=RigReport.VERSION, position=np.array(position, np.float32),
+                         header=Header(stamp=to_stamp(newest), frame_id=targets.header.frame_id),
+                         directions=[_direction(track, each) for track, each in found])
 
 
-def _direction(track: Track) -> TargetDirection:
-    horizontal, both, _, vertical = map(float, track.covariance_world)
-    measured = max(track.last_heard, track.last_seen, key=to_seconds)
+def _direction(track: Track, added: Increment) -> TargetDirection:
     return TargetDirection(
-        id=track.id, azimuth=track.azimuth_world, elevation=track.elevation_world,
-        covariance=np.array([horizontal, both, vertical], np.float32), measured=measured, existence=track.existence,
-        drone_probability=track.drone_probability, seen=bool(track.source & int(Source.SIGHT)), resolved=track.resolved,
-        class_id=track.class_id)
+        id=track.id, azimuth=added.azimuth, elevation=added.elevation, measured=to_stamp(added.time), seen=added.seen,
+        information=np.array([added.hh, added.hv, added.vv], np.float32), existence=track.existence,
+        drone_probability=track.drone_probability, resolved=track.resolved, class_id=track.class_id)

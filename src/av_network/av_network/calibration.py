@@ -20,6 +20,7 @@ from av_network.settings import NetworkSettings, RigSettings
 SEGMENT_S = 5.0
 LEAST_OBSERVATIONS = 12
 ITERATIONS = 2
+DENSITY = 4.0  # m^2/s^3, of the acceleration
 WIDE = np.diag([100.0**2] * 3 + [30.0**2] * 3)  # m^2, (m/s)^2: of a target at the beginning of a segment
 OUTLIER = 16.0  # squared Mahalanobis distance of a residual from the smoothed track, beyond which it is not used
 
@@ -183,6 +184,6 @@ class RigCalibration:
 
     def _motion(self, step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         F, _ = nearly_constant_velocity(step, 0.0)
-        _, Q = nearly_constant_velocity(max(step, 1e-4), self._settings.manoeuvre)  # so that predicted covariances are regular
+        _, Q = nearly_constant_velocity(max(step, 1e-4), DENSITY)  # so that predicted covariances are regular
         axes = np.eye(3)
         return np.asarray(np.kron(F, axes), np.float64), np.asarray(np.kron(Q, axes), np.float64)

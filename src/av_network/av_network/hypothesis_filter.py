@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from av_network import sphere
 from av_network.apparent_direction import apparent_directions
-from av_network.motion_model import acceleration_covariance, target_motion
+from av_network.motion_model import axes_shares, mixed, mixing, target_motion, usual_modes
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings, RigSettings
 
@@ -19,22 +19,25 @@ LEAST_SIGMA = 1e-6  # of what counts as known, so that covariances stay regular
 HEADING, CLOCK = 0, 1  # in the part of the state of one rig
 RIG_SIZE, MEASURED_SIZE, TARGET_SIZE = 2, 6, 9
 LOG_TAU = math.log(math.tau)
+LEAST_MODE = 1e-3  # probability of a mode, so that it can return at once
 
 
 class Innovations(NamedTuple):
-    """Differences of m observations of one rig from what each of n targets would give.
+    """Differences of m observations of one rig from what each of n targets would give, in each of f modes of flight.
 
     Parameters:
-        residuals (n, m, 2) (rad): the differences.
-        jacobians (n, m, 2, 8): their derivatives by (heading, clock) of the rig and (position, velocity) of the target.
-        covariances (n, m, 2, 2) (rad^2): of the differences.
-        squared (n, m): Mahalanobis distances, squared.
+        residuals (n, m, f, 2) (rad): the differences.
+        jacobians (n, m, f, 2, 8): their derivatives by (heading, clock) of the rig and (position, velocity) of the target.
+        covariances (n, m, f, 2, 2) (rad^2): of the differences.
+        modes (n, m, f): probabilities of the modes given the observation.
+        squared (n, m): Mahalanobis distances, squared: the mean by these.
         log_density (n, m): logarithms of the density (1/sr) of the observations.
     """
 
     residuals: NDArray[np.float64]
     jacobians: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    modes: NDArray[np.float64]
     squared: NDArray[np.float64]
     log_density: NDArray[np.float64]
 
@@ -44,7 +47,9 @@ class Innovations(NamedTuple):
 
 
 class HypothesisFilter:
-    """Targets of slowly varying velocity, seen from rigs whose headings and clocks are off by slowly varying amounts.
+    """Targets that fly steadily or manoeuvre, seen from rigs whose headings and clocks are off by slowly varying amounts.
+
+    Interacting multiple models: each of f modes of flight has a Gaussian of its own.
 
     The state of each is (heading, clock) of each of r rigs, then (position, velocity, acceleration) of the target:
     N = 2 r + 9. A heading correction is added to the azimuths of its rig, a clock offset to its stamps. Given headings and
@@ -53,7 +58,8 @@ class HypothesisFilter:
     Attributes:
         time (s): for which the states hold, by the reference clock; None before the first prediction.
         rig_mean (2 r,), rig_covariance (2 r, 2 r): what is known of headings and clocks, with which targets begin.
-        mean (n, N), covariance (n, N, N): the states.
+        mean (n, f, N), covariance (n, f, N, N): the states in each mode.
+        modes (n, f): probabilities of the modes.
 
     Parameters:
         rigs: what is known of each.
@@ -69,7 +75,9 @@ class HypothesisFilter:
         self.rig_mean: NDArray[np.float64] = np.zeros(self._offset)
         self.rig_covariance: NDArray[np.float64] = np.diag(np.maximum(sigmas, LEAST_SIGMA) ** 2)
         size = self._offset + TARGET_SIZE
-        self.mean, self.covariance = np.zeros((0, size)), np.zeros((0, size, size))
+        flights = len(settings.modes)
+        self.mean, self.covariance = np.zeros((0, flights, size)), np.zeros((0, flights, size, size))
+        self.modes = np.zeros((0, flights))
         drifts = np.array([settings.heading_drift, settings.clock_drift]) ** 2
         self._drift = np.tile(drifts, len(rigs)) * (sigmas > 0.0)
 
@@ -95,19 +103,25 @@ class HypothesisFilter:
     def targets(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Means (n, 9) and covariances (n, 9, 9) of position, velocity and acceleration."""
         n = self._offset
-        return self.mean[:, n:], self.covariance[:, n:, n:]
+        return _moments(self.modes, self.mean[:, :, n:], self.covariance[:, :, n:, n:])
+
+    def predicted(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Means (n, 9) and covariances (n, 9, 9) of the targets at a time (s); the filter itself is not moved."""
+        n, step = self._offset, 0.0 if self.time is None else time - self.time
+        F, Q = target_motion(step, self.mean[:, :, n + 3:n + MEASURED_SIZE], self._settings)
+        return _moments(self.modes, np.einsum('nfij,nfj->nfi', F, self.mean[:, :, n:]),
+                        F @ self.covariance[:, :, n:, n:] @ F.transpose(0, 1, 3, 2) + Q)
 
     def conditional_covariances(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Covariances (k, 9, 9) of some targets (k,) if headings and clocks were known."""
-        return self._given_rigs(self.covariance[rows])[1]
+        return self._given_rigs(_moments(self.modes[rows], self.mean[rows], self.covariance[rows])[1])[1]
 
     def difference(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean (9,) and covariance (9, 9) of the difference of two targets."""
-        n = self._offset
-        a, b = self.mean[first, n:], self.mean[second, n:]
-        P, Q = self.covariance[first], self.covariance[second]
+        n, pair = self._offset, np.array([first, second])
+        means, (P, Q) = _moments(self.modes[pair], self.mean[pair], self.covariance[pair])
         shared = P[n:, :n] @ np.linalg.solve(P[:n, :n], Q[:n, n:])
-        return a - b, P[n:, n:] + Q[n:, n:] - shared - shared.T
+        return means[0, n:] - means[1, n:], P[n:, n:] + Q[n:, n:] - shared - shared.T
 
     def add(self, means: NDArray[np.float64], covariances: NDArray[np.float64]) -> None:
         """Add targets that are independent of all else.
@@ -115,18 +129,20 @@ class HypothesisFilter:
         Parameters:
             means (k, 6), covariances (k, 6, 6): of position and velocity.
         """
-        k, n = len(means), self._offset
-        mean, P = np.zeros((k, n + TARGET_SIZE)), np.zeros((k, n + TARGET_SIZE, n + TARGET_SIZE))
+        k, n, (_, f, size) = len(means), self._offset, self.mean.shape
+        mean, P = np.zeros((k, f, size)), np.zeros((k, f, size, size))
         known = slice(n, n + MEASURED_SIZE)
-        mean[:, :n], mean[:, known] = self.rig_mean, means
-        P[:, :n, :n], P[:, known, known] = self.rig_covariance, covariances
-        P[:, known.stop:, known.stop:] = acceleration_covariance(self._settings)
+        mean[:, :, :n], mean[:, :, known] = self.rig_mean, means[:, None]
+        P[:, :, :n, :n], P[:, :, known, known] = self.rig_covariance, covariances[:, None]
+        for index, mode in enumerate(self._settings.modes):
+            P[:, index, known.stop:, known.stop:] = mode.sigma**2 * np.diag(axes_shares(self._settings))
         self.mean, self.covariance = np.concatenate([self.mean, mean]), np.concatenate([self.covariance, P])
+        self.modes = np.concatenate([self.modes, np.tile(usual_modes(self._settings), (k, 1))])
 
     def keep(self, indices: Sequence[int]) -> None:
         """Keep some targets, in the given order."""
         chosen = np.array(indices, int)
-        self.mean, self.covariance = self.mean[chosen], self.covariance[chosen]
+        self.mean, self.covariance, self.modes = self.mean[chosen], self.covariance[chosen], self.modes[chosen]
 
     def set_rigs(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> None:
         """Replace what is known of headings and clocks; the targets move as far as they depend on them.
@@ -137,11 +153,11 @@ class HypothesisFilter:
         n = self._offset
         gain, conditional = self._given_rigs(self.covariance)
         cross = gain @ covariance
-        self.mean[:, n:] += np.einsum('kij,kj->ki', gain, mean - self.mean[:, :n])
-        self.mean[:, :n] = mean
+        self.mean[..., n:] += np.einsum('nfij,nfj->nfi', gain, mean - self.mean[..., :n])
+        self.mean[..., :n] = mean
         P = self.covariance
-        P[:, :n, :n], P[:, n:, :n], P[:, :n, n:] = covariance, cross, cross.transpose(0, 2, 1)
-        P[:, n:, n:] = conditional + cross @ gain.transpose(0, 2, 1)
+        P[..., :n, :n], P[..., n:, :n], P[..., :n, n:] = covariance, cross, cross.swapaxes(-1, -2)
+        P[..., n:, n:] = conditional + cross @ gain.swapaxes(-1, -2)
         self.rig_mean, self.rig_covariance = mean.copy(), covariance.copy()
 
     def predict(self, time: float) -> None:
@@ -150,34 +166,39 @@ class HypothesisFilter:
         if self.time is not None and step <= 0.0:
             return
         self.time = time
-        n, P = self._offset, self.covariance
+        n = self._offset
+        self.modes, shares = mixing(self.modes, np.full(self.count, step), self._settings)
+        self.mean, P = mixed(shares, self.mean, self.covariance)
+        self.covariance = P
         self.rig_covariance[range(n), range(n)] += step * self._drift
-        P[:, range(n), range(n)] += step * self._drift
-        F, Q = target_motion(step, self.mean[:, n + 3:n + MEASURED_SIZE], self._settings)
-        self.mean[:, n:] = np.einsum('nij,nj->ni', F, self.mean[:, n:])
-        P[:, n:] = F @ P[:, n:]
-        P[:, :, n:] = P[:, :, n:] @ F.transpose(0, 2, 1)
-        P[:, n:, n:] += Q
+        P[..., range(n), range(n)] += step * self._drift
+        F, Q = target_motion(step, self.mean[:, :, n + 3:n + MEASURED_SIZE], self._settings)
+        self.mean[..., n:] = np.einsum('nfij,nfj->nfi', F, self.mean[..., n:])
+        P[..., n:, :] = F @ P[..., n:, :]
+        P[..., :, n:] = P[..., :, n:] @ F.swapaxes(-1, -2)
+        P[..., n:, n:] += Q
 
     def innovations(self, observations: Sequence[Observation], rows: NDArray[np.intp] | None = None) -> Innovations:
-        """Differences of a rig's observations of one time from what the targets would give.
+        """Differences of a rig's observations from what the targets would give.
 
         Parameters:
-            observations (m,): one at least, of one rig.
+            observations (m,): one at least, of one report.
             rows (n,): the targets; by default all.
         """
         first, n = observations[0], self._offset
         columns, rows = self._columns(first.rig), np.arange(self.count) if rows is None else rows
-        mean = self.mean[rows]
+        count, flights, m = len(rows), len(self._settings.modes), len(observations)
+        mean = self.mean[rows].reshape(count * flights, n + TARGET_SIZE)
         heading, clock = mean[:, columns[HEADING]], mean[:, columns[CLOCK]]
-        ahead = first.time + clock - (self.time or 0.0)
         angles, noise = np.array([one.angles for one in observations]), np.array([one.covariance for one in observations])
-        count, m = len(mean), len(observations)
-        residuals, jacobians, places = np.empty((count, m, 2)), np.empty((count, m, 2, 8)), np.empty((count, m))
-        sounds = np.array([one.sighting.by_sound for one in observations])
-        for by_sound in set(sounds.tolist()):
-            chosen = np.flatnonzero(sounds == by_sound)
-            speed = np.full(count, self._settings.sound_speed if by_sound else math.inf)
+        size = len(mean)
+        residuals, jacobians, places = np.empty((size, m, 2)), np.empty((size, m, 2, 8)), np.empty((size, m))
+        alike: dict[tuple[bool, float], list[int]] = {}
+        for index, one in enumerate(observations):
+            alike.setdefault((one.sighting.by_sound, one.time), []).append(index)
+        for (by_sound, time), chosen in alike.items():
+            ahead = time + clock - (self.time or 0.0)
+            speed = np.full(size, self._settings.sound_speed if by_sound else math.inf)
             expected = apparent_directions(mean[:, n:n + 3], mean[:, n + 3:n + MEASURED_SIZE], first.position, ahead, speed)
             level = np.cos(expected.elevation)
             measured = angles[chosen] + np.stack([heading, 0.0 * heading], 1)[:, None]
@@ -186,13 +207,14 @@ class HypothesisFilter:
             jacobians[:, chosen] = np.concatenate([by_heading, expected.by_time[:, :, None], expected.by_position,
                                                    expected.by_velocity], 2)[:, None]
             places[:, chosen] = ((self._position_sigmas[first.rig] / expected.distance) ** 2)[:, None]
-        R = noise + places[:, :, None, None] * np.eye(2)
-        P = self.covariance[rows[:, None, None], columns[:, None], columns]
-        S = jacobians @ P[:, None] @ jacobians.transpose(0, 1, 3, 2) + R
-        determinant = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
-        x, y = residuals[..., 0], residuals[..., 1]
-        squared = (S[..., 1, 1] * x**2 - 2.0 * S[..., 0, 1] * x * y + S[..., 0, 0] * y**2) / determinant
-        return Innovations(residuals, jacobians, S, squared, -0.5 * (squared + np.log(determinant)) - LOG_TAU)
+        P = self.covariance[rows[:, None, None], :, columns[:, None], columns]  # (n, 8, 8, f)
+        P = np.moveaxis(P, 3, 1).reshape(size, 1, 8, 8)
+        S = jacobians @ P @ jacobians.swapaxes(-1, -2) + noise + places[:, :, None, None] * np.eye(2)
+
+        def apart(part: NDArray[np.float64]) -> NDArray[np.float64]:
+            return part.reshape(count, flights, *part.shape[1:]).swapaxes(1, 2)
+
+        return _weighed(apart(residuals), apart(jacobians), apart(S), self.modes[rows])
 
     def update(self, rig: int, rows: NDArray[np.intp], used: Innovations, learn: NDArray[np.bool_]) -> None:
         """Use one observation for each of k targets.
@@ -205,23 +227,46 @@ class HypothesisFilter:
                 is considered (Schmidt 1966).
         """
         P, columns = self.covariance[rows], self._columns(rig)
-        PH = P[:, :, columns] @ used.jacobians.transpose(0, 2, 1)
+        PH = P[..., columns] @ used.jacobians.swapaxes(-1, -2)
         gain = PH @ np.linalg.inv(used.covariances)
-        gain[:, :self._offset] *= learn[:, None, None]
-        self.mean[rows] += np.einsum('kij,kj->ki', gain, used.residuals)
-        half = gain @ (0.5 * used.covariances @ gain.transpose(0, 2, 1) - PH.transpose(0, 2, 1))
-        self.covariance[rows] = P + half + half.transpose(0, 2, 1)
+        gain[:, :, :self._offset] *= learn[:, None, None, None]
+        self.mean[rows] += np.einsum('kfij,kfj->kfi', gain, used.residuals)
+        half = gain @ (0.5 * used.covariances @ gain.swapaxes(-1, -2) - PH.swapaxes(-1, -2))
+        self.covariance[rows] = P + half + half.swapaxes(-1, -2)
+        self.modes[rows] = used.modes
 
     def _given_rigs(self, P: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Dependence (n, 9, 2 r) of targets on headings and clocks, and covariances (n, 9, 9) if those were known."""
+        """Dependence (..., 9, 2 r) of targets on headings and clocks, and covariances (..., 9, 9) if those were known."""
         n = self._offset
-        gain = np.linalg.solve(P[:, :n, :n], P[:, :n, n:]).transpose(0, 2, 1)
-        return gain, P[:, n:, n:] - gain @ P[:, :n, n:]
+        gain = np.asarray(np.linalg.solve(P[..., :n, :n], P[..., :n, n:]), np.float64).swapaxes(-1, -2)
+        return gain, P[..., n:, n:] - gain @ P[..., :n, n:]
 
     def _columns(self, rig: int) -> NDArray[np.intp]:
         """Indices (8,) of a rig's part of the state and of that of the target."""
         n = self._offset
         return np.concatenate([np.arange(RIG_SIZE * rig, RIG_SIZE * (rig + 1)), np.arange(n, n + MEASURED_SIZE)])
+
+
+def _moments(modes: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means (k, N) and covariances (k, N, N) over all modes (k, f)."""
+    mean, covariance = mixed(modes[:, :, None], means, covariances)
+    return mean[:, 0], covariance[:, 0]
+
+
+def _weighed(residuals: NDArray[np.float64], jacobians: NDArray[np.float64], S: NDArray[np.float64],
+             modes: NDArray[np.float64]) -> Innovations:
+    """Innovations with their densities, by probabilities (n, f) of the modes before."""
+    determinant = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
+    x, y = residuals[..., 0], residuals[..., 1]
+    squared = (S[..., 1, 1] * x**2 - 2.0 * S[..., 0, 1] * x * y + S[..., 0, 0] * y**2) / determinant
+    each = np.log(modes)[:, None] - 0.5 * (squared + np.log(determinant)) - LOG_TAU
+    largest = each.max(axis=2, keepdims=True)
+    joint = np.exp(each - largest)
+    total = joint.sum(axis=2)
+    after = np.maximum(joint / total[:, :, None], LEAST_MODE)
+    after /= after.sum(axis=2, keepdims=True)
+    return Innovations(residuals, jacobians, S, after, np.sum(after * squared, axis=2), largest[:, :, 0] + np.log(total))
 
 
 def largest_sigmas(covariances: NDArray[np.float64]) -> NDArray[np.float64]:

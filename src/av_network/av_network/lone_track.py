@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from av_network import sphere
-from av_network.motion_model import acceleration_variance, axis_motion
+from av_network.motion_model import axis_motion, mixed, mixing, usual_modes
 from av_network.observation import Observation
 from av_network.settings import NetworkSettings
 
@@ -22,17 +22,17 @@ class LoneTrack(NamedTuple):
 
     Parameters:
         time (s): by the rig's clock.
-        angles (2,) (rad): azimuth and elevation.
-        rates (3,) (rad/s): of the direction, a vector in the world.
-        changes (3,) (rad/s^2): of the rates.
-        covariance (2, 3, 3): of the arc, its rate and the change of that, across and up.
+        angles (2,) (rad): azimuth and elevation of a direction close to it.
+        state (f, 2, 3): arc from there (rad), its rate, and the change of that, across and up, in each mode of flight.
+        covariance (f, 2, 3, 3): of the same.
+        modes (f,): probabilities of the modes.
     """
 
     time: float
     angles: NDArray[np.float64]
-    rates: NDArray[np.float64]
-    changes: NDArray[np.float64]
+    state: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    modes: NDArray[np.float64]
 
 
 def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneTrack:
@@ -43,9 +43,11 @@ def begin(one: Observation, distance: float, settings: NetworkSettings) -> LoneT
         distance (m): at which its target is supposed.
         settings: speed and manoeuvres of targets.
     """
-    variances = np.stack([np.diag(one.covariance), *np.outer(
-        [settings.speed_sigma**2, acceleration_variance(settings)], _shares(one.angles[1], settings) / distance**2)])
-    return LoneTrack(one.time, one.angles, np.zeros(3), np.zeros(3), np.array([np.diag(each) for each in variances.T]))
+    shares, flights = _shares(one.angles[1], settings) / distance**2, len(settings.modes)
+    covariance = np.zeros((flights, 2, 3, 3))
+    covariance[..., 0, 0], covariance[..., 1, 1] = np.diag(one.covariance), settings.speed_sigma**2 * shares
+    covariance[..., 2, 2] = np.outer([mode.sigma**2 for mode in settings.modes], shares)
+    return LoneTrack(one.time, one.angles, np.zeros((flights, 2, 3)), covariance, usual_modes(settings))
 
 
 def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], distances: NDArray[np.float64],
@@ -59,22 +61,30 @@ def follow(tracks: Sequence[LoneTrack], observations: Sequence[Observation], dis
         settings: speed and manoeuvres of targets.
     """
     steps = np.array([one.time - each.time for one, each in zip(observations, tracks, strict=True)])
-    angles, rates, changes, P = (np.array(part) for part in list(zip(*tracks, strict=True))[1:])
-    F, Q = (part[:, None] for part in axis_motion(steps, distances * np.linalg.norm(rates, axis=1), settings))
+    angles, state, P, modes = (np.array(part) for part in list(zip(*tracks, strict=True))[1:])
+    modes, mix = mixing(modes, steps, settings)
+    for axis in (0, 1):
+        state[:, :, axis], P[:, :, axis] = mixed(mix, state[:, :, axis], P[:, :, axis])
+    speeds = distances * np.linalg.norm(np.einsum('kf,kfa->ka', modes, state[..., 1]), axis=1)
+    F, Q = (np.stack(part, 1)[:, :, None] for part in zip(*(axis_motion(steps, speeds, settings, mode)
+                                                           for mode in settings.modes), strict=True))
     shares = _shares(angles[:, 1], settings) / distances[:, None] ** 2
-    P = F @ P @ F.transpose(0, 1, 3, 2) + shares[:, :, None, None] * Q
-    motion = np.stack([rates, changes], 1)
-    moved, rates, changes = (np.einsum('kj,kji->ki', F[:, 0, row, 1:], motion) for row in range(3))
-    ahead = sphere.moved(angles, moved)
-    residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)
-    S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])
+    P = F @ P @ F.swapaxes(-1, -2) + shares[:, None, :, None, None] * Q
+    state = np.einsum('kfaij,kfaj->kfai', np.broadcast_to(F, P.shape), state)
+    centre = np.einsum('kf,kfa->ka', modes, state[..., 0])
+    ahead = sphere.moved(angles, sphere.vectors(centre, angles))
+    state[..., 0] -= centre[:, None]
+    carried = sphere.carried(sphere.axes(angles), angles[:, None], ahead[:, None])
+    state = np.einsum('kai,kbi,kfbs->kfas', sphere.axes(ahead), carried, state)
+    residuals = sphere.offsets(np.array([one.angles for one in observations]), ahead)[:, None] - state[..., 0]
+    S = P[..., 0, 0] + np.array([np.diag(one.covariance) for one in observations])[:, None]
     gain = P[..., :, 0] / S[..., None]
-    found = sphere.moved(ahead, sphere.vectors(gain[..., 0] * residuals, ahead))
-    rates, changes = (sphere.carried(sphere.carried(each, angles, ahead) + sphere.vectors(gain[..., row] * residuals, ahead),
-                                     ahead, found) for row, each in ((1, rates), (2, changes)))
+    state = state + gain * residuals[..., None]
     P = P - gain[..., :, None] * gain[..., None, :] * S[..., None, None]
-    density = -0.5 * np.sum(residuals**2 / S + np.log(S), axis=1) - math.log(math.tau)
-    return [LoneTrack(one.time, found[k], rates[k], changes[k], P[k]) for k, one in enumerate(observations)], density
+    density = np.log(modes) - 0.5 * np.sum(residuals**2 / S + np.log(S), axis=2) - math.log(math.tau)
+    total = np.logaddexp.reduce(density, axis=1)
+    modes = np.exp(density - total[:, None])
+    return [LoneTrack(one.time, ahead[k], state[k], P[k], modes[k]) for k, one in enumerate(observations)], total
 
 
 def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observation], places: NDArray[np.float64],
@@ -90,18 +100,17 @@ def separate(tracks: Sequence[LoneTrack | None], observations: Sequence[Observat
     """
     distances = np.maximum(np.linalg.norm(places - np.array([one.position for one in observations]), axis=1), 1.0)
     known = [(each, one, distance) for each, one, distance in zip(tracks, observations, distances, strict=True)
-             if each is not None and not one.anew]
+             if each is not None]
     followed: Iterator[tuple[LoneTrack, float]] = iter(())
     if known:
         earlier, newer, away = zip(*known, strict=True)
         followed = iter(zip(*follow(earlier, newer, np.array(away), settings), strict=True))
     found: list[tuple[LoneTrack, float]] = []
     for each, one, distance in zip(tracks, observations, distances, strict=True):
-        if each is not None and not one.anew:
-            track, logarithm = next(followed)
-            found.append((track, float(logarithm)))
-        else:
-            found.append((begin(one, distance, settings), math.log(density)))
+        track, logarithm = next(followed) if each is not None else (None, -math.inf)
+        # The rig may have changed its mind about the side, or have lost its target to another one.
+        found.append((track, float(logarithm)) if track is not None and logarithm > math.log(density)
+                     else (begin(one, distance, settings), math.log(density)))
     return found
 
 

@@ -18,12 +18,26 @@ from av_network.report import Report, Sighting
 
 MOST_TRACKS = 64  # of one rig that are read
 LEAST_EXISTENCE = 0.5  # of a rig's target
+LONGEST_S = 1.0  # from the first direction of a report to the newest one
 LEAST_SIGMA = math.radians(0.02)  # of a direction; smaller ones are not believed
+LEAST_INFORMATION = 1.0 / (math.pi**2 / 3.0)  # 1/rad^2, of an angle that may be anything
 ASSUMED_DISTANCE_M = 100.0  # of a target whose distance is not known, and the standard deviation of that
 
 
+def check_version(rig: str, version: int) -> None:
+    """Raise ValueError for a report of another version of `RigReport`."""
+    if version != RigReport.VERSION:
+        raise ValueError(f'{rig} reports by version {version}, expected {RigReport.VERSION}: install the same release on all '
+                         'rigs')
+
+
+def version_of(data: bytes) -> int:
+    """The version of a serialised `RigReport`: its first field; reports from before versions have a stamp there."""
+    return int.from_bytes(data[4:8], 'little' if data[1:2] == b'\x01' else 'big')
+
+
 def report_of(message: RigReport, rig: str, position: NDArray[np.float64], heading: float) -> Report:
-    """The report in a rig's message. Raises ValueError for more than MOST_TRACKS directions and for impossible stamps.
+    """The report in a rig's message. Raises ValueError for more than MOST_TRACKS directions.
 
     Targets that do not probably exist, and those with impossible angles or variances, are left out.
 
@@ -35,19 +49,22 @@ def report_of(message: RigReport, rig: str, position: NDArray[np.float64], headi
     """
     if len(message.directions) > MOST_TRACKS:
         raise ValueError(f'{len(message.directions)} targets of {rig}, expected up to {MOST_TRACKS}')
-    sightings = [_sighting(one, heading) for one in message.directions if one.existence >= LEAST_EXISTENCE]
-    return Report(rig, to_seconds(message.header.stamp), position, tuple(one for one in sightings if one is not None))
+    stamp = to_seconds(message.header.stamp)
+    sightings = [_sighting(one, heading, stamp) for one in message.directions if one.existence >= LEAST_EXISTENCE]
+    return Report(rig, stamp, position, tuple(one for one in sightings if one is not None))
 
 
-def _sighting(one: TargetDirection, heading: float) -> Sighting | None:
-    horizontal, both, vertical = map(float, one.covariance)
+def _sighting(one: TargetDirection, heading: float, stamp: float) -> Sighting | None:
+    horizontal, both, vertical = map(float, one.information)
     azimuth, elevation, measured = float(one.azimuth), float(one.elevation), to_seconds(one.measured)
     possible = abs(azimuth) <= 10.0 and abs(elevation) <= 0.5 * math.pi + 1e-3
-    if not possible or not (horizontal >= 0.0 and vertical >= 0.0) or math.isnan(both) or measured <= 0.0:
+    known = 0.0 <= horizontal < math.inf and 0.0 <= vertical < math.inf and horizontal + vertical > LEAST_INFORMATION
+    if not possible or not known or math.isnan(both) or not 0.0 <= stamp - measured <= LONGEST_S:
         return None
-    if not both**2 < horizontal * vertical < math.inf:
-        both = 0.0
-    covariance = np.array([[horizontal, both], [both, vertical]]) + LEAST_SIGMA**2 * np.eye(2)
+    most = math.sqrt(horizontal * vertical)  # of a single angle, information is singular, and rounded
+    both = min(max(both, -most), most)
+    information = np.array([[horizontal, both], [both, vertical]]) + LEAST_INFORMATION * np.eye(2)
+    covariance = np.linalg.inv(information) + LEAST_SIGMA**2 * np.eye(2)
     return Sighting(one.id, math.remainder(azimuth + heading, math.tau), elevation, covariance, measured, not one.seen,
                     float(one.existence), float(one.drone_probability), str(one.class_id)[:32], bool(one.resolved))
 
@@ -78,7 +95,7 @@ def direction_message(identifier: int, report: Report, one: Sighting, heading: f
     azimuth = math.atan2(unit[1], unit[0])
     across = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
     axes = np.stack([across, np.cross(unit, across)], 1)
-    variances = np.minimum(one.covariance, 1.0) * ASSUMED_DISTANCE_M**2
+    variances = np.linalg.inv(np.linalg.inv(one.covariance) + np.eye(2)) * ASSUMED_DISTANCE_M**2
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = axes @ variances @ axes.T + ASSUMED_DISTANCE_M**2 * np.outer(unit, unit)
     covariance[3:, 3:] = speed_sigma**2 * np.eye(3)

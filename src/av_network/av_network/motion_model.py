@@ -1,4 +1,4 @@
-"""Motion of targets: accelerations of some duration, and velocities that are slowly forgotten."""
+"""Motion of targets: modes of flight with accelerations of some duration, and velocities that are slowly forgotten."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from av_network.settings import NetworkSettings
+from av_network.settings import Mode, NetworkSettings
 
 LONGEST_STEP_S = 0.5  # short beside the memory of velocities
 SHORT = 0.01  # of a step over the duration of accelerations
@@ -56,7 +56,7 @@ def singer(steps: NDArray[np.float64], variance: float, duration: float
     return np.moveaxis(F * turned, -1, 0), np.moveaxis(Q * turned, -1, 0)
 
 
-def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], settings: NetworkSettings
+def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], settings: NetworkSettings, mode: Mode
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Transitions (k, 3, 3) and covariances (k, 3, 3) of the process noise of k targets along one horizontal axis.
 
@@ -67,9 +67,10 @@ def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], setting
         steps (k,) (s): of time, of any sign.
         speeds (k,) (m/s): of the targets.
         settings: see `NetworkSettings`.
+        mode: of flight.
     """
     parts = max(math.ceil(float(np.max(np.abs(steps), initial=0.0)) / LONGEST_STEP_S), 1)
-    F, Q = singer(steps / parts, acceleration_variance(settings), settings.manoeuvre_time)
+    F, Q = singer(steps / parts, mode.sigma**2, mode.time)
     memory = settings.velocity_memory * (1.0 + (speeds / settings.memory_speed) ** 2)
     half = np.stack([np.ones_like(memory), np.exp(-0.5 * np.abs(steps) / parts / memory), np.ones_like(memory)], 1)
     first, noise = half[:, :, None] * F * half[:, None], half[:, :, None] * Q * half[:, None]
@@ -79,11 +80,6 @@ def axis_motion(steps: NDArray[np.float64], speeds: NDArray[np.float64], setting
     return F, Q
 
 
-def acceleration_variance(settings: NetworkSettings) -> float:
-    """Variance ((m/s^2)^2) of the acceleration along a horizontal axis, of which `manoeuvre` is the density at frequency 0."""
-    return 0.5 * settings.manoeuvre / settings.manoeuvre_time
-
-
 def axes_shares(settings: NetworkSettings) -> NDArray[np.float64]:
     """Variances (3,) of velocity and acceleration along east, north and up over those of the horizontal axes."""
     return np.array([1.0, 1.0, settings.climb_share**2])
@@ -91,17 +87,17 @@ def axes_shares(settings: NetworkSettings) -> NDArray[np.float64]:
 
 def target_motion(step: float, velocities: NDArray[np.float64], settings: NetworkSettings
                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Transitions (n, 9, 9) and covariances (n, 9, 9) of the noise of targets' position, velocity and acceleration (ENU).
+    """Transitions (n, m, 9, 9) and covariances (n, m, 9, 9) of the noise of targets' position, velocity and acceleration (ENU).
 
     Parameters:
         step (s): of time, of any sign.
-        velocities (n, 3) (m/s): of the targets.
+        velocities (n, m, 3) (m/s): of the targets in each mode.
         settings: see `axis_motion`.
     """
-    speeds = np.linalg.norm(velocities, axis=1)
-    F, Q = axis_motion(np.full(len(speeds), step), speeds, settings)
-    return (np.asarray(np.kron(F, np.eye(3)), np.float64),
-            np.asarray(np.kron(Q, np.diag(axes_shares(settings))), np.float64))
+    speeds, shares = np.linalg.norm(velocities, axis=2), np.diag(axes_shares(settings))
+    found = [axis_motion(np.full(len(speeds), step), speeds[:, k], settings, mode) for k, mode in enumerate(settings.modes)]
+    F, Q = (np.stack(part, 1) for part in zip(*found, strict=True))
+    return np.asarray(np.kron(F, np.eye(3)), np.float64), np.asarray(np.kron(Q, shares), np.float64)
 
 
 def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
@@ -109,6 +105,52 @@ def velocity_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
     return settings.speed_sigma**2 * np.diag(axes_shares(settings))
 
 
-def acceleration_covariance(settings: NetworkSettings) -> NDArray[np.float64]:
-    """Prior covariance (3, 3) of a target's acceleration ((m/s^2)^2), ENU."""
-    return acceleration_variance(settings) * np.diag(axes_shares(settings))
+def usual_modes(settings: NetworkSettings) -> NDArray[np.float64]:
+    """Probabilities (m,) of the modes of flight of a target of which nothing is known."""
+    durations = np.array([mode.duration for mode in settings.modes])
+    return durations / durations.sum()
+
+
+def changes(steps: NDArray[np.float64], settings: NetworkSettings) -> NDArray[np.float64]:
+    """Probabilities (k, m, m) that a target in one mode of flight (row) is in another one (column) after a time.
+
+    A change leads to any mode by its usual probability, at rates that keep those.
+
+    Parameters:
+        steps (k,) (s): the times; amounts count.
+        settings: of which `modes` count.
+    """
+    usual = usual_modes(settings)
+    rate = sum(1.0 / mode.duration for mode in settings.modes) if len(usual) > 1 else 0.0
+    stay = np.exp(-rate * np.abs(steps))[:, None, None]
+    return np.asarray(stay * np.eye(len(usual)) + (1.0 - stay) * usual)
+
+
+def mixing(weights: NDArray[np.float64], steps: NDArray[np.float64], settings: NetworkSettings
+           ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Probabilities (k, m) of the modes after a time, and of each earlier mode (row) given the later one (column), (k, m, m).
+
+    The first step of the interacting multiple model (Blom and Bar-Shalom 1988; Bar-Shalom, Li and Kirubarajan, Estimation with
+    Applications to Tracking and Navigation, 2001, section 11.6.6).
+
+    Parameters:
+        weights (k, m): probabilities of the modes.
+        steps, settings: see `changes`.
+    """
+    joint = weights[:, :, None] * changes(steps, settings)
+    after = joint.sum(axis=1)
+    return after, joint / after[:, None]
+
+
+def mixed(shares: NDArray[np.float64], means: NDArray[np.float64], covariances: NDArray[np.float64]
+          ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Moments (k, j, N) and (k, j, N, N) of mixtures of Gaussians.
+
+    Parameters:
+        shares (k, m, j): probabilities of the m components in each of j mixtures.
+        means (k, m, N), covariances (k, m, N, N): of the components.
+    """
+    mean = np.einsum('kij,kia->kja', shares, means)
+    apart = means[:, :, None] - mean[:, None]  # (k, m, j, N)
+    covariance = np.einsum('kij,kiab->kjab', shares, covariances)
+    return mean, covariance + np.einsum('kij,kija,kijb->kjab', shares, apart, apart, optimize=True)

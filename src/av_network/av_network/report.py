@@ -1,4 +1,4 @@
-"""What a rig tells the others: directions to its targets at one instant."""
+"""What a rig tells the others: what its measurements added since its last report."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 
 class Sighting(NamedTuple):
-    """Direction to one target of a rig at the time of its report.
+    """What the measurements of one target since the rig's last report say: a normal density of its direction.
 
     Parameters:
         id: of the rig's track.
         azimuth, elevation (rad): in the world by the rig's own heading.
         covariance (2, 2) (rad^2): of the horizontal error (that of the azimuth times cos(elevation)) and of the vertical one.
-        measured (s): capture time of the newest measurement of the track.
-        by_sound: whether the track rests on sound alone, which arrives later than light.
+        measured (s): mean capture time of the measurements, by the rig's clock.
+        by_sound: whether they are of sound, which arrives later than light.
         existence: probability that there is such a target.
         drone_probability: probability that it is a drone; NaN while unknown.
         class_id: its most probable class; empty while unknown.
@@ -37,11 +37,11 @@ class Sighting(NamedTuple):
 
 
 class Report(NamedTuple):
-    """All targets of a rig at one instant.
+    """What a rig has measured since its last report.
 
     Parameters:
         rig: the rig's name.
-        time (s): for which the directions hold, by the rig's clock.
+        time (s): of the newest sighting, by the rig's clock.
         position (3,) (m): of the rig, ENU.
         sightings: the directions.
     """

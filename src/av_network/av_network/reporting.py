@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from av_network.claims import WELL_SUPPORTED
 from av_network.hypothesis_filter import HypothesisFilter
-from av_network.motion_model import target_motion
 from av_network.network_target import NetworkTarget, TargetState
 from av_network.settings import NetworkSettings
 
@@ -31,16 +30,14 @@ def target_states(states: HypothesisFilter, hypotheses: Sequence[NetworkTarget],
         settings: see `NetworkSettings`.
         time (s): by the reference clock.
     """
-    means, covariances = states.targets()
-    step = 0.0 if states.time is None else time - states.time
-    F, Q = target_motion(step, means[:, 3:6], settings)
+    means, covariances = states.predicted(time)
     found = []
     for index, target in enumerate(hypotheses):
         if not target.confirmed:
             continue
         rigs = tuple(sorted(rig for rig, member in target.members.items() if time - member.last < RECENT_S))
         existence = 0.99 * 0.5 ** (max(time - target.measured, 0.0) / settings.coast)
-        mean, P = F[index] @ means[index], F[index] @ covariances[index] @ F[index].T + Q[index]
+        mean, P = means[index], covariances[index]
         positioned = is_credible(target, time) and is_precise(mean, P, places, settings)
         found.append(TargetState(target, existence, mean[:6], P[:6, :6], rigs, positioned))
     return sorted(found, key=lambda state: state.target.id)

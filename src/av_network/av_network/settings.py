@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 
 @dataclass(frozen=True)
@@ -23,20 +24,38 @@ class RigSettings:
     position_sigma: float = 0.1
 
 
+class Mode(NamedTuple):
+    """Accelerations of a way to fly.
+
+    Parameters:
+        sigma (m/s^2): standard deviation.
+        time (s): in which an acceleration falls to 1 / e of itself.
+        duration (s): mean, of flying so.
+    """
+
+    sigma: float
+    time: float
+    duration: float
+
+
+# Fitted to simulated smooth flights of up to 10 m/s and 3 m/s^2, as `ros2 run av_evaluation network bound` has them.
+STEADY = Mode(0.8, 1.5, 8.0)
+# Multirotors accelerate by up to A = 6 m/s^2, and turn back within a second. By Singer (1970) the variance of an acceleration
+# that is uniform up to A, but +-A with probabilities of 0.1 each and none with 0.2, is A^2 / 3 (1 + 4 * 0.1 - 0.2).
+MANOEUVRE = Mode(3.8, 0.6, 1.5)
+
+
 @dataclass(frozen=True)
 class NetworkSettings:
     """Settings of a `NetworkTracker`.
 
     Parameters:
-        manoeuvre (m^2/s^3): spectral density of the targets' acceleration along each horizontal axis, at frequency 0.
-        manoeuvre_time (s): time in which an acceleration falls to 1 / e of itself.
+        modes: of flight, steady first: the acceleration along each horizontal axis.
         speed_sigma (m/s): prior standard deviation of a target's velocity along each horizontal axis.
         climb_share: standard deviations of vertical velocities and accelerations over those of horizontal ones.
         velocity_memory (s): time in which a small velocity falls to 1 / e of itself, unless it is measured anew.
         memory_speed (m/s): speed from which on that time grows, with the square of the speed.
         most_distance (m): greatest distance of a target from a rig.
-        rig_manoeuvre (rad^2/s^3), rig_rate_sigma (rad/s): spectral density of the angular acceleration and prior standard
-            deviation of the angular rate in the rigs' filters, see `Tracklets`.
         heading_drift (rad/sqrt(s)), clock_drift (s/sqrt(s)): random walks of the rigs' headings and clock offsets.
         sound_speed (m/s): speed of sound.
         target_density (1/sr): expected number of targets in a solid angle of a rig's sky that are not tracked yet.
@@ -49,15 +68,12 @@ class NetworkSettings:
         most_candidates: number of candidates that are examined at a time.
     """
 
-    manoeuvre: float = 2.0
+    modes: tuple[Mode, ...] = (STEADY, MANOEUVRE)
     speed_sigma: float = 8.0
     climb_share: float = 0.3
     velocity_memory: float = 8.0
     memory_speed: float = 10.0
-    manoeuvre_time: float = 1.5
     most_distance: float = 400.0
-    rig_manoeuvre: float = 0.001
-    rig_rate_sigma: float = 0.3
     heading_drift: float = math.radians(0.01)
     clock_drift: float = 1e-4
     sound_speed: float = 343.2

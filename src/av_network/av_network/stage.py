@@ -17,7 +17,7 @@ from av_common.stamps import to_seconds, to_stamp
 from av_interfaces.msg import RigPose, RigReport, WorldTrack, WorldTrackArray
 from av_network.geodesy import Datum, to_enu
 from av_network.hypothesis_filter import largest_sigmas
-from av_network.messages import direction_message, report_of, target_message
+from av_network.messages import check_version, direction_message, report_of, target_message
 from av_network.network_target import TargetState
 from av_network.report import Report
 from av_network.report_queue import ReportQueue
@@ -61,7 +61,7 @@ class NetworkStageSettings:
 
     frame: str = 'map'
     datum: Datum = NO_DATUM
-    report_period: float = 0.2
+    report_period: float = 0.04
     wait: float = 0.5
 
 
@@ -113,6 +113,7 @@ class NetworkStage:
             size (bytes): of the message.
             arrival (s): time of its arrival.
         """
+        check_version(rig, message.version)
         statistics, place = self.statistics[rig], self._places[rig]
         statistics.reports, statistics.size = statistics.reports + 1, statistics.size + size
         stamp = to_seconds(message.header.stamp)

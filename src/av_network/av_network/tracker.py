@@ -21,7 +21,6 @@ from av_network.pairing import HOPELESS, Pairing
 from av_network.report import Report
 from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
-from av_network.tracklets import Tracklets
 
 GATE = 16.0  # of a squared Mahalanobis distance with two degrees of freedom: 0.03 % of true ones are beyond
 JOINING_GATE = 9.0
@@ -72,7 +71,6 @@ class NetworkTracker:
         self.hypotheses: list[NetworkTarget] = []
         self.unexplained: dict[tuple[int, int], tuple[Observation, float]] = {}
         self._pairing = Pairing(self.settings)
-        self._tracklets = Tracklets(self.settings.rig_manoeuvre, self.settings.rig_rate_sigma)
         self._decided = -math.inf
         self._density = self.settings.target_density  # 1/sr, of those that are not tracked yet
         self._places: dict[int, NDArray[np.float64]] = {}  # of the rigs by their latest reports
@@ -92,7 +90,7 @@ class NetworkTracker:
         self._places[rig] = report.position
         time = self.filter.corrected_time(rig, report.time)
         self.filter.predict(time)
-        observations = [Observation(rig, report.position, report.time, *each) for each in self._tracklets.fresh(report)]
+        observations = [Observation(rig, report.position, each) for each in report.sightings]
         if observations:
             self._use(rig, observations, time)
         self._tidy(time)
@@ -103,8 +101,7 @@ class NetworkTracker:
 
     def _use(self, rig: int, observations: Sequence[Observation], time: float) -> None:
         """Associate, update, teach, and propose candidates."""
-        reported = [one.as_reported() for one in observations]
-        innovations = self.filter.innovations([*observations, *reported])
+        innovations = self.filter.innovations(observations)
         assigned = self._assign(rig, observations, innovations, time)
         # A crowd of directions that are not explained makes chance meetings likely.
         self._density = max(self.settings.target_density, (len(observations) - len(assigned) - USUAL_REST) / SKY)
@@ -119,7 +116,7 @@ class NetworkTracker:
                 self.unexplained.pop(one.key, None)
             else:
                 self.unexplained[one.key] = (one, time)
-        open_to_pairs = [reported[column] for column in contested if observations[column].sighting.resolved]
+        open_to_pairs = [observations[column] for column in contested if observations[column].sighting.resolved]
         self._pairing.propose(self.filter, self.hypotheses, open_to_pairs, self._density, time)
 
     def _assign(self, rig: int, observations: Sequence[Observation], innovations: Innovations, time: float) -> dict[int, int]:
@@ -129,10 +126,7 @@ class NetworkTracker:
         if not rows:
             return {}
         own = self._own(rig, observations)[rows]
-        # A track that is new to a target is judged by all that its rig knows of it.
-        squared = np.where(own, innovations.squared[rows, :count], innovations.squared[rows, count:])
-        density = np.where(own, innovations.log_density[rows, :count], innovations.log_density[rows, count:])
-        costs = np.where(squared < GATE, -density - MEMBER_BONUS * own, NEVER)
+        costs = np.where(innovations.squared[rows] < GATE, -innovations.log_density[rows] - MEMBER_BONUS * own, NEVER)
         away = np.where(np.eye(count) > 0.0, -math.log(self._density), NEVER)
         pairs = zip(*linear_sum_assignment(np.hstack([costs.T, away])), strict=True)
         found = {int(column): rows[int(row)] for column, row in pairs if row < len(rows) and costs[row, column] < NEVER}
@@ -149,7 +143,7 @@ class NetworkTracker:
     def _follow(self, rig: int, observations: Sequence[Observation], contested: Sequence[int], innovations: Innovations,
                 time: float) -> dict[int, int]:
         """The observation (index) of each candidate (index): that of its member, or a contested one if it has none."""
-        own, found, count = self._own(rig, observations), {}, len(observations)
+        own, found = self._own(rig, observations), {}
         for row, each in enumerate(self.hypotheses):
             if each.confirmed:
                 continue
@@ -158,8 +152,8 @@ class NetworkTracker:
                 each.refuted = each.refuted or innovations.squared[row, column] > REFUTING
                 found[row] = column
             elif contested and (rig not in each.members or time - each.members[rig].last > SILENT_S):
-                column = min(contested, key=lambda column: float(innovations.squared[row, count + column]))
-                if innovations.squared[row, count + column] < JOINING_GATE:
+                column = min(contested, key=lambda column: float(innovations.squared[row, column]))
+                if innovations.squared[row, column] < JOINING_GATE:
                     found[row] = column
         return found
 
@@ -167,16 +161,14 @@ class NetworkTracker:
                 time: float) -> None:
         if not pairs:
             return
-        count, own = len(observations), self._own(rig, observations)
-        rows = np.array(list(pairs), int)
-        columns = np.array([column if own[row, column] else count + column for row, column in pairs.items()], int)
+        rows, columns = np.array(list(pairs), int), np.array(list(pairs.values()), int)
         learn = np.array([not self.hypotheses[row].confirmed for row in pairs], bool)
-        used = [observations[column] if column < count else observations[column - count].as_reported() for column in columns]
+        used = [observations[column] for column in columns]
         means = self.filter.targets()[0][rows, :3]
         alone = separate([self.hypotheses[row].alone(rig, one.sighting.id) for row, one in zip(rows, used, strict=True)], used,
                          means, self._density, self.settings)
         for row, column, (track, density) in zip(rows, columns, alone, strict=True):
-            self.hypotheses[row].note(rig, observations[column % count].sighting, time, float(innovations.squared[row, column]),
+            self.hypotheses[row].note(rig, observations[column].sighting, time, float(innovations.squared[row, column]),
                                       float(innovations.log_density[row, column]) - density, track)
         self.filter.update(rig, rows, innovations.pick(rows, columns), learn)
 

@@ -50,8 +50,7 @@ def test_directions_meet_at_their_target():
     def seen(rig, place, at=target, sign=1.0):
         d = sign * (at - place)
         angles = np.array([np.arctan2(d[1], d[0]), np.arctan2(d[2], np.hypot(d[0], d[1]))])
-        sighting = Sighting(1, *angles, np.eye(2) * 1e-4, 0.0)
-        return Observation(rig, place, 0.0, sighting, angles, sighting.covariance, True)
+        return Observation(rig, place, Sighting(1, *angles, np.eye(2) * 1e-4, 0.0))
 
     left, right = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
     others = [seen(1, right), seen(1, right, sign=-1.0), seen(1, right, target + np.array([0.0, 0.0, 15.0]))]

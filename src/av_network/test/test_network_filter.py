@@ -12,10 +12,10 @@ from scipy.stats import multivariate_normal
 from av_network.apparent_direction import apparent_directions
 from av_network.hypothesis_filter import HypothesisFilter
 from av_network.lone_track import separate
+from av_network.motion_model import usual_modes
 from av_network.observation import Observation
-from av_network.report import Report, Sighting
-from av_network.settings import NetworkSettings, RigSettings
-from av_network.tracklets import Tracklets
+from av_network.report import Sighting
+from av_network.settings import Mode, NetworkSettings, RigSettings
 
 SOUND = 343.2
 
@@ -51,57 +51,6 @@ def test_apparent_direction_is_that_at_the_time_of_emission(speed):
     assert np.allclose(found.by_time[0], by_time, atol=1e-7)
 
 
-def filtered(seed, density, sigma, step=0.1, every=2, count=4000):
-    """Truth, reports and reported variances of a rig's filter of one angle, with the motion and the noise that it supposes."""
-    random = np.random.default_rng(seed)
-    F, Q = np.array([[1.0, step], [0.0, 1.0]]), density * np.array([[step**3 / 3, step**2 / 2], [step**2 / 2, step]])
-    root = np.linalg.cholesky(Q)
-    truth, x, P = np.zeros(2), np.zeros(2), np.diag([sigma**2, 0.3**2])
-    x[0] = sigma * random.normal()
-    rows = []
-    for k in range(count):
-        truth = F @ truth + root @ random.normal(size=2)
-        x, P = F @ x, F @ P @ F.T + Q
-        gain = P[:, 0] / (P[0, 0] + sigma**2)
-        x = x + gain * (truth[0] + sigma * random.normal() - x[0])
-        P = P - np.outer(gain, P[0])
-        if k % every == every - 1:
-            rows.append((step * (k + 1), truth[0], x[0], P[0, 0]))
-    return np.array(rows)
-
-
-@pytest.mark.parametrize('sigma', [0.01, 0.06])
-def test_tracklets_are_white_where_reports_are_not(sigma):
-    """Errors of the equivalent measurements have the stated variance and no correlation; those of the reports have."""
-    density = 0.001
-    rows = filtered(3, density, sigma)
-    tracklets, errors = Tracklets(density, 0.3), []
-    for time, truth, angle, variance in rows:
-        one = Sighting(7, math.remainder(angle, math.tau), 0.0, np.diag([variance, 1.0]), time)
-        for each in tracklets.fresh(Report('a', time, np.zeros(3), (one,))):
-            errors.append(math.remainder(each.angles[0] - truth, math.tau) / math.sqrt(each.covariance[0, 0]))
-    errors, reported = np.array(errors[20:]), (rows[20:, 2] - rows[20:, 1]) / np.sqrt(rows[20:, 3])
-    assert np.mean(errors**2) == pytest.approx(1.0, abs=0.1)
-    assert abs(np.mean(errors[1:] * errors[:-1])) < 0.1 < 0.2 < np.mean(reported[1:] * reported[:-1])
-
-
-def test_a_prediction_carries_no_information():
-    """The same capture time again, and an earlier report."""
-    tracklets = Tracklets(0.001, 0.3)
-    assert tracklets.fresh(Report('a', 5.0, np.zeros(3), (sighting(0.1, 0.2, measured=4.9),)))
-    assert not tracklets.fresh(Report('a', 5.3, np.zeros(3), (sighting(0.1, 0.2, measured=4.9),)))
-    assert not tracklets.fresh(Report('a', 4.0, np.zeros(3), (sighting(0.1, 0.2, measured=5.1),)))
-
-
-def test_a_track_that_jumps_begins_anew():
-    """A rig that has changed its mind about the side: what it reports then is taken as a first report."""
-    tracklets = Tracklets(0.001, 0.3)
-    for k in range(5):
-        tracklets.fresh(Report('a', 5.0 + 0.2 * k, np.zeros(3), (sighting(0.1, 0.2, measured=5.0 + 0.2 * k),)))
-    (each,) = tracklets.fresh(Report('a', 6.0, np.zeros(3), (sighting(-3.0, 0.2, measured=6.0),)))
-    assert each.angles[0] == -3.0 and each.anew and np.allclose(each.covariance, np.eye(2) * 1e-4)
-
-
 PLACES = np.array([-20.0, 0.0, 1.5]), np.array([20.0, 0.0, 1.5])
 TRUTH = np.array([5.0, 60.0, 20.0, 3.0, 0.0, 0.0])
 
@@ -109,7 +58,7 @@ TRUTH = np.array([5.0, 60.0, 20.0, 3.0, 0.0, 0.0])
 def seen(rig, truth=TRUTH):
     d = truth[:3] - PLACES[rig]
     angles = np.array([math.atan2(d[1], d[0]), math.atan2(d[2], math.hypot(d[0], d[1]))])
-    return Observation(rig, PLACES[rig], 0.0, sighting(*angles), angles, np.eye(2) * 1e-4, True)
+    return Observation(rig, PLACES[rig], sighting(*angles, measured=0.0))
 
 
 def two_rigs(**settings):
@@ -134,30 +83,36 @@ def test_many_targets_at_once_are_what_each_is_alone():
     found = states.innovations([seen(1)])
     update(states, [0, 2], seen(1), True)
     for row in (0, 2):
-        H = np.zeros((2, 13))
-        H[:, [2, 3, *range(4, 10)]] = found.jacobians[row, 0]
-        S = H @ P[row] @ H.T + np.eye(2) * 1e-4
-        gain = P[row] @ H.T @ np.linalg.inv(S)
-        assert np.allclose(states.mean[row], mean[row] + gain @ found.residuals[row, 0])
-        assert np.allclose(states.covariance[row], (np.eye(13) - gain @ H) @ P[row])
+        densities = []
+        for mode in (0, 1):
+            H = np.zeros((2, 13))
+            H[:, [2, 3, *range(4, 10)]] = found.jacobians[row, 0, mode]
+            S = H @ P[row, mode] @ H.T + np.eye(2) * 1e-4
+            gain = P[row, mode] @ H.T @ np.linalg.inv(S)
+            assert np.allclose(states.mean[row, mode], mean[row, mode] + gain @ found.residuals[row, 0, mode])
+            assert np.allclose(states.covariance[row, mode], (np.eye(13) - gain @ H) @ P[row, mode])
+            densities.append(multivariate_normal.pdf(found.residuals[row, 0, mode], cov=S))
+        weighed = usual_modes(NetworkSettings()) * densities
+        assert np.allclose(states.modes[row], weighed / weighed.sum(), atol=2e-3)
+        assert found.log_density[row, 0] == pytest.approx(math.log(weighed.sum()))
     assert np.array_equal(states.mean[1], mean[1]) and np.array_equal(states.covariance[1], P[1])
 
 
 def test_new_headings_move_targets_as_far_as_they_depend_on_them():
     """Two rigs see a target; a heading that turns out to be off turns its position, and what was known given headings stays."""
-    states = two_rigs(manoeuvre=0.0)
+    states = two_rigs(modes=(Mode(0.0, 1.0, 1.0),))
     states.add(TRUTH[None], np.array([np.diag([100.0] * 3 + [1.0] * 3)]))
     for rig in (0, 1):
         update(states, [0], seen(rig), True)
-    before, conditional = states.mean[0].copy(), states.conditional_covariances(np.array([0]))[0]
+    before, conditional = states.targets()[0][0], states.conditional_covariances(np.array([0]))[0]
     turn = np.array([0.01, 0.0, 0.01, 0.0])
     states.set_rigs(turn, np.diag([1e-6, 1e-12, 1e-6, 1e-12]))
     # Both directions turn by 0.01 rad about their rigs: where they meet, by the intersection of two lines in the plane.
     azimuths = [seen(rig).angles[0] + 0.01 for rig in (0, 1)]
     lines = np.array([[math.sin(a), -math.cos(a)] for a in azimuths])
     place = np.linalg.solve(lines, [line @ origin[:2] for line, origin in zip(lines, PLACES, strict=True)])
-    assert np.linalg.norm(before[4:6] - TRUTH[:2]) < 0.1
-    assert np.allclose(states.mean[0, 4:6] - TRUTH[:2], place - TRUTH[:2], atol=0.15)
+    assert np.linalg.norm(before[:2] - TRUTH[:2]) < 0.1
+    assert np.allclose(states.targets()[0][0, :2] - TRUTH[:2], place - TRUTH[:2], atol=0.15)
     assert np.allclose(states.conditional_covariances(np.array([0]))[0], conditional, atol=1e-6)
 
 
@@ -165,18 +120,19 @@ def test_considered_headings_stay():
     """Without learning, an update leaves headings and clocks and widens nothing."""
     states = two_rigs()
     states.add(TRUTH[None] + 1.0, np.diag([9.0] * 6)[None])
-    before, P = states.mean[0, :4].copy(), states.covariance[0].copy()
+    before, P = states.mean[0, :, :4].copy(), states.covariance[0].copy()
     update(states, [0], seen(1), False)
-    assert np.array_equal(states.mean[0, :4], before) and np.allclose(states.covariance[0, :4, :4], P[:4, :4])
-    assert np.all(np.linalg.eigvalsh(states.covariance[0]) > 0.0) and states.covariance[0, 4, 4] < P[4, 4]
+    assert np.array_equal(states.mean[0, :, :4], before) and np.allclose(states.covariance[0, :, :4, :4], P[:, :4, :4])
+    assert np.all(np.linalg.eigvalsh(states.covariance[0]) > 0.0)
+    assert np.all(states.covariance[0, :, 4, 4] < P[:, 4, 4])
 
 
 def test_density_of_a_lone_track_is_that_of_its_motion():
     """Against the joint Gaussian density of three directions to one target whose acceleration is short, and less in height."""
     distance, times, sigma = 50.0, np.array([0.0, 0.3, 0.7]), 0.01
-    settings = NetworkSettings(speed_sigma=8.0, manoeuvre=4.0, climb_share=0.5, velocity_memory=1e9, manoeuvre_time=1e-4)
+    settings = NetworkSettings((Mode(math.sqrt(2e4), 1e-4, 1.0),), speed_sigma=8.0, climb_share=0.5, velocity_memory=1e9)
     azimuths = np.array([0.1, 0.16, 0.19])
-    observations = [Observation(0, np.zeros(3), time, sighting(a, 0.0), np.array([a, 0.0]), np.eye(2) * sigma**2, time == 0.0)
+    observations = [Observation(0, np.zeros(3), sighting(a, 0.0, sigma, measured=time))
                     for time, a in zip(times, azimuths, strict=True)]
     track, total = None, 0.0
     for one in observations:

@@ -15,7 +15,7 @@ from av_network.reporting import target_states
 from av_network.settings import NetworkSettings, RigSettings
 
 SETTINGS = NetworkSettings()
-ALONE = LoneTrack(0.0, np.zeros(2), np.zeros(3), np.zeros(3), np.zeros((2, 3, 3)))
+ALONE = LoneTrack(0.0, np.zeros(2), np.zeros((2, 2, 3)), np.zeros((2, 2, 3, 3)), np.ones(2) / 2)
 KNOWN = NetworkTarget(0.0, 10.0, supported=10.0, id=1, odds=5.0, born=-5.0)
 
 

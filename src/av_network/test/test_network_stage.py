@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 from std_msgs.msg import Header
 
 from av_common.stamps import to_stamp
 from av_interfaces.msg import RigReport, TargetDirection
 from av_network.geodesy import Datum, to_enu
+from av_network.messages import version_of
 from av_network.settings import RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
 
@@ -25,10 +27,10 @@ def report(rig, time, heading=0.0, **values):
     d = DRONE - PLACES[rig]
     one = TargetDirection(id=4, existence=0.9, drone_probability=0.8, class_id='drone', seen=True, resolved=True,
                           azimuth=math.atan2(d[1], d[0]) - heading, elevation=math.atan2(d[2], math.hypot(d[0], d[1])),
-                          covariance=np.array([1e-4, 0.0, 1e-4], np.float32), measured=to_stamp(time))
+                          information=np.array([1e4, 0.0, 1e4], np.float32), measured=to_stamp(time))
     for name, value in values.items():
         setattr(one, name, value)
-    return RigReport(header=Header(stamp=to_stamp(time), frame_id='base_link'), directions=[one],
+    return RigReport(version=RigReport.VERSION, header=Header(stamp=to_stamp(time), frame_id='base_link'), directions=[one],
                      position=np.full(3, np.nan, np.float32))
 
 
@@ -146,17 +148,19 @@ def test_tangent_plane_far_east():
 
 @pytest.mark.parametrize('values', [
     {'azimuth': math.nan}, {'elevation': math.inf}, {'azimuth': 1e30}, {'measured': to_stamp(0.0)},
-    {'covariance': np.full(3, np.nan, np.float32)}, {'covariance': np.array([-1, 0, 1], np.float32)},
+    {'measured': to_stamp(START + 99.0)},
+    {'information': np.full(3, np.nan, np.float32)}, {'information': np.array([-1, 0, 1], np.float32)},
+    {'information': np.array([math.inf, 0, 1], np.float32)}, {'information': np.zeros(3, np.float32)},
     {'existence': 0.1}, {'existence': math.nan}])
 def test_impossible_tracks_are_left_out(values):
     """They neither raise nor become targets."""
     assert not run(stage_of(), ('left', 'right'), **values).tracks
 
 
-def test_a_singular_or_tiny_covariance_is_not_believed():
-    """A correlation of 1 or a variance of 0 gives a finite position."""
-    for covariance in ([1e-4, 1e-4, 1e-4], [0.0, 0.0, 0.0], [1e-4, 0.0, math.inf]):
-        message = run(stage_of(), ('left', 'right'), covariance=np.array(covariance, np.float32))
+def test_singular_or_huge_information_is_not_believed():
+    """A single angle, a correlation of 1 or more, or no error at all gives a finite position."""
+    for information in ([1e4, 1e4, 1e4], [1e4, 3e4, 1e4], [1e30, 0.0, 1e30], [1e4, 0.0, 0.0]):
+        message = run(stage_of(), ('left', 'right'), information=np.array(information, np.float32))
         for track in message.tracks:
             assert np.all(np.linalg.eigvalsh(track.position_covariance.reshape(3, 3)) > 0.0)
 
@@ -182,3 +186,14 @@ def test_a_clock_that_is_set_back_starts_anew():
             stage.on_report(name, report(name, time), 200, time + 0.02)
         message = stage.output(time + 0.05)
     assert message.tracks[0].id > first
+
+
+def test_another_version_is_refused_by_name():
+    """One that says so, and one from before versions, in which the stamp was first."""
+    stage = stage_of()
+    message = report('left', START)
+    message.version = 7
+    with pytest.raises(ValueError, match='left reports by version 7, expected 2: install the same release on all rigs'):
+        stage.on_report('left', message, 200, START)
+    assert version_of(serialize_message(message)) == 7
+    assert version_of(serialize_message(Header(stamp=to_stamp(START)))) == START

@@ -9,11 +9,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from av_evaluation.network import cases
+from av_evaluation.network import cases, flights
 from av_evaluation.network.figures import OwnTracker, mean_bound, nees_bounds, partition_figures, run
 
 SETTLED_S = 10.0  # from the beginning of a run, which is not counted
 GHOST_S, RATIO, CLOCK_S, HEADING, HEALED_S = 2.0, 1.3, 0.005, math.radians(0.5), 2.0
+SQUARES, COVERAGE, NEES = 1.2, 0.98, (2.0, 4.0)  # of a flight: error over that of least squares, and bounds
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -96,6 +97,25 @@ def partition(options: argparse.Namespace) -> bool:
     return all(each.lost == 0 and each.healed <= HEALED_S for each in found)
 
 
+def flight(options: argparse.Namespace) -> bool:
+    """Five cameras and flights with stops, reversals and eights: errors beside plain least squares on the same directions."""
+    print('five cameras, drop-outs, clocks 10 ms off: error now, for the newest direction, and of least squares for the same')
+    print(f'{"":<12}{"now":>9}{"newest":>9}{"squares":>9}{"coverage":>10}{"NEES (3)":>10}{"ids":>5}')
+    reached = []
+    for kind in flights.FLIGHTS:
+        rows = []
+        for seed in _seeds(options):
+            simulation = flights.cameras(seed, kind)
+            known = cases.settings_of(simulation, math.radians(0.3), 0.02)
+            rows.append(flights.follow(OwnTracker(known), simulation))
+        newest, squares, now = np.sqrt(np.mean(np.square([row[:3] for row in rows]), axis=0))
+        coverage, names = min(row.coverage for row in rows), max(row.names for row in rows)
+        nees = float(np.mean([row.nees for row in rows]))
+        print(f'{kind:<12}{now:>7.2f} m{newest:>7.2f} m{squares:>7.2f} m{coverage:>10.3f}{nees:>10.2f}{names:>5}')
+        reached.append(newest <= SQUARES * squares and coverage >= COVERAGE and names == 1 and NEES[0] <= nees <= NEES[1])
+    return all(reached)
+
+
 def cost(options: argparse.Namespace) -> bool:
     """Processor time by number of rigs, in percent of one core."""
     print('percent of one core by number of rigs, 10 targets, 4 reports a second')
@@ -108,8 +128,8 @@ def cost(options: argparse.Namespace) -> bool:
     return shares[-1] < 1.0
 
 
-CASES: dict[str, Callable[[argparse.Namespace], bool]] = {'bound': bound, 'drones': drones, 'offsets': offsets,
-                                                               'partition': partition, 'cost': cost}
+CASES: dict[str, Callable[[argparse.Namespace], bool]] = {
+    'bound': bound, 'flight': flight, 'drones': drones, 'offsets': offsets, 'partition': partition, 'cost': cost}
 
 
 def _seeds(options: argparse.Namespace) -> range:

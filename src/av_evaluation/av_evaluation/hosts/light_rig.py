@@ -81,13 +81,14 @@ def message_of(report: Report, begin: float) -> RigReport:
         begin (s): what is added to its times.
     """
     unknown = np.full(3, np.nan, np.float32)    # a surveyed rig
-    return RigReport(header=Header(stamp=to_stamp(begin + report.time), frame_id='base_link'), position=unknown,
+    header = Header(stamp=to_stamp(begin + report.time), frame_id='base_link')
+    return RigReport(version=RigReport.VERSION, header=header, position=unknown,
                      directions=[_direction(one, begin) for one in report.sightings])
 
 
 def _direction(one: Sighting, begin: float) -> TargetDirection:
-    covariance = np.array([one.covariance[0, 0], one.covariance[0, 1], one.covariance[1, 1]], np.float32)
-    return TargetDirection(id=one.id, azimuth=one.azimuth, elevation=one.elevation, covariance=covariance,
+    information = np.linalg.inv(one.covariance).ravel()[[0, 1, 3]].astype(np.float32)
+    return TargetDirection(id=one.id, azimuth=one.azimuth, elevation=one.elevation, information=information,
                            measured=to_stamp(begin + one.measured), existence=one.existence, drone_probability=0.9,
                            seen=not one.by_sound, resolved=one.resolved, class_id='drone')
 

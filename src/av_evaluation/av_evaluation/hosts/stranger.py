@@ -40,9 +40,9 @@ def main(rigs: list[str]) -> None:
 
     def speak() -> None:
         now = node.get_clock().now().to_msg()
-        ghost = TargetDirection(id=99, azimuth=1.0, elevation=0.3, covariance=np.array([1e-4, 0.0, 1e-4], np.float32),
+        ghost = TargetDirection(id=99, azimuth=1.0, elevation=0.3, information=np.array([1e4, 0.0, 1e4], np.float32),
                                 measured=now, existence=1.0, drone_probability=1.0, seen=True, resolved=True)
-        publisher.publish(RigReport(header=Header(stamp=now, frame_id=MARK), directions=[ghost],
+        publisher.publish(RigReport(version=RigReport.VERSION, header=Header(stamp=now, frame_id=MARK), directions=[ghost],
                                     position=np.full(3, np.nan, np.float32)))
         print(json.dumps({'heard': heard, 'listeners': publisher.get_subscription_count()}), flush=True)
 

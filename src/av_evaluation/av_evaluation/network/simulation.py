@@ -1,4 +1,4 @@
-"""Reports of several rigs about drones, as their filters would send them, over a network that loses and delays."""
+"""Reports of several rigs about drones, as they would send them, over a network that loses and delays."""
 
 from __future__ import annotations
 
@@ -12,39 +12,20 @@ from numpy.typing import NDArray
 
 from av_common.angles import wrap
 from av_network import sphere
-from av_network.motion_model import nearly_constant_velocity
 from av_network.report import Report, Sighting
 
 Trajectory = Callable[[float], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
-class RigModel:
-    """A rig of the simulation.
-
-    Parameters:
-        name: its name.
-        position (m): ENU.
-        heading_error (rad): to be added to what the rig reports to get true azimuths.
-        clock_offset (s): to be added to the rig's stamps to get the true time.
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    heading_error: float = 0.0
-    clock_offset: float = 0.0
-
-
-@dataclass(frozen=True)
 class SensingModel:
-    """What a rig measures of a drone, and how it filters that.
+    """What a rig measures of a drone, and how often it reports that.
 
     Sound gives white errors that have the spectral density of those of the rig's overlapping windows.
 
     Parameters:
         rate (Hz): of the measurements.
         sound_sigma (2,), sight_sigma (2,) (rad): of the azimuth (times cos(elevation)) and of the elevation.
-        density (rad^2/s^3): of the angular acceleration in the rig's filter.
         report_period (s): between two reports of a rig.
         presence: share of the time for which a drone is measured by a rig.
         dwell (s): mean duration of the spells for which it is.
@@ -56,13 +37,31 @@ class SensingModel:
     rate: float = 10.0
     sound_sigma: tuple[float, float] = (math.radians(3.0), math.radians(5.0))
     sight_sigma: tuple[float, float] = (math.radians(0.5), math.radians(0.5))
-    density: float = 0.001
     report_period: float = 0.25
     presence: float = 1.0
     dwell: float = 3.0
     seen: float = 0.5
     clutter_rate: float = 0.0
     sound_speed: float = 343.2
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """A rig of the simulation.
+
+    Parameters:
+        name: its name.
+        position (m): ENU.
+        heading_error (rad): to be added to what the rig reports to get true azimuths.
+        clock_offset (s): to be added to the rig's stamps to get the true time.
+        sensing: its own; None for that of the simulation.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    heading_error: float = 0.0
+    clock_offset: float = 0.0
+    sensing: SensingModel | None = None
 
 
 @dataclass(frozen=True)
@@ -90,48 +89,24 @@ class Arrival(NamedTuple):
     report: Report
 
 
-class _DirectionFilter:
-    """A rig's Kalman filter of one target: its direction on the sphere, and the rate of that, as in the rigs' own filters.
-
-    Parameters:
-        angles (2,) (rad): azimuth and elevation of the first measurement.
-        variances (2,) (rad^2): of its error across and up.
-        density (rad^2/s^3): of the angular acceleration.
-    """
-
-    def __init__(self, angles: NDArray[np.float64], variances: NDArray[np.float64], density: float) -> None:
-        self.angles, self._rates = angles, np.zeros(3)
-        self._P = np.array([np.diag([variance, 0.3**2]) for variance in variances])
-        self._density = density
-
-    def predict(self, step: float) -> None:
-        F, Q = nearly_constant_velocity(step, self._density)
-        ahead = sphere.moved(self.angles, step * self._rates)
-        self._rates, self.angles = sphere.carried(self._rates, self.angles, ahead), ahead
-        self._P = F @ self._P @ F.T + Q
-
-    def update(self, angles: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
-        ahead = self.angles
-        residual = sphere.offsets(angles, ahead)
-        gain = self._P[:, :, 0] / (self._P[:, 0, 0] + variances)[:, None]
-        self.angles = sphere.moved(ahead, sphere.vectors(gain[:, 0] * residual, ahead))
-        rates = self._rates + sphere.vectors(gain[:, 1] * residual, ahead)
-        self._rates = sphere.carried(rates, ahead, self.angles)
-        self._P = self._P - gain[:, :, None] * self._P[:, None, 0, :]
-
-    @property
-    def variances(self) -> NDArray[np.float64]:
-        return self._P[:, 0, 0]
-
-
 @dataclass
 class _Spell:
-    """A time for which a rig tracks a drone under one id."""
+    """A time for which a rig tracks a drone under one id, and what it has measured since its last report.
+
+    Parameters:
+        id: of the rig's track.
+        seen: whether it sees the drone.
+        sigmas (2,) (rad): of its measurements.
+        truth (2,) (rad): azimuth and elevation of its newest measurement, without the error.
+        times (s), measured (2,) (rad): of its measurements since the last report.
+    """
 
     id: int
     seen: bool
-    filter: _DirectionFilter | None = None
-    measured: float = 0.0
+    sigmas: NDArray[np.float64]
+    truth: NDArray[np.float64] = field(default_factory=lambda: np.zeros(2))
+    times: list[float] = field(default_factory=list)
+    measured: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 @dataclass
@@ -172,7 +147,8 @@ class NetworkSimulation:
         return np.array([drone(time) for drone in self.drones]).reshape(-1, 3)
 
     def _reports(self, rig: RigModel) -> list[Arrival]:
-        sensing, random, step = self.sensing, self._random, 1.0 / self.sensing.rate
+        sensing, random = rig.sensing or self.sensing, self._random
+        step = 1.0 / sensing.rate
         phase, due = random.uniform(0.0, step), random.uniform(0.0, sensing.report_period)
         spells: dict[int, _Spell] = {}
         false: list[_Spell] = []
@@ -180,68 +156,68 @@ class NetworkSimulation:
         found: list[Arrival] = []
         steps = int(self.duration / step)
         for time in phase + step * np.arange(steps):
-            self._begin_and_end(spells, names, step)
+            self._begin_and_end(sensing, spells, names)
             for drone, spell in spells.items():
-                self._measure(rig, spell, self.drones[drone], float(time), step)
+                self._measure(rig, spell, self.drones[drone], float(time))
                 self.origins[rig.name, spell.id] = drone
-            false = self._false_tracks(false, names, float(time), step)
+            false = self._false_tracks(sensing, false, names, float(time))
             if time >= due:
                 due += sensing.report_period
-                alive = [spell for spell in (*spells.values(), *false) if spell.filter is not None]
-                found += self._send(rig, float(time), alive)
+                found += self._send(rig, float(time), [spell for spell in (*spells.values(), *false) if spell.times])
         return found
 
-    def _begin_and_end(self, spells: dict[int, _Spell], names: Iterator[int], step: float) -> None:
+    def _begin_and_end(self, sensing: SensingModel, spells: dict[int, _Spell], names: Iterator[int]) -> None:
         """Two-state Markov chains with the stationary share `presence`."""
-        sensing = self.sensing
+        step = 1.0 / sensing.rate
         away = sensing.dwell * (1.0 - sensing.presence) / max(sensing.presence, 1e-9)
         for drone in range(len(self.drones)):
             if drone in spells:
                 if sensing.presence < 1.0 and self._random.random() < step / sensing.dwell:
                     del spells[drone]
             elif away == 0.0 or self._random.random() < step / away:
-                spells[drone] = _Spell(next(names), self._random.random() < sensing.seen)
+                seen = self._random.random() < sensing.seen
+                spells[drone] = _Spell(next(names), seen, np.array(sensing.sight_sigma if seen else sensing.sound_sigma))
 
-    def _false_tracks(self, spells: list[_Spell], names: Iterator[int], time: float, step: float) -> list[_Spell]:
+    def _false_tracks(self, sensing: SensingModel, spells: list[_Spell], names: Iterator[int], time: float) -> list[_Spell]:
+        step = 1.0 / sensing.rate
         kept = [spell for spell in spells if self._random.random() > step]
         for spell in kept:
-            self._follow(spell, spell.filter.angles if spell.filter else np.zeros(2), time, step)
-        for _ in range(self._random.poisson(self.sensing.clutter_rate * step)):
-            spell = _Spell(next(names), False)
-            self._follow(spell, np.array([self._random.uniform(-math.pi, math.pi), self._random.uniform(0.0, 0.6)]), time, step)
+            self._follow(spell, spell.truth, time)
+        for _ in range(self._random.poisson(sensing.clutter_rate * step)):
+            spell = _Spell(next(names), False, np.array(sensing.sound_sigma))
+            self._follow(spell, np.array([self._random.uniform(-math.pi, math.pi), self._random.uniform(0.0, 0.6)]), time)
             kept.append(spell)
         return kept
 
-    def _measure(self, rig: RigModel, spell: _Spell, drone: Trajectory, time: float, step: float) -> None:
+    def _measure(self, rig: RigModel, spell: _Spell, drone: Trajectory, time: float) -> None:
         """Where the drone was when it emitted what is received at `time`, by fixed-point iteration."""
         origin, emitted = np.array(rig.position), time
         for _ in range(0 if spell.seen else 4):
             emitted = time - float(np.linalg.norm(drone(emitted) - origin)) / self.sensing.sound_speed
         offset = drone(emitted) - origin
         azimuth = math.atan2(offset[1], offset[0]) - rig.heading_error
-        self._follow(spell, np.array([azimuth, math.atan2(offset[2], math.hypot(offset[0], offset[1]))]), time, step)
+        self._follow(spell, np.array([azimuth, math.atan2(offset[2], math.hypot(offset[0], offset[1]))]), time)
 
-    def _follow(self, spell: _Spell, angles: NDArray[np.float64], time: float, step: float) -> None:
-        sensing = self.sensing
-        sigmas = np.array(sensing.sight_sigma if spell.seen else sensing.sound_sigma)
-        measured = sphere.moved(angles, sphere.vectors(sigmas * self._random.normal(size=2), angles))
-        if spell.filter is None:
-            spell.filter = _DirectionFilter(measured, sigmas**2, sensing.density)
-        else:
-            spell.filter.predict(step)
-            spell.filter.update(measured, sigmas**2)
-        spell.measured = time
+    def _follow(self, spell: _Spell, angles: NDArray[np.float64], time: float) -> None:
+        spell.truth = angles
+        spell.times.append(time)
+        spell.measured.append(sphere.moved(angles, sphere.vectors(spell.sigmas * self._random.normal(size=2), angles)))
 
     def _send(self, rig: RigModel, time: float, spells: Sequence[_Spell]) -> list[Arrival]:
         link, random = self.link, self._random
         begin, end = link.partition
         arrives = time + link.delay + random.exponential(link.jitter)
+        sightings = [self._sighting(rig, spell) for spell in spells]
         if random.random() < link.loss or (rig.name in link.parted and begin <= arrives < end):
             return []
-        sightings = []
-        for spell in spells:
-            assert spell.filter is not None
-            azimuth, elevation = (float(angle) for angle in spell.filter.angles)
-            sightings.append(Sighting(spell.id, float(wrap(azimuth)), elevation, np.diag(spell.filter.variances),
-                                      spell.measured - rig.clock_offset, not spell.seen))
-        return [Arrival(arrives, Report(rig.name, time - rig.clock_offset, np.array(rig.position), tuple(sightings)))]
+        newest = max((one.measured for one in sightings), default=time - rig.clock_offset)
+        return [Arrival(arrives, Report(rig.name, newest, np.array(rig.position), tuple(sightings)))]
+
+    def _sighting(self, rig: RigModel, spell: _Spell) -> Sighting:
+        """The mean of the measurements since the last report, at their mean time."""
+        measured, centre = np.array(spell.measured), spell.measured[len(spell.measured) // 2]
+        arc = np.mean(sphere.offsets(measured, centre), axis=0)
+        azimuth, elevation = map(float, sphere.moved(centre, sphere.vectors(arc, centre)))
+        covariance, time = np.diag(spell.sigmas ** 2) / len(measured), float(np.mean(spell.times))
+        spell.times, spell.measured = [], []
+        return Sighting(spell.id, float(wrap(azimuth)), elevation, covariance, time - rig.clock_offset, not spell.seen)

@@ -142,7 +142,7 @@ class FusionNode(RigNode):
             self._state_publisher.publish(output.state)
             self._bearing_publisher.publish(output.bearing)
             self._targets_publisher.publish(output.targets)
-            report = self._reporter.report(output.targets, self._stage.tracker.motion.position)
+            report = self._reporter.report(output.targets, self._stage.tracker.densities(), self._stage.tracker.motion)
             if report is not None:
                 self._report_publisher.publish(report)
 

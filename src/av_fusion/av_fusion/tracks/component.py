@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import remainder, tau
@@ -11,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot, tangents, turned, turned_back
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents, turned, turned_back
 from av_fusion.measurement.vectors import angles as angles_of
 from av_fusion.measurement.vectors import direction as direction_of
+from av_fusion.tracks.evidence import Evidence
 from av_fusion.tracks.motion import CLIMB_S, MotionModel
 from av_fusion.tracks.past_state import PastState
 
@@ -26,6 +28,7 @@ OCCLUSION_S = 5.0  # time constant of changes of fog, and of what passes between
 OCCLUDED = 0.02  # share of the time for which something near hides a target in clear air: the error of resolving by absence
 LEAST_ASSOCIATION = 1e-6  # probability below which a measurement is not used
 ASSOCIATED = 0.5  # probability from which a measurement counts as associated with a component
+MOST_EVIDENCE = 200  # newest measurements that are kept: two of each image of three cameras at 60 Hz, for half a second
 SIZE = 5  # of the state: directions across and up (rad), their rates (rad/s), inverse range (1/m)
 
 
@@ -58,6 +61,7 @@ class GaussianComponent:
         p_unheard: probability that the target cannot be heard, because louder sources mask it.
         newest_doa, newest_sighting (s): capture times of the newest direction of arrival, and of the newest image with a
             detection, that is associated with the component: more probably than not it stems from this target.
+        evidence: what was associated since the last report to other rigs.
     """
 
     weight: float
@@ -73,6 +77,7 @@ class GaussianComponent:
     p_unheard: float = 0.0
     newest_doa: float = -math.inf
     newest_sighting: float = -math.inf
+    evidence: deque[Evidence] = field(default_factory=lambda: deque(maxlen=MOST_EVIDENCE), repr=False)
 
     @property
     def measured(self) -> float:
@@ -184,6 +189,24 @@ class GaussianComponent:
         past = PastState(direction_of(azimuth, self.elevation), left, above, gain, hh, hv, vv, lag, moved)
         return past.shifted((1.0 - level * level) * across, up)
 
+    def accept(self, time: float, seen: bool, past: PastState, row: tuple[float, float], innovations: Sequence[float],
+               variances: Sequence[float], shares: Sequence[float]) -> None:
+        """Note what alternative values of one quantity say by themselves, if one of them probably belongs to this component.
+
+        Parameters:
+            time (s): of their capture.
+            seen: whether by the camera.
+            past, row, innovations, variances, shares: see `update_alternatives`.
+        """
+        share, mean, square, variance = _moments(innovations, variances, shares)
+        length = math.hypot(*row)
+        if share < ASSOCIATED or length < 1e-6:
+            return
+        value, spread = mean / share, square / share - (mean / share) ** 2
+        normal = combined(row[0] / length, past.left, row[1] / length, past.above)
+        variance = (variance + spread) / share / length**2
+        self.evidence.append(Evidence(time, seen, past.direction, normal, value / length, variance))
+
     def update_across(self, past: PastState, row: tuple[float, float], innovations: Sequence[float], variances: Sequence[float],
                       shares: Sequence[float]) -> None:
         """Update as `update_alternatives`; elevation and rate up keep their means, and their uncertainty is accounted for.
@@ -241,6 +264,7 @@ class GaussianComponent:
 
     def turn_world(self, rows: Rows) -> None:
         """Turn the component with the world, where the rig's attitude was corrected."""
+        self.evidence.clear()
         left = turned(rows, tangents(self.azimuth, self.elevation)[0])
         self.azimuth, self.elevation = angles_of(turned(rows, self.direction))
         across, up = tangents(self.azimuth, self.elevation)

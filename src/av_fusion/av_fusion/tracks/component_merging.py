@@ -32,7 +32,7 @@ def split(component: GaussianComponent, axis: Vector) -> list[GaussianComponent]
         start = side * beside / sigma
         inside = 0.5 * math.erfc(-start / math.sqrt(2.0))
         pull = math.exp(-0.5 * start * start) / math.sqrt(2.0 * math.pi) / inside
-        part = replace(component, weight=component.weight * inside)
+        part = replace(component, weight=component.weight * inside, evidence=component.evidence.copy())
         part.shift(past, row, variance, side * sigma * pull, -variance * pull * (pull + start))
         parts.append(part)
     return parts
@@ -50,7 +50,7 @@ def are_mergeable(one: GaussianComponent, other: GaussianComponent) -> bool:
 def merge(one: GaussianComponent, other: GaussianComponent) -> None:
     """Merge another component into one, preserving the moments of the sum; the heavier one's support is kept."""
     if other.weight > one.weight:
-        one.newest_doa, one.newest_sighting = other.newest_doa, other.newest_sighting
+        one.newest_doa, one.newest_sighting, one.evidence = other.newest_doa, other.newest_sighting, other.evidence
     total = one.weight + other.weight
     a, b = one.weight / total, other.weight / total
     across, up = _offset(one, other)

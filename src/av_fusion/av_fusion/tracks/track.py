@@ -15,8 +15,9 @@ from av_fusion.identity.blade_pass import BladePassFrequency
 from av_fusion.identity.confusion import overlap
 from av_fusion.identity.kind import Kind
 from av_fusion.measurement.rig_motion import RigMotion
-from av_fusion.measurement.vectors import ZERO, Rows, Vector, dot
+from av_fusion.measurement.vectors import ZERO, Rows, Vector, combined, dot, tangents
 from av_fusion.tracks.component import ASSOCIATED, GaussianComponent
+from av_fusion.tracks.evidence import Increment, increment
 from av_fusion.tracks.hearing import Hearing
 from av_fusion.tracks.likelihood import Comparison, Deviation, WorldDirection, distance
 from av_fusion.tracks.mixture import BirthComponent, GaussianMixture
@@ -271,7 +272,7 @@ class Track:
             likelihood += sum(found)
             shares = [ratio / likelihood for ratio in found]
             self._note_nearest(component, compared.deviations, shares)
-            _associate(component, compared.past, image.directions, compared.deviations, shares)
+            _associate(component, compared.past, image, compared.deviations, shares)
             score = max((d.score for d, share in zip(image.measurement.detections, shares, strict=True) if share > ASSOCIATED),
                         default=0.0)
             if sum(shares) >= ASSOCIATED:
@@ -308,6 +309,17 @@ class Track:
             self._anchor, self.kind.static_s = (primary.direction, place), 0.0
         self.kind.static_s += seconds
 
+    def increment(self) -> Increment | None:
+        """What its direction's measurements have added since the last call; None where there were none."""
+        primary, found = self.mixture.primary(), None
+        if primary is not None:
+            (across, up), (left, above) = (primary.rates(self._motion.velocity(self.time)),
+                                           tangents(primary.azimuth, primary.elevation))
+            found = increment(primary.evidence, combined(across, left, up, above))
+        for component in self.mixture.components:
+            component.evidence.clear()
+        return found
+
     def turn_world(self, rows: Rows) -> None:
         """Turn the track with the world, where the rig's attitude was corrected."""
         self.mixture.turn_world(rows)
@@ -335,30 +347,44 @@ def update_by_sound(time: float, comparisons: Sequence[Comparison], shares: Sequ
     across = [comparison.deviations[0] for comparison in comparisons]
     row = across[shares.index(max(shares))].row  # those of directions far away differ
     update = component.update_across if comparisons[0].direction is None else component.update_alternatives
-    update(past, row, [d.innovation for d in across], [max(d.total - past.variance(d.row), d.noise) for d in across], shares)
+    innovations = [d.innovation for d in across]
+    component.accept(time, False, past, row, innovations, [d.noise for d in across], shares)
+    update(past, row, innovations, [max(d.total - past.variance(d.row), d.noise) for d in across], shares)
     known = [(comparison.direction, share) for comparison, share in zip(comparisons, shares, strict=True)
              if comparison.direction is not None and comparison.direction.is_known]
-    _update_elevation(component, past, known)
+    _update_elevation(component, past, known, time)
     if sum(shares) >= ASSOCIATED:
         component.newest_doa = max(component.newest_doa, time)
 
 
-def _associate(component: GaussianComponent, past: PastState, directions: Sequence[WorldDirection],
-               deviations: Sequence[Sequence[Deviation]], shares: Sequence[float]) -> None:
+def _associate(component: GaussianComponent, past: PastState, image: Image, deviations: Sequence[Sequence[Deviation]],
+               shares: Sequence[float]) -> None:
     """Update a component by detections with their association probabilities."""
-    nearest = min(deviations, key=distance)[0]
-    component.update_alternatives(past, nearest.row, [parts[0].innovation for parts in deviations],
-                                  [parts[0].noise for parts in deviations], shares)
-    _update_elevation(component, past, [(direction, share) for direction, share in zip(directions, shares, strict=True)
-                                        if direction.is_known])
+    nearest, innovations = min(deviations, key=distance)[0], [parts[0].innovation for parts in deviations]
+    noises = [parts[0].noise for parts in deviations]
+    # Errors of successive images are alike: together they say less than the filter, which moves on, makes of each.
+    component.accept(image.time, True, past, nearest.row, innovations, [noise / image.fraction for noise in noises], shares)
+    component.update_alternatives(past, nearest.row, innovations, noises, shares)
+    _update_elevation(component, past, [(direction, share) for direction, share in zip(image.directions, shares, strict=True)
+                                        if direction.is_known], image.time, image.fraction)
 
 
-def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[tuple[WorldDirection, float]]) -> None:
-    """Update a component by the elevations of directions with their association probabilities."""
+def _update_elevation(component: GaussianComponent, past: PastState, known: Sequence[tuple[WorldDirection, float]],
+                      time: float, fraction: float = 0.0) -> None:
+    """Update a component by the elevations of directions with their association probabilities.
+
+    Parameters:
+        component, past: the component, and its direction at the capture time.
+        known: the directions.
+        time (s): of their capture.
+        fraction: effective sample fraction of an image; 0 for sound, whose variances hold it already.
+    """
     if sum([share for _, share in known]) > LEAST_ELEVATION_ASSOCIATION:
         past = component.at(past.lag, past.moved)
         ups = [direction.deviations(past)[1] for direction, _ in known]
         shares = [share for _, share in known]
         row = ups[shares.index(max(shares))].row  # axes of directions far away differ
-        component.update_alternatives(past, row, [up.innovation for up in ups], [up.noise for up in ups], shares)
+        innovations, noises = [up.innovation for up in ups], [up.noise for up in ups]
+        component.accept(time, fraction > 0.0, past, row, innovations, [noise / (fraction or 1.0) for noise in noises], shares)
+        component.update_alternatives(past, row, innovations, noises, shares)
         component.elevation_measured = True

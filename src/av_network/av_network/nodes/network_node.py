@@ -18,6 +18,7 @@ from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_interfaces.msg import RigReport, WorldTrackArray
 from av_network.geodesy import Datum
+from av_network.messages import check_version, version_of
 from av_network.nodes.network_node_parameters import network_node as parameters
 from av_network.settings import NetworkSettings, RigSettings
 from av_network.stage import FIX, ODOMETRY, SURVEYED, NetworkStage, NetworkStageSettings, RigPlace
@@ -70,6 +71,7 @@ class NetworkNode(RigNode):
         self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_time)
 
     def _on_report(self, name: str, data: bytes) -> None:
+        check_version(name, version_of(data))  # others cannot be decoded
         self._stage.on_report(name, decode(RigReport, data), len(data), self.now())
         self._meters[name].tick()
 
