@@ -123,3 +123,20 @@ def test_a_node_that_is_not_enabled_moves_nothing():
     vehicle = Vehicle([Source.at(25.0, 5.0)], pointing={'enabled': False}).run(4.0)
     assert not any(command.move_body or command.move_gimbal for _, command in vehicle.commands)
     assert all(command.yaw_rate == 0.0 for _, command in vehicle.commands)
+
+
+@pytest.mark.parametrize('gimbal', [None, GimbalMount(stabilized=False, pan_limits_deg=(-150.0, 150.0))])
+@pytest.mark.parametrize('contested', ['doa', 'detections', 'odometry', 'camera/camera_info', 'visibility'])
+def test_nothing_moves_while_an_input_of_the_bearing_is_contested(contested, gimbal):
+    """From 4 s to 7 s one input has two publishers; by the others the target is measured on, moving, and the forger's, too."""
+    vehicle = Vehicle([Source.at(0.0, 5.0, 25.0), Source.at(-60.0, 5.0, heard=lambda t: t > 4.0, seen=lambda t: t > 4.0)],
+                      array='eight', visibility=lambda t: 1.0, gimbal=gimbal).run(4.0)
+    vehicle.rig.stage.refuse_contested({contested: ['/genuine', '/forger']})
+    vehicle.run(3.0)
+    vehicle.rig.stage.refuse_contested({})
+    vehicle.run(4.0)
+    before, during, after = vehicle.between(3.0, 4.0), vehicle.between(4.0 + STANDS_S + 0.02, 7.0), vehicle.between(7.5)
+    axes = ('yaw_rate', 'pan_rate', 'tilt_rate')
+    assert any(abs(getattr(command, axis)) > 0.1 for command in before for axis in axes)
+    assert len(during) > 100 and not any(getattr(command, axis) for command in during for axis in axes)
+    assert any(abs(getattr(command, axis)) > 0.1 for command in after for axis in axes)

@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import rclpy
@@ -33,6 +33,7 @@ from rclpy.timer import Timer
 from av_common.launched import report_started, restarts
 from av_common.parameter_node import ParameterNode
 from av_common.parameter_rules import ParameterError, RenamedParameterError
+from av_common.publishers import PERIOD_S, Publishers
 from av_common.refused_inputs import STRICT_VARIABLE
 
 try:  # uses a third of the processor time of SingleThreadedExecutor at the rates of the rig
@@ -60,6 +61,9 @@ class RigNode(ParameterNode):
     Publishers, subscriptions, timers, services and clients have an owner: those made in `configure` are destroyed after
     `cleanup`, those made from `activate` on after `deactivate`. No message and no request can end the node: see `GuardedNode`.
 
+    Attributes:
+        contested: publishers of each input that has several, of those that `refuse_second_publishers` was told.
+
     Parameters:
         name: the node's name.
         parameters: the class that generate_parameter_library made of the node's YAML description; None for a node
@@ -75,6 +79,8 @@ class RigNode(ParameterNode):
         self.done = Future()  # the process of the node ends when it is done
         self._problem = ''
         self._active = False
+        self._publishers_of_inputs = Publishers(self, ())
+        self.contested: Mapping[str, list[str]] = {}
         self._unowned: set[Any] = set()  # entities that exist while unconfigured
         self._configured: set[Any] = set()  # and those while inactive
         autostart = self.declare_parameter('autostart', True, ParameterDescriptor(
@@ -118,6 +124,20 @@ class RigNode(ParameterNode):
             args, kwargs: passed to `create`.
         """
         return create(*args, **kwargs)
+
+    def refuse_second_publishers(self, *topics: str, tell: Callable[[Mapping[str, list[str]]], None] = lambda _: None) -> None:
+        """While the node is active, note in `contested` which of its inputs have several publishers, and report them.
+
+        Parameters:
+            topics: names of the inputs, relative to the node's namespace.
+            tell: takes what is noted, each time.
+        """
+        def look_for_publishers() -> None:
+            self.contested = self._publishers_of_inputs.contested(time.monotonic())
+            tell(self.contested)
+
+        self.contested, self._publishers_of_inputs = {}, Publishers(self, topics)
+        self.while_active(self._steady_timer, PERIOD_S, look_for_publishers)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
@@ -226,6 +246,7 @@ class RigNode(ParameterNode):
             status.summary(DiagnosticStatus.WARN, 'not active')
         else:
             status.summary(DiagnosticStatus.OK, 'active')
+            self._publishers_of_inputs.report(status, time.monotonic())
             try:
                 self.diagnose(status)
             except Exception as error:  # noqa: BLE001  the status of a node is published whatever it contains

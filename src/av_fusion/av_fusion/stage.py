@@ -73,7 +73,8 @@ class FusionStage:
     """Feeds a tracker from messages and reports its track.
 
     Each usable direction of arrival or image gives an output immediately; without them `on_time` gives `rate` outputs a second.
-    Times are in s of one clock. Arrivals must not decrease, except for a restart of the clock.
+    Times are in s of one clock. Arrivals must not decrease, except for a step of the clock: then all but ids and what was
+    learned of the array begins anew, since silence could not be told by stamps that are still to come.
 
     Attributes:
         gate: decides which messages are used, and counts the others.
@@ -97,7 +98,7 @@ class FusionStage:
         self._observer = observer
         self._period = 1.0 / self.settings.rate
         self._visibility = (-math.inf, math.nan)  # stamp of the image, visibility
-        self._last_output = self._cued = -math.inf
+        self._last_output = self._cued = self._now = -math.inf
         self._gimbal = gimbal
         self.untransformed = 0
         self._waiting: dict[str, deque[tuple[Any, float]]] = {name: deque(maxlen=MOST_WAITING) for name in (DOA, *detections)}
@@ -134,15 +135,20 @@ class FusionStage:
         """
         if self._gimbal is None:
             return None
+        self._follow_clock(arrival)
         self._gimbal.add(sample_of(message, self.settings.base_frame, ''), arrival)
         return self._use_waiting(arrival)
 
     def on_visibility(self, message: Visibility) -> None:
         """Store the visibility for images of about the same time of the first camera."""
+        if 'visibility' in self.gate.contested:
+            return
         self._visibility = (to_seconds(message.header.stamp), message.visibility)
 
     def on_camera_info(self, message: CameraInfo) -> None:
         """Take the camera model that detections refer to."""
+        if any(name.endswith('camera_info') for name in self.gate.contested):
+            return
         self.converter.set_camera_info(message)
 
     def on_odometry(self, message: Odometry, arrival: float) -> None:
@@ -152,6 +158,7 @@ class FusionStage:
             message: attitude and yaw rate of the rig in ENU.
             arrival (s): time of its arrival.
         """
+        self._follow_clock(arrival)
         if not self.gate.accept(ODOMETRY, to_seconds(message.header.stamp), arrival):
             return
         pose = pose_of(message)
@@ -184,6 +191,7 @@ class FusionStage:
 
     def on_time(self, now: float) -> FusionOutput | None:
         """The periodic output, None before it is due."""
+        self._follow_clock(now)
         used = self._use_waiting(now)
         waiting = self._last_output <= now < self.due - 0.1 * self._period  # timers are not exact
         return used if waiting else self._output(now)
@@ -210,13 +218,25 @@ class FusionStage:
         """State which inputs have more than one publisher: none of their messages is used, and every bearing is a prediction.
 
         Parameters:
-            publishers: names of the publishers of `doa`, `detections` or `odometry` where there are several.
+            publishers: names of the publishers of each input that has several.
         """
         for name in publishers:
             self._waiting.get(name, deque()).clear()
         self.gate.contested = dict(publishers)
 
+    def _follow_clock(self, now: float) -> None:
+        """Forget what refers to a clock that has stepped back to `now` (s) since."""
+        if now < self._now - FUTURE_S:
+            self.tracker.reset()
+            self.tracker.motion.restart()
+            self.gate.restart()
+            self._visibility, self._last_output, self._cued = (-math.inf, math.nan), -math.inf, -math.inf
+            for waiting in self._waiting.values():
+                waiting.clear()
+        self._now = now
+
     def _queue(self, name: str, message: Any, arrival: float) -> FusionOutput | None:
+        self._follow_clock(arrival)
         if not self.gate.accept(name, to_seconds(message.header.stamp), arrival):
             return None
         self._waiting[name].append((message, arrival))
@@ -279,12 +299,16 @@ class FusionStage:
 
 
 def _as_predictions(track: Track, targets: Targets, contested: Mapping[str, list[str]]) -> tuple[Track, Targets]:
-    """The estimates as predictions, on which nothing moves: an input has several publishers, any of which may be a forger."""
+    """The estimates as predictions, on which nothing moves: an input has several publishers, any of which may be a forger.
+
+    They state no measurement, as what comes by the other inputs is judged together with what the forger's left behind.
+    """
     reason = '; '.join(f'{name} has {len(nodes)} publishers ({", ".join(nodes)})' for name, nodes in contested.items())
     state = State.NONE if track.state == State.NONE else State.COASTING
-    predicted = track._replace(state=state, source=Source.NOTHING, reason=reason, requested_rotation=0.0, look=None)
+    predicted = track._replace(state=state, source=Source.NOTHING, measured=0.0, reason=reason, requested_rotation=0.0,
+                               look=None)
     return predicted, targets._replace(targets=tuple(
-        [target._replace(track=target.track._replace(source=Source.NOTHING)) for target in targets.targets]))
+        [target._replace(track=target.track._replace(source=Source.NOTHING, measured=0.0)) for target in targets.targets]))
 
 
 def make_fusion_stage(parameters: Any, rotation_of: RotationOf,

@@ -50,6 +50,10 @@ class StateMachine:
 
     def __init__(self, settings: MachineSettings | None = None) -> None:
         self.settings = settings or MachineSettings()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all measurements."""
         self.state = State.NONE
         self.reason = 'no measurement yet'
         self.changed = 0.0

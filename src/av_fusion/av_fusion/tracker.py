@@ -99,6 +99,10 @@ class MultiTargetTracker:
         """See `Tracker`."""
         self.filter.reset()
         self._calibration.reset()
+        self.machine.restart()
+        self.planner.cancel()
+        if self.settings.gimbal:
+            self.looks = CameraLooks(self.settings.gimbal, self.settings.dwell)
         self._targets = Targets(0.0)
         self._visibility = math.nan
         self._mirror_axis = None

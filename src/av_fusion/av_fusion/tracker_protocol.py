@@ -28,7 +28,7 @@ class Tracker(Protocol):
         """Plans rotations of the rig that resolve the front-back ambiguity."""
 
     def reset(self) -> None:
-        """Discard the track, but keep the rig's motion and the result of calibration."""
+        """Discard the track and all times, but keep the rig's motion and the result of calibration."""
 
     def add_pose(self, pose: Pose) -> None:
         """Use attitude and motion of the rig."""

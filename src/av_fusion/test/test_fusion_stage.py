@@ -258,3 +258,31 @@ def test_while_an_input_has_two_publishers_every_bearing_is_a_prediction(contest
             assert '/forger' in during.state.reason
     stage.refuse_contested({})
     assert step(START + 2.0).bearing.source != 0
+
+
+@pytest.mark.parametrize('method', ['bayes', 'gated', 'kalman'])
+@pytest.mark.parametrize('step', [-100.0, -3.0, -0.7, 0.7, 100.0])
+@pytest.mark.parametrize('heard_on', [0.0, 2.0])
+def test_after_a_step_of_the_clock_silence_is_told_as_soon_as_ever(method, step, heard_on):
+    """Heard and seen for 5 s, then the clock steps; heard on for a while, then silent: a prediction within 1.1 s by a watch."""
+    stage, states = make_stage(method=method), []
+    stage.on_camera_info(camera_info())
+    column = 319.5 - 457.0 * math.tan(0.2)
+    for k in range(200):
+        passed = 0.05 * k  # by a watch
+        now = START + passed + (step if passed > 5.0 else 0.0)
+        output = stage.on_time(now)
+        if passed <= 5.0 + heard_on:
+            stage.on_odometry(odometry(now, 0.0), now)
+            output = stage.on_doa(doa(now, 0.2), now)
+            if passed <= 5.0:
+                output = stage.on_detections(detections(now, (column, 0.9, 'drone')), now) or output
+        if output is not None:
+            states.append((passed - 5.0 - heard_on, output.bearing.state, output.bearing.source))
+    active = (Bearing.STATE_ACOUSTIC_ACTIVE, Bearing.STATE_VISUAL_ACTIVE)
+    assert any(state in active for _, state, _ in states)
+    late = [passed for passed, state, source in states if passed > 1.11 and (state in active or source)]
+    assert not late, f'{len(late)} outputs until {late[-1]:.2f} s after the last measurement'
+    if heard_on:
+        assert {state for passed, state, _ in states if -0.5 < passed <= 0.0} == {Bearing.STATE_ACOUSTIC_ACTIVE}
+    assert set(stage.missing(now)) == {'doa', 'detections', 'odometry'}

@@ -28,8 +28,9 @@ class PointingStage:
     """Gives a command for each bearing, and at any time by `on_time`.
 
     Ages count from the arrival on by the steady clock (see `Instant`). What keeps the body moving is new data only: bearings
-    whose `measured` advances, and odometry whose stamp does. A topic with two publishers is not used (see `Publishers`):
-    a forged bearing would renew the age of what is genuine.
+    whose `measured` advances, and odometry whose stamp does. One whose `measured` is 0 moves no gimbal either. A topic with two
+    publishers is not used (see `Publishers`): a forged bearing would renew the age of what is genuine. Meanwhile the gimbal
+    obeys no cue either.
 
     Attributes:
         controller: computes the commands; `controller.enabled` decides whether they move anything.
@@ -107,9 +108,11 @@ class PointingStage:
 
     def on_time(self, now: Instant) -> PointingCommand:
         """The command at `now`, from the newest bearing while it is not stale."""
-        ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now), self._odometry.age(now), self._late,
-                    self._measured.captured_age(now), self._cued.age(now), self._cued.captured_age(now))
-        self.command = self.controller.step(now.steady, self._track, ages, self._cue)
+        supported = self._track is not None and self._track.measured > 0.0
+        ages = Ages(now.steady - self._arrived + self._late, self._measured.age(now) if supported else math.inf,
+                    self._odometry.age(now), self._late, self._measured.captured_age(now), self._cued.age(now),
+                    self._cued.captured_age(now))
+        self.command = self.controller.step(now.steady, self._track, ages, None if self.contested else self._cue)
         return command_message(self.command, now.ros, BASE_STABILIZED if self.command.stabilized else self._base_frame)
 
 

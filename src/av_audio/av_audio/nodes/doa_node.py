@@ -44,6 +44,7 @@ class DoaNode(RigNode):
         """Subscribe."""
         self._frames, self._motor_speeds = RateMeter(), RateMeter()
         self.while_active(self.create_subscription, AudioFrame, 'audio/frames', self._on_audio, STREAM)
+        self.refuse_second_publishers('audio/frames', *(['motor_speeds'] if self._needs_motor_speeds else []))
         if self._needs_motor_speeds:
             self.while_active(self.create_subscription, Float32MultiArray, 'motor_speeds', self._on_motor_speeds, STREAM)
 
@@ -72,6 +73,8 @@ class DoaNode(RigNode):
 
     def _on_audio(self, frame: AudioFrame) -> None:
         self._frames.tick()
+        if self.contested:
+            return
         for message in self._stage.on_audio(frame, self.now()):
             self._publisher.publish(message)
 

@@ -99,6 +99,8 @@ class GatedTracker:
     def reset(self) -> None:
         """See `Tracker`."""
         self._target = _Target()
+        self.machine.restart()
+        self.planner.cancel()
 
     def add_pose(self, pose: Pose) -> None:
         """See `Tracker`."""

@@ -44,6 +44,10 @@ class InputGate:
         self._arrivals[name] = arrival
         return True
 
+    def restart(self) -> None:
+        """Forget when messages arrived, as the clock has stepped back."""
+        self._arrivals = dict.fromkeys(self._arrivals, -math.inf)
+
     def silent(self, now: float, after: float) -> list[str]:
         """Inputs of which nothing arrived that could be used for `after` (s) at `now` (s)."""
         return [name for name, arrival in self._arrivals.items() if now - arrival > after]

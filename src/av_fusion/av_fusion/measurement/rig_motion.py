@@ -91,12 +91,16 @@ class RigMotion:
 
     def __init__(self, keep_s: float = 5.0) -> None:
         self._keep_s = keep_s
+        self.jumps = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all poses."""
         self._times: list[float] = []
         self._stored: list[_Stored] = []
         self._last = Pose(-math.inf)
         self._turn_by_rates = self._turn = 0.0  # rad, rotation that was reported and that the attitude showed
         self._jumped, self._jump = -math.inf, ''
-        self.jumps = 0
 
     def add(self, pose: Pose) -> Rows | None:
         """Add a pose; one that is not plausible is ignored.

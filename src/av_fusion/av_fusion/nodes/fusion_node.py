@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from typing import Any, ClassVar
 
@@ -16,7 +15,6 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.gimbal_history import GimbalHistory
 from av_common.node import RigNode, run
-from av_common.publishers import PERIOD_S, Publishers
 from av_common.qos import RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import detections_topic, load_rig
@@ -57,7 +55,6 @@ class FusionNode(RigNode):
                                         gimbal=GimbalHistory() if gimbal else None, detections=list(self._sights.values()))
         self._reporter = RigReporter(self._settings.network_rate)
         self._untransformed = 0
-        self._senders = Publishers(self, ('doa', *self._sights.values(), 'odometry'))
         self._meters = {name: RateMeter() for name in ('doa', *self._sights.values(), 'odometry')}
         self._bearing_publisher = self.create_publisher(Bearing, 'target/bearing', RESULT)
         self._state_publisher = self.create_publisher(FusionState, 'fusion/state', RESULT)
@@ -80,7 +77,8 @@ class FusionNode(RigNode):
         self.while_active(self.create_service, Trigger, '~/request_rotation', self._on_request_rotation)
         self.while_active(self.create_service, Trigger, '~/forget_emitters', self._on_forget_emitters)
         self.while_active(self.create_timer, POSTERIOR_PERIOD_S, self._publish_posterior)
-        self.while_active(self.create_timer, PERIOD_S, self._look_for_publishers)
+        self.refuse_second_publishers('doa', 'odometry', 'visibility', *self._sights, *self._sights.values(),
+                                      tell=self._stage.refuse_contested)
         self._timer = self.while_active(self.create_timer, 1.0 / self._settings.rate, self._on_time)
 
     @staticmethod
@@ -126,9 +124,6 @@ class FusionNode(RigNode):
         response.success, response.message = True, f'{self._stage.tracker.forget_emitters()} fixed emitters forgotten'
         return response
 
-    def _look_for_publishers(self) -> None:
-        self._stage.refuse_contested(self._senders.contested(time.monotonic()))
-
     def _publish_posterior(self) -> None:
         if self._posterior_publisher.get_subscription_count():
             self._posterior_publisher.publish(self._stage.posterior(self.now()))
@@ -160,7 +155,6 @@ class FusionNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{late} measurements without a transform of their capture time: is tf '
                                 'late?')
         status.add('measurements without transform', str(self._untransformed))
-        self._senders.report(status, time.monotonic())
         foreign = self._stage.gate.foreign_stamps
         if any(foreign.values()):
             status.mergeSummary(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from functools import partial
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,8 +20,6 @@ from std_srvs.srv import SetBool
 from av_common.freshness import Instant
 from av_common.launched import KeptNumbers, KeptSwitch
 from av_common.node import RigNode, run
-from av_common.publishers import PERIOD_S as PUBLISHERS_PERIOD_S
-from av_common.publishers import Publishers
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_common.rate_meter import RateMeter
 from av_common.rig import load_rig
@@ -49,7 +48,6 @@ class PointingNode(RigNode):
         self._settings = self.settings
         gimbal = load_rig(self._settings.rig_file).gimbal if self._settings.rig_file else None
         self._stage = make_pointing_stage(self._settings, gimbal)
-        self._senders = Publishers(self, ('target/bearing', 'odometry'))
         self._stage.controller.enabled = self._enabled.value
         self._stage.controller.start_at(*self._angles.values)
         self._refused = 0
@@ -59,7 +57,7 @@ class PointingNode(RigNode):
     def activate(self) -> None:
         """Subscribe to fusion and odometry, and start the timer for commands without bearings."""
         # On the steady clock: a node's clock that is set or stands still must not delay the command to stop.
-        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
+        self.refuse_second_publishers('target/bearing', 'odometry', tell=partial(setattr, self._stage, 'contested'))
         self._timer = self.while_active(self.create_timer, PERIOD_S, self._on_time,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.while_active(self.create_subscription, Bearing, 'target/bearing', self._on_bearing, RESULT)
@@ -101,9 +99,6 @@ class PointingNode(RigNode):
         response.success, response.message = True, 'commands move the rig' if request.data else 'commands move nothing'
         return response
 
-    def _look_for_publishers(self) -> None:
-        self._stage.contested = self._senders.contested(time.monotonic())
-
     def _on_time(self) -> None:
         self._publish(self._stage.on_time(self._instant()))
 
@@ -125,7 +120,6 @@ class PointingNode(RigNode):
             status.mergeSummary(DiagnosticStatus.WARN, f'{self._stage.refused - self._refused} stamps from the future: are the '
                                 'clocks synchronised? Nothing counts as new for 1.1 s after each')
         self._refused = self._stage.refused
-        self._senders.report(status, time.monotonic())
         status.add('stamps from the future', str(self._refused))
         for name, meter in self._meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')

@@ -15,8 +15,6 @@ from std_msgs.msg import Float32, Float32MultiArray
 from av_common.freshness import Instant
 from av_common.launched import KeptNumbers
 from av_common.node import RigNode, run
-from av_common.publishers import PERIOD_S as PUBLISHERS_PERIOD_S
-from av_common.publishers import Publishers
 from av_common.qos import LATCHED, RESULT, STREAM
 from av_interfaces.msg import Bearing, GimbalState, PointingCommand
 from av_px4.external_mode import Registration
@@ -73,7 +71,7 @@ class Px4Node(RigNode):
             self._link.subscribe(name, kind, partial(self._take, getattr(self._stage, f'on_{name}')))
         for name, kind in self._inputs().items():
             self._link.advertise(name, kind)
-        self._undated, self._senders = 0, Publishers(self, ('pointing/command', 'target/bearing'))
+        self._undated = 0
         self._outputs = {ODOMETRY_TOPIC: self.create_publisher(Odometry, ODOMETRY_TOPIC, RESULT),
                          STATE_TOPIC: self.create_publisher(DiagnosticStatus, STATE_TOPIC, LATCHED),
                          GIMBAL_TOPIC: self.create_publisher(GimbalState, GIMBAL_TOPIC, STREAM)}
@@ -88,7 +86,7 @@ class Px4Node(RigNode):
                                   (Bearing, 'target/bearing', self._stage.on_bearing)):
             self.while_active(self.create_subscription, kind, topic, partial(self._take, take), RESULT)
         self.while_active(self.create_timer, 1.0 / RATE_HZ, self._on_timer)
-        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
+        self.refuse_second_publishers('pointing/command', 'target/bearing', tell=partial(setattr, self._stage, 'contested'))
         self.while_active(self.create_timer, DISCOVERY_S, self._discover)
         self.while_active(self.create_timer, WATCH_S, self._watch)
         self._discover()
@@ -137,9 +135,6 @@ class Px4Node(RigNode):
     def _take(self, take: Callable[[Any, Instant], list[Outgoing]], message: Any) -> None:
         self._send(take(message, self._instant()))
 
-    def _look_for_publishers(self) -> None:
-        self._stage.contested = self._senders.contested(time.monotonic())
-
     def _on_timer(self) -> None:
         self._send(self._stage.on_time(self._instant()))
         registration = self._stage.mode and self._stage.mode.registration
@@ -161,7 +156,6 @@ class Px4Node(RigNode):
         stage.advance(self._instant())
         for problem in self._problems():
             status.mergeSummary(DiagnosticStatus.WARN, problem)
-        self._senders.report(status, time.monotonic())
         for name, meter in stage.meters.items():
             status.add(f'{name} rate (Hz)', f'{meter.rate:.1f}')
         status.add('gimbal', stage.gimbal.state)

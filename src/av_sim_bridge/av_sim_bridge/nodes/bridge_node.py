@@ -16,8 +16,6 @@ from vision_msgs.msg import Detection2DArray
 
 from av_common.freshness import Instant
 from av_common.node import RigNode, run
-from av_common.publishers import PERIOD_S as PUBLISHERS_PERIOD_S
-from av_common.publishers import Publishers
 from av_common.qos import IMAGE, RESULT, STREAM
 from av_common.rig import detections_topic
 from av_interfaces.msg import AudioFrame, GimbalState, PointingCommand
@@ -70,19 +68,15 @@ class BridgeNode(RigNode):
         self._receivers: dict[str, Receiver] = {}
         self._refusals, self._refused_before = Refusals(), 0
         self._foreign: dict[str, int] = {}
-        self._senders = Publishers(self, ('pointing/command',))
         with ExitStack() as opened:
             self._open_streams(opened)
             self._reader = Worker('publish audio', self._publish_audio)
             opened.callback(self._reader.stop)
             self._opened = opened.pop_all()
         self.while_active(self.create_subscription, PointingCommand, 'pointing/command', self._on_command, RESULT)
-        self.while_active(self.create_timer, PUBLISHERS_PERIOD_S, self._look_for_publishers)
+        self.refuse_second_publishers('pointing/command', tell=partial(setattr, self._stage, 'contested'))
         if self._settings.follow_odometry:
             self.while_active(self.create_subscription, Odometry, 'odometry', self._on_odometry, RESULT)
-
-    def _look_for_publishers(self) -> None:
-        self._stage.contested = self._senders.contested(time.monotonic())
 
     def deactivate(self) -> None:
         """Stop the threads and close the ports."""
@@ -189,7 +183,6 @@ class BridgeNode(RigNode):
                 status.add(f'{name} last error', receiver.last_error)
         self._report_foreign(status)
         self._report_refusals(status)
-        self._senders.report(status, time.monotonic())
         images = self._images.values()
         counts = self._stage.counts() | {'image dropped': sum(each.dropped for each in images),
                                          'image undecodable': sum(each.failed for each in images),

@@ -64,10 +64,10 @@ class DetectorNode(RigNode):
         self._worker = threading.Thread(target=self._work, name='detector', daemon=True)
         self._worker.start()
         subscribe = self.create_subscription
-        if self.settings.compressed:
-            self.while_active(subscribe, CompressedImage, 'camera/image_raw/compressed', self._latest.put, IMAGE)
-        else:
-            self.while_active(subscribe, Image, 'camera/image_raw', self._latest.put, IMAGE)
+        kind, topic = ((CompressedImage, 'camera/image_raw/compressed') if self.settings.compressed else
+                       (Image, 'camera/image_raw'))
+        self.while_active(subscribe, kind, topic, self._on_image, IMAGE)
+        self.refuse_second_publishers(topic)
         self.while_active(subscribe, Image, 'camera/depth/image_raw', self._stage.on_depth, IMAGE)
         self.while_active(subscribe, CameraInfo, 'camera/camera_info', self._stage.on_camera_info, STREAM)
         self.while_active(subscribe, Odometry, 'odometry', self._stage.on_odometry, STREAM)
@@ -83,6 +83,10 @@ class DetectorNode(RigNode):
         """The size of the input must be one that models have."""
         if settings.input_size % 32:
             raise ValueError(f'input_size is {settings.input_size}, expected a multiple of 32')
+
+    def _on_image(self, message: Image | CompressedImage) -> None:
+        if not self.contested:
+            self._latest.put(message)
 
     def _work(self) -> None:
         while (message := self._latest.take()) is not None:
